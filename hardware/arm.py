@@ -120,7 +120,7 @@ class JointState:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Lateness:
+class HostLatency:
     """How late the program itself was: nobody looked at the bus, or what had come waited.
 
     `times` so often by more than is worth telling, the last time by `last_s`, at most by `longest_s`.
@@ -130,15 +130,15 @@ class Lateness:
     last_s: float = 0.0
     longest_s: float = 0.0
 
-    def once_more(self, by_s: float, *, new: bool) -> Lateness:
+    def with_event(self, by_s: float, *, new: bool) -> HostLatency:
         """With one more, or with what is the same one still."""
         last_s = by_s if new else max(by_s, self.last_s)
-        return Lateness(
+        return HostLatency(
             times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
         )
 
 
-ON_TIME = Lateness()
+NO_LATENCY = HostLatency()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +161,7 @@ class ArmSnapshot:
     moving: bool
     late_s: float = 0.0
     stopped_for: str = ""
-    lateness: Lateness = ON_TIME
+    lateness: HostLatency = NO_LATENCY
 
     @property
     def positions_rad(self) -> FloatArray:
@@ -283,7 +283,7 @@ class Arm(Protocol):
 
 
 @runtime_checkable
-class TellsPower(Protocol):
+class PowerReporting(Protocol):
     """An arm that knows, once it is closed, which of its drives did not switch off."""
 
     @property
@@ -293,7 +293,7 @@ class TellsPower(Protocol):
 
 
 @runtime_checkable
-class Records(Protocol):
+class Recordable(Protocol):
     """An arm whose bus is recorded, from the next connection on: `record_to` is the file, None for none."""
 
     record_to: Path | None

@@ -44,7 +44,7 @@ class FramesLost(BusError):
         )
 
 
-class HostLate(BusError):
+class HostLatencyExceeded(BusError):
     """The operator's computer was too busy to listen: `times` so often in control, by `longest_s` at most."""
 
     def __init__(self, times: int, longest_s: float) -> None:
@@ -72,13 +72,13 @@ class WrongArm(HardwareError):
     """The arm on the bus is not the one the arm file describes."""
 
 
-class InProfile(Enum):
+class ProfileRemedy(Enum):
     """How a bus profile can say that a drive has an object otherwise."""
 
-    AS_PDO = "describe it"
-    AS_PATIENCE = "heartbeat: slowest_ms"
-    AS_ZERO = "send 0 in a PDO, or write it"
-    NOT = "this program needs it as it expects it"
+    DESCRIBE_PDO = "describe it"
+    HEARTBEAT_PERIOD = "heartbeat: slowest_ms"
+    SEND_ZERO = "send 0 in a PDO, or write it"
+    NONE = "this program needs it as it expects it"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,7 @@ class ObjectMismatch:
     sub: int | None = None
     expected: str
     found: str
-    in_profile: InProfile = InProfile.AS_PDO
+    remedy: ProfileRemedy = ProfileRemedy.DESCRIBE_PDO
 
     @property
     def object(self) -> str:
@@ -102,7 +102,7 @@ class ObjectMismatch:
         return f"node {self.node}, {place}: expected {self.expected}, found {self.found}"
 
 
-class MappingDiffers(HardwareError):
+class MappingMismatch(HardwareError):
     """Nodes that are set up otherwise: `differences` say node, object, expected and found, or who does not answer."""
 
     def __init__(self, found: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
@@ -118,7 +118,7 @@ class MappingDiffers(HardwareError):
 class MappingChanged(HardwareError):
     """Nodes that were set up otherwise while they were connected; `differs` is what is found of them now."""
 
-    def __init__(self, differs: MappingDiffers) -> None:
+    def __init__(self, differs: MappingMismatch) -> None:
         self.differs = differs
         super().__init__(
             "Since they were connected, these nodes were set up otherwise, and what they say to a SYNC is no longer "
@@ -130,19 +130,22 @@ class MappingChanged(HardwareError):
 def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
     """What to do about these, by how a bus profile can say it."""
     for kind, otherwise in (
-        (InProfile.NOT, ": no bus profile can say that"),
-        (InProfile.AS_PATIENCE, ", or say in a bus profile how slow it is (heartbeat: slowest_ms)"),
+        (ProfileRemedy.NONE, ": no bus profile can say that"),
         (
-            InProfile.AS_ZERO,
+            ProfileRemedy.HEARTBEAT_PERIOD,
+            ", or say in a bus profile how slow it is (heartbeat: slowest_ms)",
+        ),
+        (
+            ProfileRemedy.SEND_ZERO,
             ", or have a bus profile send it as 0 with the commands, or write 0 (pdo_maps: configured)",
         ),
     ):
-        objects = sorted({each.object for each in found if each.in_profile is kind})
+        objects = sorted({each.object for each in found if each.remedy is kind})
         if objects:
             yield (
                 f"Set {', '.join(objects)} in these drives as expected, with their maker's tool{otherwise}"
             )
-    described = [each for each in found if each.in_profile is InProfile.AS_PDO]
+    described = [each for each in found if each.remedy is ProfileRemedy.DESCRIBE_PDO]
     if described:
         yield (
             f"{'The rest: commission' if len(described) < len(found) else 'Commission'} them as expected, or "
@@ -150,7 +153,7 @@ def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
         )
 
 
-class NotConfigured(HardwareError):
+class PdoSetupFailed(HardwareError):
     """Drives that lack or refuse the PDOs which the bus profile has written: `refusals` name node and object."""
 
     _FAILED = "The bus profile has the drives' PDOs set up (pdo_maps: configured), and that failed"
@@ -167,7 +170,7 @@ class NotConfigured(HardwareError):
         )
 
 
-class NotZeroed(NotConfigured):
+class ZeroingFailed(PdoSetupFailed):
     """Drives that keep a torque or an offset, which the bus profile has set to 0: `refusals` name node and object."""
 
     _FAILED = (
@@ -206,14 +209,16 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the mode it was asked for, or (`deaf`) not that it follows its target in it."""
+    """A drive did not report the mode it was asked for, or (`not_following`) not that it follows its target in it."""
 
-    def __init__(self, joint: int, wanted: str, actual: str, *, deaf: bool = False) -> None:
+    def __init__(
+        self, joint: int, wanted: str, actual: str, *, not_following: bool = False
+    ) -> None:
         self.joint, self.wanted, self.actual = joint, wanted, actual
         remedy = (
             "have the drive set that bit, with its maker's tool: without it nobody sees whether the joint goes where "
             "it is told"
-            if deaf
+            if not_following
             else "`sarcal arm-check --through look` shows which modes its drive has"
         )
         super().__init__(
@@ -229,17 +234,17 @@ class DriveFault(HardwareError):
         super().__init__(f"joint {joint} tripped: {text} ({code:04X}h)")
 
 
-class DriveLeft(DriveFault):
+class DriveDropout(DriveFault):
     """A drive that was enabled is not any more, nor by a command from here, and no emergency says why.
 
-    `state` are the words of its state. One that is `deaf` is enabled still, and does not follow its target.
+    `state` are the words of its state. One that is `not_following` is enabled still, and does not follow its target.
     """
 
-    def __init__(self, joint: int, state: str, *, deaf: bool = False) -> None:
-        self.joint, self.code, self.state, self.deaf = joint, 0, state, deaf
+    def __init__(self, joint: int, state: str, *, not_following: bool = False) -> None:
+        self.joint, self.code, self.state, self.not_following = joint, 0, state, not_following
         told = (
             f"joint {joint}: its drive is enabled and says no more that it follows its target (6041h, bit 12)"
-            if deaf
+            if not_following
             else f"joint {joint}: the drive is in {state}; it was enabled, and was not told to be otherwise from "
             "here. It is not switched on again by itself"
         )
@@ -271,7 +276,7 @@ class SensorFault(HardwareError):
         super().__init__(f"joint {joint} {text}")
 
 
-class DriveAstray(SensorFault):
+class DriveDiverged(SensorFault):
     """A joint is not where it was told to be, and its drive does not say so: the arm has been stopped.
 
     One that was `stopped` before, by whomever, has gone on.
@@ -289,7 +294,7 @@ class DriveAstray(SensorFault):
         super().__init__(joint, told, since_sync)
 
 
-class TwoDevices(HardwareError):
+class DuplicateNodeId(HardwareError):
     """More than one device answers to a node number."""
 
     def __init__(self, nodes: tuple[int, ...]) -> None:
@@ -301,11 +306,11 @@ class TwoDevices(HardwareError):
         )
 
 
-class Intruder(HardwareError):
+class OtherMaster(HardwareError):
     """Somebody else on the bus commands this arm."""
 
 
-class InUse(Intruder):
+class ArmInUse(OtherMaster):
     """The arm's drives are enabled, and not by this program; nobody was heard for `listened_s`."""
 
     def __init__(self, enabled: Sequence[str], listened_s: float) -> None:

@@ -238,7 +238,7 @@ class OutsideArm:
 
     def reset_stop(self) -> None:
         """Clear what the arm latched, then the latch; the drives stay disabled until `take_control`."""
-        press = self._latch.last
+        press = self._latch.last_press
         self._in_control = False
         with self._in_words():
             self._there.reset_stop()

@@ -22,7 +22,7 @@ from hardware.arm_plugins import ArmOffer, ArmOrder, offer
 from hardware.bus_setup import BusOpeners
 from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
-from hardware.control.process_priority import first_in_line
+from hardware.control.process_priority import real_time_priority
 from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
@@ -139,7 +139,7 @@ def open_arm(
             openers = attending(controller)
         else:
             openers = BusOpeners()
-            stack.enter_context(first_in_line())
+            stack.enter_context(real_time_priority())
         arm = CanopenArm(
             describe(procedure.arm),
             settings,

@@ -30,7 +30,7 @@ _ALL_BITS = 0x7FF
 _FUNCTION_CODE = 0x780
 
 
-def keep_out(bus: can.BusABC, filters: list[CanFilter]) -> None:
+def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
     """Have a bus keep out what no filter names, if it can do so before this process is asked.
 
     python-can's own filter will not do: a `recv` that is not to wait says of a frame which it throws away that

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.buses.shared_bus import Wire
+from hardware.buses.shared_bus import SharedBus
 from hardware.errors import BusError
 
 _POLL_S = 0.05
@@ -26,7 +26,7 @@ def recorded(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | N
     BusError
         If the bus does not open once more, or the file cannot be begun.
     """
-    wire = Wire(open_bus(settings), record_to=path)
+    wire = SharedBus(open_bus(settings), record_to=path)
     over, broken = threading.Event(), list[str]()
 
     def listen() -> None:

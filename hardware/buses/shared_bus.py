@@ -44,7 +44,7 @@ class Frame(can.Message):
         return copy(self)
 
 
-class Wire:
+class SharedBus:
     """Sends and receives frames on a bus; every frame may be recorded.
 
     Sending is safe from any thread. Receiving belongs to one thread.

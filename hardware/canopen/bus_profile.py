@@ -1,7 +1,7 @@
-"""How the nodes of an arm are set up on the bus: numbers, PDOs, modes. Facts alone: knows no bus and no file.
+"""How the nodes of an arm are set up on the bus: node numbers, PDOs, modes.
 
-SYNC (080h), emergencies, SDO and heartbeats are where CiA 301's predefined connection set has them; what a
-maker is free to choose is here, and is compared with every drive before anything is enabled, or written into it.
+SYNC, EMCY, SDO and heartbeats use CiA 301's predefined connection set. What a maker may choose is described
+here and compared with every drive, or written into it, before anything is enabled.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from hardware.canopen.objects import (
 Entry = tuple[int, int, int]
 """Index, sub-index, bits."""
 
-COMMANDED: Final = (CONTROLWORD, TARGET_POSITION, MODE)
-"""What the RPDOs of a joint carry between them."""
-ANSWERED: Final = (STATUSWORD, POSITION_ACTUAL, TORQUE_ACTUAL)
-"""What its TPDOs bring with every SYNC."""
-LEFT_AT_ZERO: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(0x0001, 0x0020)})
-"""What an RPDO may carry beside: target torque and velocity, their offsets, and dummies; all sent as 0."""
+COMMAND_OBJECTS: Final = (CONTROLWORD, TARGET_POSITION, MODE)
+"""Objects that the RPDOs of a joint carry together."""
+FEEDBACK_OBJECTS: Final = (STATUSWORD, POSITION_ACTUAL, TORQUE_ACTUAL)
+"""Objects that its TPDOs carry on every SYNC."""
+ZERO_OBJECTS: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(0x0001, 0x0020)})
+"""Further objects allowed in an RPDO, always sent as 0: target torque, velocity, offsets, dummy entries."""
 FIELD_BITS: Final = (8, 16, 32, 64)
-"""Widths of what is read or sent; whatever else is mapped may have any whole number of bytes."""
-LONGEST_HEARTBEAT_MS: Final = 10_000
-"""No profile may allow more."""
-SLOWEST_HEARTBEAT_MS: Final = 1000
+"""Allowed widths of the objects above; other mapped objects may have any whole number of bytes."""
+MAX_HEARTBEAT_MS: Final = 10_000
+"""Upper bound of `slowest_heartbeat_ms` in any profile."""
+DEFAULT_HEARTBEAT_LIMIT_MS: Final = 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pdo:
-    """One PDO of one joint: its number (1 is that of 1400h, 1600h, 1800h, 1A00h), identifier and map."""
+    """One PDO of one joint: number (1 for 1400h/1600h or 1800h/1A00h), identifier and map."""
 
     number: int
     cob_id: int
@@ -60,18 +60,16 @@ class JointProfile:
 
     Attributes
     ----------
-    node
-        Its node number.
     commands, answers
-        RPDOs and TPDOs that carry what is commanded and answered.
+        RPDOs and TPDOs used.
     direction
-        -1 where the drive counts against the arm file's sense, else 1.
+        -1 if the drive counts against the positive sense of the arm file, else 1.
     counts_per_rev
-        Position units of the drive in one turn of the joint; None: as the arm file's sensor has them.
+        Position units of the drive per turn of the joint; None uses the arm file's sensor.
     zero_counts
-        6064h where the joint's sensor coordinate is 0.
+        6064h at sensor coordinate 0.
     rated_torque_nm
-        What 1000 per mille of 6077h mean; None: the drive says it (6076h).
+        Torque at 1000 per mille of 6077h; None reads 6076h.
     """
 
     node: int
@@ -89,26 +87,22 @@ class BusProfile:
 
     Attributes
     ----------
-    name
-        What the operator calls it.
-    joints
-        In order.
     supervisor
-        Node that says which arm this is, who is in control, and keeps the parameters; None: no such node.
+        Node that identifies the arm, grants control and stores parameters; None if there is none.
     serial_number
-        Of an arm without a supervisor.
+        Serial number of an arm without supervisor.
     device_type, device_type_mask
-        1000h of a drive that can be driven, in the bits of the mask.
+        Required 1000h of the drives, within the mask.
     mode_codes
         6060h of each joint mode.
     configures_pdos
-        Whether PDOs that differ are written into the drives whenever they are connected to, or refused.
+        Whether differing PDOs are written into the drives at every connection; else they are refused.
     compared
-        Objects in which drives describe themselves, and which are compared with the arm file.
+        Objects that are compared with the arm file.
     slowest_heartbeat_ms
-        A drive whose 1017h is longer is refused: its loss would go unnoticed.
+        Limit of 1017h: the loss of a node with a longer period would be noticed too late.
     heartbeat_timeout_s, sdo_timeout_s
-        Patience with a node; None: the program's own.
+        Time-outs of this arm; None uses the program's.
     """
 
     name: str
@@ -120,7 +114,7 @@ class BusProfile:
     mode_codes: Mapping[JointMode, int] = field(default_factory=lambda: MappingProxyType(MODE_CODE))
     configures_pdos: bool = False
     compared: frozenset[int] = frozenset()
-    slowest_heartbeat_ms: int = SLOWEST_HEARTBEAT_MS
+    slowest_heartbeat_ms: int = DEFAULT_HEARTBEAT_LIMIT_MS
     heartbeat_timeout_s: float | None = None
     sdo_timeout_s: float | None = None
 
@@ -140,25 +134,25 @@ class BusProfile:
         return {node: joint for joint, node in enumerate(self.drives, 1)}
 
     def is_drive(self, device_type: int) -> bool:
-        """Whether 1000h is that of a drive that can be driven."""
+        """Whether this 1000h is that of a supported drive."""
         return device_type & self.device_type_mask == self.device_type & self.device_type_mask
 
     def mode_of(self, code: int) -> JointMode | None:
-        """Joint mode of 6061h; None for neither position nor free."""
+        """Joint mode of a 6061h value; None for neither position nor free."""
         return next((mode for mode, known in self.mode_codes.items() if known == code), None)
 
     def who(self, node: int) -> str:
-        """Name a node."""
+        """Name of a node in messages."""
         joint = self.joint_of.get(node)
         return f"node {node}" if joint is None else f"joint {joint} (node {node})"
 
 
-def map_words(entries: Iterable[Entry]) -> str:
-    """Write a map as files and messages have it: ``6041h(16) + 6064h(32)``."""
-    return " + ".join(map(entry_words, entries)) or "nothing"
+def format_map(entries: Iterable[Entry]) -> str:
+    """Format a map: ``6041h(16) + 6064h(32)``."""
+    return " + ".join(map(format_entry, entries)) or "nothing"
 
 
-def entry_words(entry: Entry) -> str:
-    """Write one entry of a map."""
+def format_entry(entry: Entry) -> str:
+    """Format one entry of a map."""
     index, sub, bits = entry
     return f"{index:04X}h{f' sub {sub}' if sub else ''}({bits})"

@@ -1,12 +1,11 @@
-"""The CiA 402 drive state machine as pure functions, for the drive and for its operator. Knows no bus.
+"""The CiA 402 drive state machine as pure functions, for the drive and for its operator.
 
 Drive side: state and controlword (or event) to state, state to statusword. Operator side: statusword
-and wish to the next controlword. Quick stop (605Ah = 6) stays in *quick stop active*, holding.
+and target state to the next controlword. After quick stop (605Ah = 6) a drive holds in *quick stop active*.
 
-Two choices make a late frame harmless. Transition 16 (*quick stop active* straight back to
-*operation enabled*) does not exist: the standard advises against it, and with it a command that was
-already under way when STOP was pressed would start the arm again. A fault is reset by the rising edge
-of bit 7 only, never by a bit that stays set.
+Two choices make a late frame harmless. Transition 16 (*quick stop active* to *operation enabled*) is not
+implemented: the standard advises against it, and a command sent before STOP could restart the arm. A fault
+is reset by the rising edge of bit 7 only.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ class StatusBit(IntEnum):
     VOLTAGE_ENABLED = 1 << 4
     WARNING = 1 << 7
     REMOTE = 1 << 9
-    """Somebody holds the control token: the drive obeys the bus."""
+    """The control token is held: the drive accepts commands from the bus."""
     INTERNAL_LIMIT = 1 << 11
-    """The last target was refused; the drive stays with the one before."""
+    """The last target was refused; the drive keeps the previous one."""
     FOLLOWS_COMMAND = 1 << 12
     FOLLOWING_ERROR = 1 << 13
 
@@ -63,7 +62,7 @@ STATE_BITS: Final = MappingProxyType(
         _S.FAULT: 0x08,
     }
 )
-"""What a drive in each state shows in bits 0..3, 5, 6 of 6041h."""
+"""Bits 0..3, 5, 6 of 6041h in each state."""
 _WITH_QUICK_STOP_BIT = 0x6F
 _WITHOUT_QUICK_STOP_BIT = 0x4F
 _DECODED: Final = MappingProxyType(
@@ -91,7 +90,7 @@ _DECODED: Final = MappingProxyType(
 
 
 class Command(Enum):
-    """What a controlword's level bits ask for."""
+    """Command in a controlword's level bits."""
 
     SHUTDOWN = "shutdown"
     SWITCH_ON = "switch on"
@@ -102,17 +101,17 @@ class Command(Enum):
 
 
 class DriveEvent(Enum):
-    """What moves a drive's state without a controlword."""
+    """Event that changes a drive's state without a controlword."""
 
     INITIALISED = "initialised"
     FAULT = "fault"
     FAULT_REACTION_DONE = "fault reaction done"
     QUICK_STOP = "quick stop"
-    """A stop the drive orders itself: a neighbour tripped, the token was given back."""
+    """Stop by the drive itself: a neighbour tripped, or the token was released."""
 
 
-class Wish(Enum):
-    """Where an operator wants a drive to be."""
+class TargetState(Enum):
+    """State that an operator requests."""
 
     DISABLED = "disabled"
     """*Switch on disabled*; a fault stays a fault."""
@@ -121,7 +120,7 @@ class Wish(Enum):
     STOPPED = "stopped"
     """Quick stop."""
     FAULT_CLEARED = "fault cleared"
-    """*Switch on disabled*, out of a fault as well."""
+    """*Switch on disabled*, from a fault too."""
 
 
 _TRANSITIONS: Final = MappingProxyType(
@@ -142,15 +141,15 @@ _TRANSITIONS: Final = MappingProxyType(
         (_S.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): _S.SWITCH_ON_DISABLED,  # 12
     }
 )
-POWERED: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
+POWERED_STATES: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
 """States in which the drive closes a loop."""
-LOOP_CLOSED: Final = POWERED | {_S.FAULT_REACTION_ACTIVE}
-"""States in which it does, the short one included in which it brakes after a fault."""
+CLOSED_LOOP_STATES: Final = POWERED_STATES | {_S.FAULT_REACTION_ACTIVE}
+"""The same, with the state in which it brakes after a fault."""
 _IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
 
 
 def command_of(controlword: int) -> Command:
-    """Decode the level bits; bit 7 and everything above is not looked at."""
+    """Decode the level bits; bits from 7 on are ignored."""
     if not controlword & ControlBit.ENABLE_VOLTAGE:
         return Command.DISABLE_VOLTAGE
     if not controlword & ControlBit.NO_QUICK_STOP:
@@ -163,10 +162,7 @@ def command_of(controlword: int) -> Command:
 
 
 def after_controlword(state: DriveState, controlword: int, previous: int) -> DriveState:
-    """State after a controlword arrived; `previous` is the one before it, for the edge of bit 7.
-
-    A command with that bit set asks for the reset and nothing else (CiA 402).
-    """
+    """State after a controlword; `previous` is the one before, for the edge of bit 7 (fault reset only)."""
     if controlword & ControlBit.FAULT_RESET:
         edge = not previous & ControlBit.FAULT_RESET
         return _S.SWITCH_ON_DISABLED if state is _S.FAULT and edge else state
@@ -174,13 +170,13 @@ def after_controlword(state: DriveState, controlword: int, previous: int) -> Dri
 
 
 def raises_power(before: DriveState, after: DriveState) -> bool:
-    """Whether a transition goes towards motion: those need the control token, the others never do."""
+    """Whether a transition goes towards motion; only those need the control token."""
     ladder = (_S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, _S.OPERATION_ENABLED)
     return before in ladder and after in ladder and ladder.index(after) > ladder.index(before)
 
 
 def after_event(state: DriveState, event: DriveEvent) -> DriveState:
-    """State after something happened inside the drive."""
+    """State after an event inside the drive."""
     match event:
         case DriveEvent.INITIALISED:  # 0 and 1
             return _S.SWITCH_ON_DISABLED if state is _S.NOT_READY_TO_SWITCH_ON else state
@@ -193,18 +189,12 @@ def after_event(state: DriveState, event: DriveEvent) -> DriveState:
 
 
 def statusword(state: DriveState, flags: int = 0) -> int:
-    """6041h of a drive in `state`; flags (`StatusBit`) are the bits beside the state's own."""
+    """6041h of a drive in `state`, with further bits `flags` (`StatusBit`)."""
     return STATE_BITS[state] | flags
 
 
 def drive_state(status: int) -> DriveState:
-    """State that a statusword shows.
-
-    Raises
-    ------
-    ValueError
-        If the bits are no state of the standard.
-    """
+    """State in a statusword; `ValueError` if the bits are no CiA 402 state."""
     state = _decoded(status)
     if state is None:
         raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")
@@ -212,7 +202,7 @@ def drive_state(status: int) -> DriveState:
 
 
 def shows(status: int, state: DriveState) -> bool:
-    """Whether a statusword shows that state."""
+    """Whether a statusword shows this state."""
     return _decoded(status) is state
 
 
@@ -225,50 +215,41 @@ def _decoded(status: int) -> DriveState | None:
     return None
 
 
-def reached(state: DriveState, wish: Wish) -> bool:
-    """Whether a drive is where an operator wants it."""
-    match wish:
-        case Wish.ENABLED:
+def reached(state: DriveState, target: TargetState) -> bool:
+    """Whether a drive in `state` fulfils the request."""
+    match target:
+        case TargetState.ENABLED:
             return state is _S.OPERATION_ENABLED
-        case Wish.STOPPED:
+        case TargetState.STOPPED:
             return state not in (_S.OPERATION_ENABLED, _S.FAULT_REACTION_ACTIVE)
-        case Wish.DISABLED | Wish.FAULT_CLEARED:
+        case TargetState.DISABLED | TargetState.FAULT_CLEARED:
             return state is _S.SWITCH_ON_DISABLED
 
 
-def next_controlword(status: int, wish: Wish, *, previous: int = 0) -> int:
-    """Controlword that brings a drive one step closer to a wish, or keeps it there.
+def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> int:
+    """Controlword for the next step towards the target state, or to stay there.
 
-    Parameters
-    ----------
-    status
-        Its statusword.
-    wish
-        Where it should go.
-    previous
-        The controlword sent last: a fault reset needs bit 7 to rise, so it is taken back first.
-
-    Raises
-    ------
-    ValueError
-        If the statusword shows no CiA 402 state.
+    `status` is the drive's statusword; `previous` the controlword sent last: a fault reset needs a rising
+    edge of bit 7. `ValueError` if the statusword shows no CiA 402 state.
     """
     state = drive_state(status)
-    match wish:
-        case Wish.STOPPED:
+    match target:
+        case TargetState.STOPPED:
             return CONTROLWORD_QUICK_STOP
-        case Wish.FAULT_CLEARED if state is _S.FAULT and not previous & ControlBit.FAULT_RESET:
+        case TargetState.FAULT_CLEARED if (
+            state is _S.FAULT and not previous & ControlBit.FAULT_RESET
+        ):
             return CONTROLWORD_FAULT_RESET
-        case Wish.ENABLED if state is _S.SWITCH_ON_DISABLED:
+        case TargetState.ENABLED if state is _S.SWITCH_ON_DISABLED:
             return CONTROLWORD_SHUTDOWN
-        case Wish.ENABLED if state is _S.READY_TO_SWITCH_ON:
+        case TargetState.ENABLED if state is _S.READY_TO_SWITCH_ON:
             return CONTROLWORD_SWITCH_ON
-        case Wish.ENABLED if state in (_S.SWITCHED_ON, _S.OPERATION_ENABLED):
+        case TargetState.ENABLED if state in (_S.SWITCHED_ON, _S.OPERATION_ENABLED):
             return CONTROLWORD_ENABLE_OPERATION
         case _:
             return CONTROLWORD_DISABLE_VOLTAGE
 
 
 def state_of(statusword: int) -> DriveState:
-    """State a statusword shows; bits that mean nothing are a drive that is not ready."""
+    """State in a statusword; *not ready to switch on* for undefined bits."""
     return _decoded(statusword) or DriveState.NOT_READY_TO_SWITCH_ON

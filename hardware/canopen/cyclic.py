@@ -1,4 +1,4 @@
-"""What travels every SYNC as the operator sees it: setpoints out, a sample in. Knows no thread and no bus."""
+"""Cyclic data of one SYNC on the operator's side: setpoints out, a sample in, and their frames."""
 
 from __future__ import annotations
 
@@ -6,21 +6,20 @@ import struct
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.canopen.bus_profile import ANSWERED, BusProfile, Entry, JointProfile, Pdo
+from hardware.canopen.bus_profile import FEEDBACK_OBJECTS, BusProfile, Entry, JointProfile, Pdo
 from hardware.canopen.objects import CONTROLWORD, EMCY, JOINT_MODE, MODE, TARGET_POSITION
 from hardware.errors import HardwareError
 
 _LETTERS: Final = {8: "b", 16: "h", 32: "i", 64: "q"}
-_WORDS: Final = (*ANSWERED[:1], CONTROLWORD)
-"""Unsigned: bits that mean something each; everything else has a sign."""
+_UNSIGNED: Final = (*FEEDBACK_OBJECTS[:1], CONTROLWORD)
 
-LATE_SYNCS: Final = 100
-"""On a busy machine an answer may be to a SYNC so long ago, and nobody is to blame."""
+MAX_LATE_SYNCS: Final = 100
+"""Age of the oldest answer that a busy computer may still deliver, in SYNCs."""
 
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """What a joint is told: 6040h, 607Ah, and 6060h as CiA 402 numbers the modes."""
+    """Command of one joint: 6040h, 607Ah and 6060h, the mode in CiA 402's codes."""
 
     controlword: int
     target_counts: int
@@ -33,14 +32,14 @@ Setpoints = tuple[Setpoint, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sample:
-    """What all joints answered to one SYNC.
+    """Answers of all joints to one SYNC; a joint in `missing` keeps its last values.
 
     Attributes
     ----------
     sync_count
         SYNCs since the connection began.
     statuswords, counts, torques_per_mille
-        6041h, 6064h and 6077h of joints 1..n; a joint in `missing` keeps its last known values.
+        6041h, 6064h and 6077h of joints 1..n.
     missing
         Joints that did not answer this SYNC in time, or answered twice.
     """
@@ -53,19 +52,19 @@ class Sample:
 
     @property
     def complete(self) -> bool:
-        """All joints answered once: all values were latched on the same SYNC."""
+        """Whether all joints answered once: all values were latched on the same SYNC."""
         return not self.missing
 
 
-class Answer:
-    """Reads one TPDO of a joint; `brings` are the indices of what is read."""
+class TpdoDecoder:
+    """Decodes one TPDO of a joint; `indices` are the objects in it."""
 
     def __init__(self, pdo: Pdo) -> None:
-        self._struct, self.brings = _layout(pdo.entries, ANSWERED)
-        self._places = tuple(map(ANSWERED.index, self.brings))
+        self._struct, self.indices = _layout(pdo.entries, FEEDBACK_OBJECTS)
+        self._places = tuple(map(FEEDBACK_OBJECTS.index, self.indices))
 
     def read_into(self, state: list[int], data: bytes | bytearray) -> bool:
-        """Put what it brings into statusword, counts and torque; false for data of another length."""
+        """Update `state` (statusword, counts, torque); return false for data of another length."""
         if len(data) != self._struct.size:
             return False
         for place, value in zip(self._places, self._struct.unpack(data), strict=True):
@@ -73,8 +72,8 @@ class Answer:
         return True
 
 
-class _Command:
-    """Packs one RPDO of a joint."""
+class _RpdoEncoder:
+    """Encodes one RPDO of a joint."""
 
     def __init__(self, pdo: Pdo) -> None:
         self.cob_id = pdo.cob_id
@@ -90,31 +89,23 @@ class _Command:
 
 
 class JointFrames:
-    """The frames of one joint, by its profile.
-
-    Attributes
-    ----------
-    answers
-        By identifier: the TPDOs that make one answer between them.
-    command_ids
-        Identifiers of its RPDOs.
-    """
+    """The frames of one joint: decoders of its TPDOs by identifier, and the identifiers of its RPDOs."""
 
     def __init__(self, profile: BusProfile, joint: JointProfile) -> None:
-        self.answers = {pdo.cob_id: Answer(pdo) for pdo in joint.answers}
-        # A drive acts on each as it comes: it must have its target before a mode that follows it.
+        self.answers = {pdo.cob_id: TpdoDecoder(pdo) for pdo in joint.answers}
+        # A drive acts on each frame on receipt: the target must come before the mode that uses it.
         order = sorted(
             joint.commands,
             key=lambda pdo: (TARGET_POSITION not in pdo.carried, MODE not in pdo.carried),
         )
-        self._commands = tuple(map(_Command, order))
+        self._commands = tuple(map(_RpdoEncoder, order))
         self.command_ids = frozenset(command.cob_id for command in self._commands)
         self._controlling = {p.cob_id for p in joint.commands if CONTROLWORD in p.carried}
         self._codes = {code: profile.mode_codes[mode] for code, mode in JOINT_MODE.items()}
         self._modes = {theirs: ours for ours, theirs in self._codes.items()}
 
     def pack(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
-        """Identifiers and data of the frames that carry a setpoint, in the order they go out."""
+        """Identifiers and data of the frames that carry a setpoint, in the order to be sent."""
         values = {
             CONTROLWORD: setpoint.controlword,
             TARGET_POSITION: setpoint.target_counts,
@@ -123,11 +114,11 @@ class JointFrames:
         return tuple((command.cob_id, command.pack(values)) for command in self._commands)
 
     def pack_controlword(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
-        """Of those frames, the ones that have the controlword: all that STOP needs."""
+        """The frames of `pack` that carry the controlword: all that STOP needs."""
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
-    def commanded(self, identifier: int, data: bytes) -> dict[int, int]:
-        """What a command of somebody else's carries, by index, the mode as CiA 402 numbers it."""
+    def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
+        """Values by index in a received RPDO, the mode in CiA 402's codes."""
         found: dict[int, int] = {}
         for command in self._commands:
             if command.cob_id == identifier:
@@ -143,23 +134,23 @@ def frames_of(profile: BusProfile) -> tuple[JointFrames, ...]:
 
 
 def unpack_emergency(data: bytes | bytearray) -> int | None:
-    """Error code of an emergency message; None if it is not one."""
+    """Error code of an emergency message; None for data of another length."""
     return int(EMCY.unpack(data)[0]) if len(data) == EMCY.size else None
 
 
 class Abandoned(HardwareError):
-    """The caller gave a command up (Ctrl-C); the arm was brought to rest and holds."""
+    """The caller interrupted a command (Ctrl-C); the arm was brought to rest and holds."""
 
 
 def _layout(
     entries: tuple[Entry, ...], wanted: tuple[int, ...]
 ) -> tuple[struct.Struct, tuple[int, ...]]:
-    """Layout of a PDO, everything but `wanted` left out (and sent as 0); which of them it has, in order."""
+    """Layout of a PDO with all objects but `wanted` as padding, and those of `wanted` it has, in order."""
     form, known = "<", list[int]()
     for index, _, bits in entries:
         if index in wanted:
             letter = _LETTERS[bits]
-            form += letter.upper() if index in _WORDS else letter
+            form += letter.upper() if index in _UNSIGNED else letter
             known.append(index)
         else:
             form += f"{bits // 8}x"

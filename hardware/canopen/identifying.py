@@ -1,4 +1,4 @@
-"""Who is on the bus, and whether it is the arm the description means. Knows SDO access; moves nothing."""
+"""Identifies the nodes by SDO and compares the arm on the bus with the arm file."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ from hardware.scale import JointScale
 def read_identity(
     access: ObjectAccess, profile: BusProfile, description: ArmDescription
 ) -> ArmIdentity:
-    """Ask every node who it is (1008h, 1018h), and the supervisor which arm this is (2020h).
+    """Read identities of all nodes (1008h, 1018h) and of the arm (2020h of the supervisor).
 
-    Without a supervisor the arm is what its files say it is.
+    Without a supervisor, model and serial number are those of the files.
     """
     supervisor = profile.supervisor
     nodes = [(node, f"joint {joint}") for joint, node in enumerate(profile.drives, 1)]
@@ -79,12 +79,9 @@ def check_arm(
     *,
     period_s: float,
 ) -> None:
-    """Compare the arm on the bus with its description, in the objects that its profile names.
+    """Compare the arm on the bus with its description, in the objects named by the profile.
 
-    Raises
-    ------
-    WrongArm
-        Naming everything that differs.
+    Raises `WrongArm` with all differences.
     """
     found = list(_arm_differences(access, identity, description, profile.supervisor))
     limits = limits_of(description, profile, period_s=period_s)
@@ -112,7 +109,7 @@ def check_arm(
 
 
 def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
-    """Drive counts against radians: as the joint's sensor is, unless its drive counts otherwise."""
+    """Scale of a joint: that of its sensor, unless the profile states the drive's own."""
     per_rad = joint.sensor.counts_per_rad
     if drive.counts_per_rev is not None:
         per_rad = drive.counts_per_rev / math.tau
@@ -122,7 +119,7 @@ def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
 def limits_of(
     description: ArmDescription, profile: BusProfile, *, period_s: float
 ) -> tuple[JointLimits, ...]:
-    """Limits of every joint's commands, in counts of its drive."""
+    """Command limits of every joint, in counts of its drive."""
     return tuple(
         joint_limits(
             number,
@@ -139,13 +136,7 @@ def limits_of(
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """What 1000 per mille of 6077h mean for every joint: by the profile, or as its drive says (6076h).
-
-    Raises
-    ------
-    WrongArm
-        Neither says it.
-    """
+    """Torque at 1000 per mille of 6077h for every joint: from the profile, or 6076h; `WrongArm` if neither."""
     found = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:
@@ -215,8 +206,8 @@ def _sensor_differences(
     access: ObjectAccess, joint: int, expected: JointDescription, profile: BusProfile
 ) -> Iterable[str]:
     drive, sensor = profile.joints[joint - 1], expected.sensor
-    node, told = drive.node, SENSOR in profile.compared
-    kind = access.read_unsigned(node, SENSOR, SENSOR_KIND) if told else None
+    node = drive.node
+    kind = access.read_unsigned(node, SENSOR, SENSOR_KIND) if SENSOR in profile.compared else None
     if isinstance(sensor, EncoderDescription):
         if kind not in (None, SensorKind.ENCODER):
             yield f"has sensor kind {kind}, expected an encoder ({SensorKind.ENCODER:d})"
@@ -256,7 +247,7 @@ def _text(access: ObjectAccess, node: int, index: int) -> str:
 
 
 def _optional(access: ObjectAccess, node: int, subindex: int) -> int:
-    """Part of 1018h; 0 where a device has none, as CiA 301 allows for all but the vendor."""
+    """Sub-index of 1018h; 0 if absent, which CiA 301 allows for all but the vendor."""
     try:
         return access.read_unsigned(node, IDENTITY, subindex)
     except SdoRefused as refusal:

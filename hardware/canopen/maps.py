@@ -1,8 +1,7 @@
-"""Do a drive's frames carry what we pack and unpack? Read by SDO before anything is enabled. Moves nothing.
+"""Compares the drives' PDOs with what this program sends and reads, by SDO, before anything is enabled.
 
-Eight bytes are eight bytes: a drive with its velocity where its position belongs answers every SYNC as
-it should, and would be told to go to where it never was. So its PDOs are read, and compared as a whole;
-then the first position that came by PDO is compared with the one that the object dictionary holds.
+A drive that maps its velocity where its position belongs answers every SYNC correctly and would get wrong
+targets. So all of its PDOs are read and compared, then the first position by PDO with 6064h by SDO.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, map_words
+from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, format_map
 from hardware.canopen.objects import (
     COB_EMCY,
     COB_HEARTBEAT,
@@ -31,28 +30,28 @@ from hardware.canopen.objects import (
     TPDO_EVERY_SYNC,
     Abort,
 )
-from hardware.errors import InProfile, MappingDiffers, ObjectMismatch, SdoRefused
+from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
 
 if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
     from hardware.scale import JointScale
 
-AGREES_RAD = 0.01
-"""Position by PDO and by SDO: an RVDT's noise, and what a joint at rest creeps between the two."""
+POSITION_AGREEMENT_RAD = 0.01
+"""Limit between position by PDO and by SDO: RVDT noise, and creep of a joint at rest between the two."""
 
 NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
-"""Bits beside an identifier."""
+"""Flag bits of a COB-ID."""
 IDENTIFIER = 0x1FFFFFFF
 ON_RECEIPT = (254, 255)
-"""Not with the next SYNC: STOP must not wait for one."""
+"""Transmission types of RPDOs: STOP must not wait for a SYNC."""
 EVERY_SYNC = (TPDO_EVERY_SYNC,)
 _SYNC_COUNTER = 0x1019
-"""Synchronous counter overflow value, which ours do not have; other than 0, a SYNC carries a counter."""
-MOST_PDOS, PDOS_OF_AN_AXIS, LOOKED_AHEAD = 512, 64, 16
-"""CiA 301 has 512 records each way, CiA 402 gives each axis of a device 64 of them. None is known of from
-outside: of the first axis we look until so many in a row are absent, of the others where the first is there."""
-INHIBIT_S, LONGEST_INHIBIT_S = 1e-4, 0.5 * CONTROL_PERIOD_S
-"""Unit of 1800h sub 3, and what is no more than a maker's way to keep a bus from filling up."""
+"""Synchronous counter overflow value; if not 0, SYNC carries a counter."""
+MAX_PDOS, PDOS_PER_AXIS, MAX_ABSENT_PDOS = 512, 64, 16
+"""CiA 301 has 512 PDOs each way, 64 for each axis (CiA 402). Which exist must be tried: on the first axis until
+so many in a row are absent, on the others if their first exists."""
+INHIBIT_S, MAX_INHIBIT_S = 1e-4, 0.5 * CONTROL_PERIOD_S
+"""Unit of 1800h sub 3, and the inhibit time from which a TPDO may miss a SYNC."""
 INHIBIT, SYNC_START = 3, 6
 """Sub-indices of 1800h."""
 _RESERVED = frozenset(
@@ -63,30 +62,25 @@ _RESERVED = frozenset(
         *range(COB_HEARTBEAT, COB_HEARTBEAT + 0x80),
     }
 )
-"""NMT, SYNC, and the emergencies, objects and heartbeats of all nodes, ours and the supervisor's among them."""
+"""Identifiers of NMT, SYNC, and of EMCY, SDO and heartbeat of all nodes."""
 ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 
 
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
-    """Compare the PDOs of all drives with what this program sends and reads.
+    """Compare the PDOs of all drives with the profile; `silent` nodes are reported with the differences.
 
-    `silent` are nodes that do not answer, and are named with the others. What is no drive at all is not
-    looked at.
-
-    Raises
-    ------
-    MappingDiffers
-        Naming node, object, what was expected and what was found, for everything that differs.
+    Raises `MappingMismatch` with node, object, expected and found of every difference. Nodes that are no
+    drives are skipped.
     """
     absent = sorted(silent)
     found = [
         text
         for node in profile.drives
         if node not in absent and profile.is_drive(access.read_unsigned(node, DEVICE_TYPE))
-        for text in differences(access, node, profile)
+        for text in pdo_differences(access, node, profile)
     ]
     if found:
-        raise MappingDiffers(found, [f"{profile.who(node)}: no answer" for node in absent])
+        raise MappingMismatch(found, [f"{profile.who(node)}: no answer" for node in absent])
 
 
 def check_positions(
@@ -95,16 +89,11 @@ def check_positions(
     counts: Sequence[int],
     scales: Sequence[JointScale],
 ) -> None:
-    """Compare positions as TPDO1 brought them with 6064h by SDO; the joints are at rest.
-
-    Raises
-    ------
-    MappingDiffers
-    """
+    """Compare positions by PDO with 6064h by SDO, the joints at rest; raises `MappingMismatch`."""
     found = []
     for node, by_pdo, scale in zip(profile.drives, counts, scales, strict=True):
         by_sdo = access.read_signed(node, POSITION_ACTUAL)
-        if abs(by_pdo - by_sdo) > AGREES_RAD * scale.density + 1.0:
+        if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
             found.append(
                 ObjectMismatch(
                     node=node,
@@ -114,19 +103,14 @@ def check_positions(
                 )
             )
     if found:
-        raise MappingDiffers(found)
+        raise MappingMismatch(found)
 
 
 def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
-    """Compare of all drives what no profile says and nobody writes: before PDOs are written.
-
-    Raises
-    ------
-    MappingDiffers
-    """
+    """Compare the objects that no profile can change, before PDOs are written; raises `MappingMismatch`."""
     found = [text for node in profile.drives for text in _communication(access, node)]
     if found:
-        raise MappingDiffers(found)
+        raise MappingMismatch(found)
 
 
 def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
@@ -139,11 +123,13 @@ def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
         expected = "0 (a SYNC without counter)"
         found.append(_difference(node, _SYNC_COUNTER, 0, expected, f"{counter}"))
     for each in found:
-        yield replace(each, in_profile=InProfile.NOT)
+        yield replace(each, remedy=ProfileRemedy.NONE)
 
 
-def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterator[ObjectMismatch]:
-    """What of a drive's PDOs is not as it has to be."""
+def pdo_differences(
+    access: ObjectAccess, node: int, profile: BusProfile
+) -> Iterator[ObjectMismatch]:
+    """Differences of a drive's PDOs from the profile."""
     yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
     for letter, communication, mapping, types, pdos in (
@@ -157,34 +143,30 @@ def differences(access: ObjectAccess, node: int, profile: BusProfile) -> Iterato
             if types is EVERY_SYNC:
                 yield from _on_every_sync(access, node, communication + at)
             yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
-    for _, index, value in in_the_way(access, node, profile, joint):
+    for _, index, value in conflicting_pdos(access, node, profile, joint):
         found = f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel"
         yield _difference(node, index, 1, "another identifier, or none", found)
 
 
 def read_records(access: ObjectAccess, node: int, communication: int) -> Iterator[tuple[int, int]]:
-    """Read number and identifier (sub 1, with the bits beside it) of every PDO of a kind that a drive has."""
-    for axis in range(0, MOST_PDOS, PDOS_OF_AN_AXIS):
-        absent = 0 if axis == 0 else LOOKED_AHEAD - 1
-        for at in range(axis, axis + PDOS_OF_AN_AXIS):
+    """Number and COB-ID (sub 1, with its flag bits) of every RPDO or TPDO of a drive."""
+    for axis in range(0, MAX_PDOS, PDOS_PER_AXIS):
+        absent = 0 if axis == 0 else MAX_ABSENT_PDOS - 1
+        for at in range(axis, axis + PDOS_PER_AXIS):
             value = read_number(access, node, communication + at, 1)
             if value is not None:
                 yield at + 1, value
             absent = 0 if value is not None else absent + 1
-            if absent == LOOKED_AHEAD:
+            if absent == MAX_ABSENT_PDOS:
                 break
 
 
-def in_the_way(
+def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[int, int, int]]:
-    """PDOs that this program does not use, on identifiers of the arm's own frames.
+    """PDOs that the profile does not use, on identifiers of the arm's own frames.
 
-    A drive that takes the commands to another one obeys them, whatever it is asked itself.
-
-    Yields
-    ------
-    Number, index of the communication record, and what it holds as identifier.
+    Such a drive would obey another drive's commands. Yields number, index of the communication record, COB-ID.
     """
     taken = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
@@ -200,10 +182,10 @@ def in_the_way(
 
 
 def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[ObjectMismatch]:
-    """What a TPDO may have beside its type, that would keep it from following a SYNC."""
+    """Differences beside the transmission type that keep a TPDO from following every SYNC."""
     inhibit = inhibit_s(access, node, index)
-    if inhibit >= LONGEST_INHIBIT_S:
-        limit = f"an inhibit time below {1e3 * LONGEST_INHIBIT_S:g} ms"
+    if inhibit >= MAX_INHIBIT_S:
+        limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
         found = f"{1e3 * inhibit:g} ms"
         yield _difference(node, index, INHIBIT, limit, found)
     start = read_number(access, node, index, SYNC_START)
@@ -213,12 +195,12 @@ def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[Obje
 
 
 def inhibit_s(access: ObjectAccess, node: int, index: int) -> float:
-    """How long a TPDO is kept back after the one before."""
+    """Inhibit time of a TPDO, s."""
     return INHIBIT_S * (read_number(access, node, index, INHIBIT) or 0)
 
 
 def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] | None:
-    """Map of a PDO as the drive holds it; None where there is no such object."""
+    """Map of a PDO in the drive; None if the object is absent."""
     count = read_number(access, node, index, 0)
     if count is None:
         return None
@@ -245,13 +227,13 @@ def _map(
             node,
             index,
             None,
-            f"{name} = {map_words(pdo.entries)}",
-            "no such object" if entries is None else map_words(entries),
+            f"{name} = {format_map(pdo.entries)}",
+            "no such object" if entries is None else format_map(entries),
         )
 
 
 def _carrier(profile: BusProfile, node: int) -> str:
-    """Name the TPDO that brings a drive's position."""
+    """Name of the TPDO with a drive's position."""
     answers = profile.joints[profile.joint_of[node] - 1].answers
     return next(f"TPDO{pdo.number}" for pdo in answers if POSITION_ACTUAL in pdo.carried)
 
@@ -259,7 +241,7 @@ def _carrier(profile: BusProfile, node: int) -> str:
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[ObjectMismatch]:
-    """Compare an identifier; `refused` is the bit that must not be set beside it."""
+    """Compare a COB-ID; flag bit `refused` must not be set."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:
@@ -267,7 +249,7 @@ def _cob_id(
 
 
 def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | None:
-    """Read a number; None where there is no such object."""
+    """Read an unsigned number; None if the object is absent."""
     try:
         return access.read_unsigned(node, index, sub)
     except SdoRefused as refusal:

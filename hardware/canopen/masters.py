@@ -1,4 +1,4 @@
-"""Which frames on a bus come from somebody who masters it, by identifier and first bytes. Pure: knows no bus."""
+"""Recognises the frames that only a CANopen master sends, by identifier and first bytes."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from hardware.canopen.objects import (
 )
 
 _RPDOS: Final = tuple(COB_RPDO1 + at * COB_NEXT_PDO for at in range(4))
-"""Bases of what nodes are told, in CiA 301's predefined connection set."""
+"""Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
 _WRITES: Final = {1: True, 2: False, 5: False, 6: True}
-"""By the client command specifier of an SDO that begins: whole or in segments, then in blocks."""
-_LATER_IN_BLOCK: Final = {5: 0x03, 6: 0x01}
-"""Bits of a block transfer that goes on."""
+"""Whether an SDO client command specifier (download, upload, block upload, block download) writes."""
+_CONTINUED_BLOCK: Final = {5: 0x03, 6: 0x01}
+"""Subcommand bits of a block transfer that is already running."""
 
 
-def masters_words(profile: BusProfile, identifier: int, data: bytes) -> str:
-    """Say what a frame does that only a master sends; empty for what the nodes themselves say.
+def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> str:
+    """Describe a frame that only a master sends, with its identifier; empty for frames of the nodes.
 
-    What the profile has as an answer is one, wherever it is. Every sentence names its identifier.
+    TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
     here = f"({identifier:03X}h)"
     if identifier == COB_NMT:
@@ -57,16 +57,16 @@ def _nmt_words(data: bytes) -> str:
     return f"NMT, {known.get(data[0], f'command {data[0]}')} to {whom}"
 
 
-def begun_transfer(data: bytes) -> tuple[bool, int] | None:
-    """Whether an SDO to a node begins to write, and which object; None where it begins nothing."""
+def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
+    """Whether an SDO request initiates a write, and the index; None if it initiates no transfer."""
     kind = data[0] >> 5 if len(data) == 8 else None
-    if kind not in _WRITES or data[0] & _LATER_IN_BLOCK.get(kind, 0):
+    if kind not in _WRITES or data[0] & _CONTINUED_BLOCK.get(kind, 0):
         return None
     return _WRITES[kind], int.from_bytes(data[1:3], "little")
 
 
 def _sdo_words(data: bytes) -> str:
-    begun = begun_transfer(data)
+    begun = initiated_transfer(data)
     if begun is None:
         return "an SDO transfer with"
     writes, index = begun

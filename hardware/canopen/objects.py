@@ -1,11 +1,9 @@
-"""The bus vocabulary both sides share: nodes, COB-IDs, object indices, PDO layouts, codes. Knows no transport.
+"""Names of nodes, COB-IDs, object indices and codes of CiA 301 and CiA 402; 2000h and up are our own.
 
-CANopen (CiA 301) with the drive profile CiA 402; indices 2000h and up are our own. These are the names
-that code uses; what the objects are (type, access, range, default) is in the EDS files of `hardware.eds`
-alone, and a test holds every number here that is also there against them.
+Type, access, range and default of the objects are in the EDS files of `hardware.eds`; a test compares both.
 
-Positions are counts in sensor coordinates (the measured theta). 607Ch holds the calibration's
-theta_off in the same counts; it is stored and read back, and never shifts what 6064h reports.
+Positions are counts in sensor coordinates (the measured theta). 607Ch holds the calibration's theta_off in
+the same counts; it is stored and read back, and never shifts 6064h.
 """
 
 from __future__ import annotations
@@ -18,7 +16,7 @@ from hardware.arm import JointMode
 
 # ---- nodes -------------------------------------------------------------------------------------
 MAX_JOINTS: Final = 15
-"""Joint j is node j; node 16 is taken."""
+"""Joint j is node j; node 16 is the supervisor."""
 SUPERVISOR_NODE: Final = 16
 OPERATOR_NODE: Final = 127
 
@@ -41,7 +39,7 @@ COB_SDO_TO_SERVER: Final = 0x600
 COB_HEARTBEAT: Final = 0x700
 """All but NMT and SYNC are bases: add the node number."""
 COB_NEXT_PDO: Final = 0x100
-"""From a PDO of the predefined connection set to the next one."""
+"""Difference between consecutive PDOs of the predefined connection set."""
 
 
 # ---- NMT and heartbeat -------------------------------------------------------------------------
@@ -66,12 +64,12 @@ class NmtCommand(IntEnum):
 
 HEARTBEAT_PERIOD_S: Final = 0.1
 HEARTBEAT_TIMEOUT_S: Final = 0.5
-LONGEST_WATCH_S: Final = 10.0
-"""A drive that notices later than this that its operator is gone does not watch."""
-LONGEST_GUARD_S: Final = 2.0
-"""Later than this is late beside people: a run goes on with such a drive, and `sarcal arm-check` says it."""
+MAX_OPERATOR_TIMEOUT_S: Final = 10.0
+"""Limit of a drive's time-out for the operator's heartbeat (1016h); a longer one is refused."""
+ADVISED_OPERATOR_TIMEOUT_S: Final = 2.0
+"""Advised limit of that time-out; `sarcal arm-check` reports a longer one."""
 CONTROL_PERIOD_S: Final = 0.01
-"""The plant moves on by this much with every SYNC (60C2h)."""
+"""Time of one SYNC (60C2h)."""
 
 # ---- PDOs --------------------------------------------------------------------------------------
 TPDO_EVERY_SYNC: Final = 1
@@ -110,7 +108,7 @@ ERROR_CODE: Final = 0x603F
 CONTROLWORD: Final = 0x6040
 STATUSWORD: Final = 0x6041
 QUICK_STOP_OPTION: Final = 0x605A
-"""Always 6: slow down on the quick-stop ramp and stay in *quick stop active*."""
+"""6: slow down on the quick-stop ramp and stay in *quick stop active*."""
 MODE: Final = 0x6060
 MODE_DISPLAY: Final = 0x6061
 POSITION_ACTUAL: Final = 0x6064
@@ -129,7 +127,7 @@ HOME_OFFSET: Final = 0x607C
 POSITION_LIMITS: Final = 0x607D
 """Sub 1 lowest, sub 2 highest position, counts."""
 MAX_VELOCITY: Final = 0x607F
-"""Counts per second: the limit of commands and the trip."""
+"""Counts per second: limit of commands, and overspeed trip."""
 ENCODER_RESOLUTION: Final = 0x608F
 """Sub 1 increments per sub 2 revolutions."""
 CONTROL_PERIOD: Final = 0x60C2
@@ -145,25 +143,25 @@ SENSOR_BITS: Final = 3
 
 # ---- our own objects, supervisor ---------------------------------------------------------------
 DOCUMENT: Final = 0x2000
-"""DOMAIN. Reads what was last written, until it is committed, dropped or refused; then the active
-document. With neither, reading aborts with 08000024h (no data)."""
+"""DOMAIN. Reads the document written last until it is committed, dropped or refused, then the active one;
+without either, reading aborts with 08000024h (no data)."""
 DIGEST: Final = 0x2001
-"""Of what 2000h reads, as the supervisor computed it: sub 1 SHA-256 (32 bytes), sub 2 length."""
+"""Digest of 2000h by the supervisor: sub 1 SHA-256 (32 bytes), sub 2 length."""
 DIGEST_SHA256: Final = 1
 DIGEST_LENGTH: Final = 2
 COMMAND: Final = 0x2002
 SLOTS: Final = 0x2003
-"""Sub 1 active slot (`Slot`), subs 2 and 3 state of A and B (`SlotState`), sub 4 whether a
-document passed *stage* and waits for *commit* (0, 1)."""
+"""Sub 1 active slot (`Slot`), subs 2 and 3 state of A and B (`SlotState`), sub 4: 1 while a staged document
+waits for *commit*."""
 SLOTS_ACTIVE: Final = 1
 SLOTS_A: Final = 2
 SLOTS_B: Final = 3
 SLOTS_STAGED: Final = 4
 REFUSAL: Final = 0x2004
-"""Text of the last refusal; aborts with 08000024h while there was none."""
+"""Text of the last refusal; aborts with 08000024h if there is none."""
 TOKEN: Final = 0x2010
-"""Node in control, 0 = free. Writing a node number takes it (that node's heartbeat must be heard,
-and nobody else may hold it), writing 0 gives it back. Lapses with the holder's heartbeat."""
+"""Node in control, 0 = free. Writing a node number takes control (its heartbeat must be heard, and no other
+node be in control), writing 0 releases it. It lapses with the holder's heartbeat."""
 ARM: Final = 0x2020
 """The arm: sub 1 model, sub 2 serial number (both text), sub 3 number of joints."""
 ARM_MODEL: Final = 1
@@ -172,14 +170,14 @@ ARM_JOINTS: Final = 3
 
 
 class ParameterCommand(IntEnum):
-    """Values of 2002h. All need the control token; a refusal aborts and leaves words in 2004h."""
+    """Values of 2002h. All need the control token; a refusal aborts, with its text in 2004h."""
 
     STAGE = 1
     """Check the document in 2000h against the schema, this arm and its limits."""
     COMMIT = 2
     """Write the staged document to the spare slot, make that one active, set 607Ch everywhere."""
     ROLL_BACK = 3
-    """Drop what was written or staged; with nothing there, make the other slot active."""
+    """Drop the written or staged document; if there is none, activate the other slot."""
 
 
 class Slot(IntEnum):
@@ -212,7 +210,7 @@ CYCLIC_TORQUE: Final = 10
 MODE_CODE: Final = {JointMode.POSITION: CYCLIC_POSITION, JointMode.FREE: CYCLIC_TORQUE}
 """6060h/6061h of a joint mode."""
 JOINT_MODE: Final = {code: mode for mode, code in MODE_CODE.items()}
-"""Joint mode of 6060h/6061h; a code that is not here is neither position nor free."""
+"""Joint mode of 6060h/6061h; other codes are neither position nor free."""
 
 
 # ---- errors ------------------------------------------------------------------------------------
@@ -240,7 +238,7 @@ class EmergencyCode(IntEnum):
 
 
 STOP_CONTACTS: Final = (EmergencyCode.EXTERNAL_STOP, EmergencyCode.EXTERNAL_STOP_SECOND)
-"""Somebody pressed the external stop."""
+"""Codes of a pressed external stop."""
 
 EMERGENCY_TEXT: Final = {
     EmergencyCode.NONE: "no error",
@@ -256,7 +254,7 @@ EMERGENCY_TEXT: Final = {
 
 
 def emergency_text(code: int) -> str:
-    """Words for an EMCY error code, known or not."""
+    """Text of an EMCY error code, known or not."""
     try:
         return EMERGENCY_TEXT[EmergencyCode(code)]
     except ValueError:
@@ -283,11 +281,11 @@ class Abort(IntEnum):
     VALUE_TOO_LOW = 0x06090032
     GENERAL = 0x08000000
     NOT_STORED = 0x08000020
-    """A parameter document was refused; 2004h says why."""
+    """A parameter document was refused; the reason is in 2004h."""
     LOCAL_CONTROL = 0x08000021
     """The control token is not held."""
     DEVICE_STATE = 0x08000022
-    """Not now: the token is taken, or there is nothing to commit."""
+    """The token is taken, or there is nothing to commit."""
     NO_DATA = 0x08000024
 
 
@@ -299,7 +297,7 @@ DEVICE_TYPE_MASK: Final = 0x00FFFFFF
 SUPERVISOR_DEVICE_TYPE: Final = 0
 """No device profile."""
 VENDOR_ID: Final = 0
-"""CiA assigned none to this project; 0 is *not registered*."""
+"""Not registered with CiA."""
 JOINT_PRODUCT: Final = 0x0001
 SUPERVISOR_PRODUCT: Final = 0x0002
 REVISION: Final = 0x00010000

@@ -1,4 +1,4 @@
-"""Which PDOs a drive uses, and in which objects it describes itself, read by SDO. Changes nothing."""
+"""Reads by SDO which PDOs a drive uses and could use, and in which objects it describes itself."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from hardware.canopen.bus_profile import ANSWERED, COMMANDED, Entry
+from hardware.canopen.bus_profile import COMMAND_OBJECTS, FEEDBACK_OBJECTS, Entry
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
 from hardware.canopen.objects import (
     CONTROL_PERIOD,
@@ -23,13 +23,13 @@ from hardware.errors import SdoRefused
 if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
 
-DESCRIBING: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
-"""What can be compared with an arm file."""
+DESCRIPTION_OBJECTS: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
+"""Objects that can be compared with an arm file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FoundPdo:
-    """A PDO in use: `sent` by the drive or taken by it, its number, identifier, type and map."""
+class ActivePdo:
+    """A valid PDO of a drive: a TPDO if `sent`, else an RPDO; its number, identifier, type and map."""
 
     sent: bool
     number: int
@@ -44,41 +44,41 @@ class FoundPdo:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PdoRoom:
-    """What a drive's PDOs could be set up of: numbers of those it takes and sends, used or not, and objects' bits."""
+class PdoCapability:
+    """Numbers of a drive's RPDOs and TPDOs, valid or not, and bits of each object to be mapped."""
 
-    taken: tuple[int, ...] = ()
-    sent: tuple[int, ...] = ()
+    rpdos: tuple[int, ...] = ()
+    tpdos: tuple[int, ...] = ()
     bits: tuple[tuple[int, int], ...] = ()
 
 
-NO_ROOM: Final = PdoRoom()
+NO_PDO_CAPABILITY: Final = PdoCapability()
 
 
-def read_room(access: ObjectAccess, node: int) -> PdoRoom:
-    """Read which PDOs a drive has, and how wide the objects are that have to be in them."""
+def read_pdo_capability(access: ObjectAccess, node: int) -> PdoCapability:
+    """Read which PDOs a drive has, and the widths of the objects to be mapped."""
     bits = []
-    for index in (*COMMANDED, *ANSWERED):
+    for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
         try:
             bits.append((index, 8 * len(access.read(node, index))))
         except SdoRefused:
             continue
-    taken, sent = (
+    rpdos, tpdos = (
         tuple(number for number, _ in read_records(access, node, first))
         for first in (RPDO1_COMMUNICATION, TPDO1_COMMUNICATION)
     )
-    return PdoRoom(taken=taken, sent=sent, bits=tuple(bits))
+    return PdoCapability(rpdos=rpdos, tpdos=tpdos, bits=tuple(bits))
 
 
-def read_pdos(access: ObjectAccess, node: int) -> tuple[FoundPdo, ...]:
-    """Read the PDOs of a drive that are in use, those it takes first."""
+def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:
+    """Read the valid PDOs of a drive, RPDOs first."""
     return (*_pdos(access, node, sent=False), *_pdos(access, node, sent=True))
 
 
-def read_described(access: ObjectAccess, node: int) -> tuple[int, ...]:
-    """Which of the objects that can be compared with an arm file a drive has."""
+def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
+    """Those of `DESCRIPTION_OBJECTS` that a drive has."""
     found = []
-    for index in DESCRIBING:
+    for index in DESCRIPTION_OBJECTS:
         try:
             access.read(node, index, 1)
         except SdoRefused:
@@ -87,7 +87,7 @@ def read_described(access: ObjectAccess, node: int) -> tuple[int, ...]:
     return tuple(found)
 
 
-def _pdos(access: ObjectAccess, node: int, *, sent: bool) -> Iterator[FoundPdo]:
+def _pdos(access: ObjectAccess, node: int, *, sent: bool) -> Iterator[ActivePdo]:
     communication, mapping = (
         (TPDO1_COMMUNICATION, TPDO1_MAP) if sent else (RPDO1_COMMUNICATION, RPDO1_MAP)
     )
@@ -96,7 +96,7 @@ def _pdos(access: ObjectAccess, node: int, *, sent: bool) -> Iterator[FoundPdo]:
             continue
         at = number - 1
         transmission = read_number(access, node, communication + at, 2)
-        yield FoundPdo(
+        yield ActivePdo(
             sent=sent,
             number=number,
             cob_id=cob_id & IDENTIFIER,

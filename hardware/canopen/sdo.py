@@ -1,4 +1,4 @@
-"""Object access by SDO, one transfer at a time and node, from any thread but the receiving one. Knows no arm."""
+"""Object access by SDO: one transfer at a time per node, from any thread but the receiving one."""
 
 from __future__ import annotations
 
@@ -15,24 +15,23 @@ from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from hardware.canopen.objects import COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, DEVICE_TYPE
-from hardware.errors import BusError, FramesLost, HardwareError, SdoRefused, TwoDevices
+from hardware.errors import BusError, DuplicateNodeId, FramesLost, HardwareError, SdoRefused
 
 ANSWER_TIMEOUT_S = 1.0
 READ_ATTEMPTS = 3
-COMMAND_PATIENCE = 5.0
+COMMAND_TIMEOUT_FACTOR = 5.0
 """A command is answered when it is done: a document is parsed, or written to a disk."""
-FEWEST_LOST, LOST_SHARE = 8, 0.1
-"""Requests not answered in time, at the least and of all, from which on a bus is not gone on with: each was waited
-for, and of the 600 of a connection some would fail three times. Where 1 % of all frames are lost, 2 connections in
-10,000 are refused by it; where 10 % are, all."""
-ASKED_AGAIN, TWICE_SHARE = 20, 0.75
-"""Of a bus that doubles every tenth frame each way, one in 10^8 single devices answers so many of them twice."""
-_ON_ITS_WAY_S = 0.02
+MIN_UNANSWERED, MAX_UNANSWERED_FRACTION = 8, 0.1
+"""Access stops when more requests than both are unanswered. A connection needs 600: with 1 % of all frames lost
+2 connections in 10,000 are refused, with 10 % all."""
+UNIQUENESS_REQUESTS, DUPLICATE_FRACTION = 20, 0.75
+"""With every tenth frame doubled each way, one single device in 10^8 answers so many requests twice."""
+_IN_TRANSIT_S = 0.02
 _ABORT, _GENERAL_ERROR = 0x80, 0x08000000
 
 
 class _Sender(canopen.Network):
-    """The part of a canopen network that an SDO client uses."""
+    """The part of a canopen network that an SDO client uses; counts requests by node."""
 
     def __init__(self, send: Callable[[int, bytes], None]) -> None:
         super().__init__()
@@ -40,25 +39,16 @@ class _Sender(canopen.Network):
         self.asked: Counter[int] = Counter()
 
     def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:  # noqa: FBT001, FBT002
-        if data[0] != _ABORT:  # which is not answered
+        if data[0] != _ABORT:  # an abort is not answered
             self.asked[can_id - COB_SDO_TO_SERVER] += 1
         self._send(can_id, bytes(data))
 
 
 class ObjectAccess:
-    """Reads and writes objects of nodes.
-
-    Parameters
-    ----------
-    send
-        Puts a frame on the bus.
-    nodes
-        Nodes to talk to.
-    timeout_s
-        How long a node may take for an answer.
+    """Reads and writes objects of `nodes`; `send` puts a frame on the bus, `timeout_s` limits each answer.
 
     Every access raises `SdoRefused` if the node refuses and `BusError` if it does not answer; reading raises
-    `FramesLost` on a bus that loses too many.
+    `FramesLost` on a bus that loses too many frames.
     """
 
     def __init__(
@@ -88,45 +78,41 @@ class ObjectAccess:
             self._locks[node] = threading.Lock()
 
     def deliver(self, identifier: int, data: bytes) -> None:
-        """Take in an SDO answer; called by the thread that receives."""
+        """Take in an SDO answer; called by the receiving thread."""
         client = self._clients.get(identifier - COB_SDO_FROM_SERVER)
         if client is not None and len(data) == 8:
             self._answered[identifier - COB_SDO_FROM_SERVER] += 1
             client.on_response(identifier, data, 0.0)
 
-    def answering_twice(self) -> tuple[int, ...]:
-        """Nodes from which clearly more answers came than were asked for."""
+    def duplicate_nodes(self) -> tuple[int, ...]:
+        """Nodes with more than 1.5 answers for each request."""
         asked = self._network.asked
         return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * asked[node])
 
-    def require_single(self) -> None:
-        """Ask nodes that gave an answer too many since this was called last, and see whether they go on.
+    def require_unique_nodes(self) -> None:
+        """Test nodes with surplus answers since the last call; raises `DuplicateNodeId`.
 
-        Frames are doubled by a bus as well, now and then: whoever answers nearly all of so many requests twice is two.
-
-        Raises
-        ------
-        TwoDevices
+        A bus may double single frames; a node that answers most test requests twice is two devices.
         """
         suspects = [node for node, n in self._surplus().items() if n > self._known_surplus[node]]
         before = self._surplus()
         for node in suspects:
-            for _ in range(ASKED_AGAIN):
-                with suppress(BusError, SdoRefused, TwoDevices):
+            for _ in range(UNIQUENESS_REQUESTS):
+                with suppress(BusError, SdoRefused, DuplicateNodeId):
                     self.read_once(node, DEVICE_TYPE)
         if suspects:
-            self._pause.wait(_ON_ITS_WAY_S)
+            self._pause.wait(_IN_TRANSIT_S)
         self._known_surplus = self._surplus()
         twice = tuple(
             node
             for node in suspects
-            if self._known_surplus[node] - before[node] >= TWICE_SHARE * ASKED_AGAIN
+            if self._known_surplus[node] - before[node] >= DUPLICATE_FRACTION * UNIQUENESS_REQUESTS
         )
         if twice:
-            raise TwoDevices(twice)
+            raise DuplicateNodeId(twice)
 
     def _surplus(self) -> Counter[int]:
-        """By node, how many more answers came than were asked for; fewer where some are missing."""
+        """Answers minus requests, by node."""
         return Counter(
             {node: self._answered[node] - self._network.asked[node] for node in self._clients}
         )
@@ -134,28 +120,30 @@ class ObjectAccess:
     def read(self, node: int, index: int, subindex: int = 0) -> bytes:
         """Read an object's bytes."""
         for _ in range(READ_ATTEMPTS - 1):
-            # Frames do get lost, or come twice; to ask again changes nothing.
-            with suppress(TwoDevices):
+            # Frames may be lost or doubled; reading again changes nothing.
+            with suppress(DuplicateNodeId):
                 try:
                     return self.read_once(node, index, subindex)
                 except BusError:
                     self._unanswered[node] += 1
                     self._require_answers()
-            # What is still on its way would be taken for the next answer.
-            self._pause.wait(_ON_ITS_WAY_S)
+            # A late answer would be taken for the next one.
+            self._pause.wait(_IN_TRANSIT_S)
         return self.read_once(node, index, subindex)
 
     def _require_answers(self) -> None:
-        """Raise where too many requests were not answered in time by nodes that are there."""
+        """Raise `FramesLost` if nodes that are present left too many requests unanswered."""
         asked = self._network.asked
-        left = {n: (k, asked[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]}
-        lost = sum(unanswered for unanswered, _ in left.values())
-        if lost >= FEWEST_LOST and lost > LOST_SHARE * asked.total():
-            raise FramesLost(left)
+        unanswered = {
+            n: (k, asked[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]
+        }
+        lost = sum(count for count, _ in unanswered.values())
+        if lost >= MIN_UNANSWERED and lost > MAX_UNANSWERED_FRACTION * asked.total():
+            raise FramesLost(unanswered)
 
     def read_once(self, node: int, index: int, subindex: int = 0) -> bytes:
-        """Read an object's bytes, and ask no second time if no answer comes."""
-        data = self._guarded(node, index, subindex, lambda client: client.upload(index, subindex))
+        """Read an object's bytes without a second attempt."""
+        data = self._exclusive(node, index, subindex, lambda client: client.upload(index, subindex))
         return bytes(data)
 
     def read_unsigned(self, node: int, index: int, subindex: int = 0) -> int:
@@ -167,72 +155,76 @@ class ObjectAccess:
         return int.from_bytes(self.read(node, index, subindex), "little", signed=True)
 
     def read_text(self, node: int, index: int, subindex: int = 0) -> str:
-        """Read a visible string; bytes that are no text are shown as such."""
+        """Read a visible string; invalid bytes become escapes."""
         data = self.read(node, index, subindex)
         return data.rstrip(b"\x00").decode("utf-8", "backslashreplace")
 
     def write(self, node: int, index: int, subindex: int, data: bytes) -> None:
         """Write an object's bytes, in segments if there are more than four."""
-        self._guarded(node, index, subindex, lambda client: client.download(index, subindex, data))
+        self._exclusive(
+            node, index, subindex, lambda client: client.download(index, subindex, data)
+        )
 
     def write_unsigned(self, node: int, index: int, subindex: int, value: int, size: int) -> None:
         """Write an unsigned integer of `size` bytes."""
         self.write(node, index, subindex, value.to_bytes(size, "little"))
 
     def command(self, node: int, index: int, subindex: int, value: int) -> None:
-        """Write one byte that has the node do something: it has `COMMAND_PATIENCE` times as long for its answer."""
+        """Write one byte that starts an action; the time-out is `COMMAND_TIMEOUT_FACTOR` times as long."""
 
-        def ordered(client: Any) -> None:
+        def download(client: Any) -> None:
             timeout_s = client.RESPONSE_TIMEOUT
-            client.RESPONSE_TIMEOUT = COMMAND_PATIENCE * timeout_s
+            client.RESPONSE_TIMEOUT = COMMAND_TIMEOUT_FACTOR * timeout_s
             try:
                 client.download(index, subindex, bytes([value]))
             finally:
                 client.RESPONSE_TIMEOUT = timeout_s
 
-        self._guarded(node, index, subindex, ordered)
+        self._exclusive(node, index, subindex, download)
 
-    def _guarded(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
-        outside = sys.exception()  # what a caller is busy with is nothing that this access met
+    def _exclusive(self, node: int, index: int, subindex: int, access: Callable[[Any], Any]) -> Any:
+        """Run one access at a time per node and translate its errors."""
+        outer = sys.exception()  # an exception that the caller handles is no part of this access
         with self._locks[node]:
             try:
                 return access(self._clients[node])
             except (SdoAbortedError, SdoCommunicationError) as error:
-                met = tuple(_met(error, outside))
-                raise self._in_words(node, index, subindex, met) from error
+                chain = tuple(_context_chain(error, outer))
+                raise self._translated(node, index, subindex, chain) from error
 
-    def _in_words(
-        self, node: int, index: int, subindex: int, met: tuple[BaseException, ...]
+    def _translated(
+        self, node: int, index: int, subindex: int, chain: tuple[BaseException, ...]
     ) -> HardwareError | KeyboardInterrupt:
-        """Say what went wrong with an access, that met these, the last first."""
-        if any(isinstance(error, KeyboardInterrupt) for error in met):
-            # The client wanted to end the transfer in good order, and could not: that is not the reason.
+        """Return the error for a failed access; `chain` is its exceptions, the last first."""
+        if any(isinstance(error, KeyboardInterrupt) for error in chain):
+            # The client failed to abort the transfer after the interrupt.
             self._network.send_message(
                 COB_SDO_TO_SERVER + node,
                 struct.pack("<BHBL", _ABORT, index, subindex, _GENERAL_ERROR),
             )
             return KeyboardInterrupt()
         if self._answered[node] > self._network.asked[node]:
-            return TwoDevices((node,))
-        silence = next((error for error in met if isinstance(error, SdoCommunicationError)), None)
-        if silence is None and isinstance(met[0], SdoAbortedError):
-            text = str(met[0]).partition(",")[2].strip() or "refused"
-            return SdoRefused(node, index, subindex, met[0].code, text)
-        # After a silence the client still closes its transfer, of which the node knows nothing any more: that
-        # it refuses this is not the reason.
+            return DuplicateNodeId((node,))
+        silence = next((error for error in chain if isinstance(error, SdoCommunicationError)), None)
+        if silence is None and isinstance(chain[0], SdoAbortedError):
+            text = str(chain[0]).partition(",")[2].strip() or "refused"
+            return SdoRefused(node, index, subindex, chain[0].code, text)
+        # After a time-out the client aborts its transfer; a refusal of that is not the cause.
         remedy = "Check its power and the bus."
         if self._answered[node]:
             remedy = (
                 f"It has answered {self._answered[node]} of {self._network.asked[node]} requests: the bus loses "
-                "frames, or it is gone by now. Check cable, connectors and terminators, and its power."
+                "frames, or the node has failed. Check cable, connectors, terminators and the node's power."
             )
         return BusError(
             f"Node {node} does not answer when asked for {index:04X}h sub {subindex} ({silence}). {remedy}"
         )
 
 
-def _met(error: BaseException | None, outside: BaseException | None) -> Iterator[BaseException]:
-    """An error and those that it came upon, the last first, without what was there before."""
-    while error is not None and error is not outside:
+def _context_chain(
+    error: BaseException | None, outer: BaseException | None
+) -> Iterator[BaseException]:
+    """An exception and its contexts, the last first, up to `outer`."""
+    while error is not None and error is not outer:
         yield error
         error = error.__context__

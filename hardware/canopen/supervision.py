@@ -1,48 +1,110 @@
-"""Who watches whom: heartbeats and windows that the nodes are set up with, by SDO. Moves nothing, changes nothing."""
+"""Reads how the drives supervise the operator and themselves: heartbeats, windows, quick stop, by SDO."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from hardware.canopen.bus_profile import LONGEST_HEARTBEAT_MS, BusProfile
+from hardware.canopen.bus_profile import MAX_HEARTBEAT_MS, BusProfile
 from hardware.canopen.maps import read_number
 from hardware.canopen.objects import (
     FOLLOWING_WINDOW,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
-    LONGEST_WATCH_S,
+    MAX_OPERATOR_TIMEOUT_S,
     OPERATOR_NODE,
+    QUICK_STOP_OPTION,
+    SUPPORTED_MODES,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import InProfile, MappingDiffers, ObjectMismatch
+from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy
 from hardware.scale import JointScale
 
-HEARTBEATS = 2.5
-"""Heartbeats of a node that may fail to come before it is called silent."""
+HEARTBEAT_TIMEOUT_PERIODS = 2.5
+"""Heartbeat periods without a heartbeat after which a node counts as silent."""
+FOLLOWING_FRACTION, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
+"""Fraction of a drive's following error window (6065h), and upper limit. In moves without fault the virtual
+arms' joints are at most 0.11 deg from their targets; their drives trip at 3 deg."""
+MIN_WINDOW_COUNTS = 10.0
+"""Smallest window: below it sensor noise counts as an error."""
 
-FOLLOWING_SHARE, FOLLOWING_RAD = 1 / 3, math.radians(1.0)
-"""On ways without a fault the virtual arms' joints are at most 0.11 deg from their targets; a drive trips at 3 deg."""
-FEWEST_COUNTS = 10.0
-"""No window is smaller: what a drive that trips sooner calls an error may be its sensor's noise."""
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DriveFacts:
+    """Settings of one joint's drive; None if the object is absent.
+
+    Attributes
+    ----------
+    unsupported_modes
+        6060h codes that the profile uses and 6502h does not list.
+    quick_stop_option
+        605Ah: from 5 on, the drive holds after a quick stop.
+    operator_timeout_s
+        1016h: silence of node 127 after which the drive stops by itself.
+    """
+
+    joint: int
+    unsupported_modes: tuple[int, ...] | None
+    quick_stop_option: int | None
+    operator_timeout_s: float | None
 
 
-def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> float:
-    """How long a silence may be: as asked for, and some heartbeats (1017h) of the slowest node.
+def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFacts, ...]:
+    """Read the settings of all drives."""
+    return tuple(
+        DriveFacts(
+            joint=joint,
+            unsupported_modes=_unsupported_modes(access, node, profile),
+            quick_stop_option=read_number(access, node, QUICK_STOP_OPTION, 0),
+            operator_timeout_s=operator_timeout_s(access, node),
+        )
+        for joint, node in enumerate(profile.drives, 1)
+    )
 
-    Raises
-    ------
-    MappingDiffers
-        A node sends none, or so seldom that its loss would go unnoticed.
+
+def _unsupported_modes(
+    access: ObjectAccess, node: int, profile: BusProfile
+) -> tuple[int, ...] | None:
+    supported = read_number(access, node, SUPPORTED_MODES, 0)
+    if supported is None:
+        return None
+    # Modes of the maker's own have codes below 0, and no bit.
+    codes = (code for code in sorted(profile.mode_codes.values()) if code > 0)
+    return tuple(code for code in codes if not supported >> (code - 1) & 1)
+
+
+def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
+    """Silence of node 127 after which a drive stops by itself (1016h); None if it does not monitor it."""
+    for entry in _heartbeat_consumers(access, node) or ():
+        if entry >> 16 & 0x7F == OPERATOR_NODE and entry & 0xFFFF:
+            return (entry & 0xFFFF) * 1e-3
+    return None
+
+
+def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | None:
+    """Entries of 1016h; None if the object is absent."""
+    count = read_number(access, node, HEARTBEAT_CONSUMER, 0)
+    if count is None:
+        return None
+    return tuple(
+        read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, count + 1)
+    )
+
+
+def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
+    """Silence after which a node counts as lost: at least `min_s`, and 2.5 periods (1017h) of the slowest node.
+
+    Raises `MappingMismatch` for nodes with no heartbeat or a too long period.
     """
     found, longest_s = [], 0.0
     for node in profile.nodes:
         period_ms = read_number(access, node, HEARTBEAT_PRODUCER, 0)
-        if period_ms is None:  # that it is heard is made sure of
+        if period_ms is None:  # its heartbeat is waited for in any case
             continue
         longest_s = max(longest_s, 1e-3 * period_ms)
         if not 0 < period_ms <= profile.slowest_heartbeat_ms:
-            sayable = 0 < period_ms <= LONGEST_HEARTBEAT_MS
+            allowable = 0 < period_ms <= MAX_HEARTBEAT_MS
             found.append(
                 ObjectMismatch(
                     node=node,
@@ -50,57 +112,48 @@ def patience_s(access: ObjectAccess, profile: BusProfile, least_s: float) -> flo
                     sub=0,
                     expected=f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms",
                     found=f"{period_ms} ms",
-                    in_profile=InProfile.AS_PATIENCE if sayable else InProfile.NOT,
+                    remedy=ProfileRemedy.HEARTBEAT_PERIOD if allowable else ProfileRemedy.NONE,
                 )
             )
     if found:
-        raise MappingDiffers(found)
-    return max(least_s, HEARTBEATS * longest_s)
+        raise MappingMismatch(found)
+    return max(min_s, HEARTBEAT_TIMEOUT_PERIODS * longest_s)
 
 
-def check_watch(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
-    """Make sure that drives watch the operator's heartbeat (1016h).
+def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
+    """Check that drives monitor the operator's heartbeat (1016h).
 
-    Returns
-    -------
-    Joints whose drives have no such object: nobody knows what they do without an operator.
-
-    Raises
-    ------
-    MappingDiffers
-        A drive would go on when the operator is gone.
+    Returns the joints whose drives have no such object. Raises `MappingMismatch` for drives that would go on
+    without an operator.
     """
-    found = {node: watch_differences(access, node) for node in profile.drives}
+    found = {node: operator_monitoring_differences(access, node) for node in profile.drives}
     wrong = [text for texts in found.values() for text in texts or ()]
     if wrong:
-        raise MappingDiffers(wrong)
+        raise MappingMismatch(wrong)
     return tuple(profile.joint_of[node] for node, texts in found.items() if texts is None)
 
 
-def watch_differences(access: ObjectAccess, node: int) -> tuple[ObjectMismatch, ...] | None:
-    """What of a drive's watch over the operator's heartbeat is not as it has to be; None without 1016h."""
-    entries = read_number(access, node, HEARTBEAT_CONSUMER, 0)
-    if entries is None:
+def operator_monitoring_differences(
+    access: ObjectAccess, node: int
+) -> tuple[ObjectMismatch, ...] | None:
+    """Difference of a drive's 1016h from monitoring the operator's heartbeat; None without 1016h."""
+    watched = _heartbeat_consumers(access, node)
+    if watched is None:
         return None
-    watched = [
-        read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, entries + 1)
-    ]
     if any(
-        value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= 1e3 * LONGEST_WATCH_S
+        value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= 1e3 * MAX_OPERATOR_TIMEOUT_S
         for value in watched
     ):
         return ()
     seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-    expected = (
-        f"node {OPERATOR_NODE}'s heartbeat watched, for {1e3 * LONGEST_WATCH_S:.0f} ms at the most"
-    )
+    expected = f"node {OPERATOR_NODE}'s heartbeat watched, for {1e3 * MAX_OPERATOR_TIMEOUT_S:.0f} ms at the most"
     return (
         ObjectMismatch(
             node=node,
             index=HEARTBEAT_CONSUMER,
             expected=expected,
             found=seen,
-            in_profile=InProfile.NOT,
+            remedy=ProfileRemedy.NONE,
         ),
     )
 
@@ -108,14 +161,11 @@ def watch_differences(access: ObjectAccess, node: int) -> tuple[ObjectMismatch, 
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """How far from its target a joint may be before the operator is told: part of what its drive takes (6065h).
-
-    Never more than `FOLLOWING_RAD`: a drive may take anything, or not say what.
-    """
+    """Limit of each joint's distance from its target: a third of 6065h, between 10 counts and 1 deg."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
-        told = read_number(access, node, FOLLOWING_WINDOW, 0)
-        usual = FOLLOWING_RAD * scale.density
-        share = FOLLOWING_SHARE * told if told else usual
-        windows.append(max(min(share, usual), FEWEST_COUNTS))
+        drive_window = read_number(access, node, FOLLOWING_WINDOW, 0)
+        upper = FOLLOWING_RAD * scale.density
+        window = FOLLOWING_FRACTION * drive_window if drive_window else upper
+        windows.append(max(min(window, upper), MIN_WINDOW_COUNTS))
     return tuple(windows)

@@ -1,4 +1,4 @@
-"""Giving the controller a parameter document and making sure it has it. Knows bytes, not what they mean."""
+"""Uploads a parameter document (bytes) to the supervisor, verifies it and commits it."""
 
 from __future__ import annotations
 
@@ -29,36 +29,35 @@ from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import (
     BusError,
     ControlDenied,
+    DuplicateNodeId,
     FramesLost,
     HardwareError,
     SdoRefused,
-    TwoDevices,
     UploadRefused,
     UploadUnknown,
 )
 
-UPLOADS, AGAIN_AFTER_S = 6, 0.5
-"""How often a document is uploaded from its beginning, and the pause between: a token that lapsed is given again as
-soon as the supervisor has heard a heartbeat (100 ms)."""
+MAX_UPLOADS, RETRY_PAUSE_S = 6, 0.5
+"""Attempts, and the pause between; a lapsed token is granted again after the next heartbeat (100 ms)."""
 
 
 class UploadLink(Protocol):
-    """The connection that a document is uploaded through."""
+    """The connection used for an upload."""
 
     access: ObjectAccess
     profile: BusProfile
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether what failed so may be done again: the arm is heard, and control is held, or held again."""
+        """Whether to try again after this error: the arm is heard, and control is held, or taken again."""
         ...
 
     def explain(self, error: HardwareError) -> HardwareError:
-        """Return the error, or in its place the lateness of this computer that it comes from."""
+        """Return the error, or the host latency that caused it."""
         ...
 
 
 def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
-    """The document the controller holds; empty if it holds none, and for an arm without a supervisor."""
+    """Active document of the controller; empty if there is none, or no supervisor."""
     if profile.supervisor is None:
         return b""
     try:
@@ -70,22 +69,21 @@ def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
 
 
 def upload(link: UploadLink, document: bytes) -> UploadReceipt:
-    """Write a document, have it checked, read it back, and only then make it the active one.
+    """Write a document, stage it, read it back and commit it.
 
-    All of it is repeated where an answer is missing or control has lapsed: nothing is active before the commit, and
-    whether a commit was carried out, 2003h and 2001h say.
+    Repeated where an answer is missing or control has lapsed: nothing is active before the commit, and 2003h and
+    2001h show whether a commit was carried out. After an error, the previous document stays active.
 
     Raises
     ------
     UploadRefused
-        With the controller's words; the document that was active before stays active. Or nobody there
-        keeps one.
+        The supervisor refused it (with its reason), or there is no supervisor.
     ControlDenied
-        If the control token is not held.
+        The control token is not held.
     BusError
-        The supervisor does not answer; the document that was active stays active.
+        The supervisor does not answer.
     UploadUnknown
-        It does not answer any more since it was told to make the document the active one.
+        It stopped answering after the commit was sent: the outcome is unknown.
     """
     if link.profile.supervisor is None:
         raise UploadRefused(
@@ -93,95 +91,91 @@ def upload(link: UploadLink, document: bytes) -> UploadReceipt:
             "are in parameters.yaml of the session's folder."
         )
     attempt = _Attempt(link.access, link.profile.supervisor, document)
-    for left in reversed(range(UPLOADS)):
+    for left in reversed(range(MAX_UPLOADS)):
         try:
             if not attempt.committed():
                 attempt.stage()
                 attempt.commit()
             return _receipt(link.access, attempt.supervisor, link.profile)
-        except (BusError, TwoDevices, SdoRefused) as lost:
-            if left and attempt.passing(lost) and link.may_repeat(lost):
-                threading.Event().wait(AGAIN_AFTER_S)
+        except (BusError, DuplicateNodeId, SdoRefused) as lost:
+            if left and attempt.is_transient(lost) and link.may_repeat(lost):
+                threading.Event().wait(RETRY_PAUSE_S)
                 continue
             why, known = link.explain(lost), False
-            with suppress(BusError, TwoDevices, SdoRefused):
+            with suppress(BusError, DuplicateNodeId, SdoRefused):
                 if attempt.committed():
                     return _receipt(link.access, attempt.supervisor, link.profile)
-                known = not attempt.under_way()
-            if attempt.ordered and not known:
+                known = not attempt.commit_pending()
+            if attempt.commit_sent and not known:
                 raise UploadUnknown(
-                    f"whether the controller has taken the parameters is not known: it was told to, and then: {why}"
+                    "whether the controller has taken the parameters is not known: the commit was sent, and then: "
+                    f"{why}"
                 ) from lost
             if why is lost and isinstance(lost, SdoRefused):
-                why = _in_its_words(link.access, attempt.supervisor, lost)
+                why = _supervisors_error(link.access, attempt.supervisor, lost)
             raise why from lost
-    raise AssertionError("the last attempt ends in one of these ways")
+    raise AssertionError("unreachable: the last attempt returns or raises")
 
 
 class _Attempt:
-    """A document on its way.
-
-    Attributes
-    ----------
-    ordered
-        Whether the supervisor was told to make it the active one, and what came of it is not known.
-    """
+    """Upload of one document; `commit_sent`: a commit was sent, and its outcome is not known."""
 
     def __init__(self, access: ObjectAccess, supervisor: int, document: bytes) -> None:
         self._access, self.supervisor, self._document = access, supervisor, document
-        self._missed = False
-        self.ordered = False
+        self._answer_missed = False
+        self.commit_sent = False
 
-    def passing(self, error: HardwareError) -> bool:
-        """Whether the cause of an error may be gone the next time.
+    def is_transient(self, error: HardwareError) -> bool:
+        """Whether a further attempt may succeed.
 
-        A refusal is one that comes after a missing answer: the command before is being carried out still, or was.
+        A refusal after a missed answer is transient: the command before may have been carried out.
         """
         if isinstance(error, SdoRefused):
-            return error.code == Abort.LOCAL_CONTROL or self._missed
-        self._missed = self._missed or isinstance(error, BusError)
-        return not isinstance(error, TwoDevices | FramesLost)
+            return error.code == Abort.LOCAL_CONTROL or self._answer_missed
+        self._answer_missed = self._answer_missed or isinstance(error, BusError)
+        return not isinstance(error, DuplicateNodeId | FramesLost)
 
     def stage(self) -> None:
-        """Write the document, have it checked and compare what was staged; again only what a commit does not need."""
-        if self.under_way():
+        """Write, stage and compare the document, unless it is still staged for a commit."""
+        if self.commit_pending():
             return
-        self.ordered = False
+        self.commit_sent = False
         self._access.write(self.supervisor, DOCUMENT, 0, self._document)
         self._access.command(self.supervisor, COMMAND, 0, ParameterCommand.STAGE)
         _compare(self._access, self.supervisor, self._document)
 
     def commit(self) -> None:
-        """Make the staged document the active one, and see that it is."""
+        """Activate the staged document and check that it is active."""
         try:
-            self.ordered = True
+            self.commit_sent = True
             self._access.command(self.supervisor, COMMAND, 0, ParameterCommand.COMMIT)
         except SdoRefused:
-            self.ordered = self._missed
+            self.commit_sent = self._answer_missed
             raise
         if not self.committed():
             raise BusError(
-                f"Node {self.supervisor} says that it has made the document the active one, and 2003h does not."
+                f"Node {self.supervisor} confirmed the commit, but 2003h does not show the document as active. "
+                "Upload it again."
             )
 
     def committed(self) -> bool:
-        """Whether the supervisor was told to make the document active, and has."""
+        """Whether a commit was sent, and the document is active."""
         return (
-            self.ordered
-            and not self.under_way()
+            self.commit_sent
+            and not self.commit_pending()
             and self._access.read(self.supervisor, DIGEST, DIGEST_SHA256)
             == hashlib.sha256(self._document).digest()
         )
 
-    def under_way(self) -> bool:
-        """Whether the supervisor was told to make the document active, and has it staged still."""
-        return self.ordered and bool(
+    def commit_pending(self) -> bool:
+        """Whether a commit was sent, and the document is still staged."""
+        return self.commit_sent and bool(
             self._access.read_unsigned(self.supervisor, SLOTS, SLOTS_STAGED)
         )
 
 
 def _receipt(access: ObjectAccess, supervisor: int, profile: BusProfile) -> UploadReceipt:
-    """Read back what is active."""
+    """Read back the active document's digest and home offsets."""
     sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
     active = access.read_unsigned(supervisor, SLOTS, SLOTS_ACTIVE)
     return UploadReceipt(
@@ -193,31 +187,33 @@ def _receipt(access: ObjectAccess, supervisor: int, profile: BusProfile) -> Uplo
 
 
 def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
-    """Compare what the controller staged with what was sent, byte for byte and by digest."""
-    held = access.read(supervisor, DOCUMENT)
+    """Compare the staged document with the one sent, byte for byte and by digest; else drop it."""
+    staged = access.read(supervisor, DOCUMENT)
     sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
     length = access.read_unsigned(supervisor, DIGEST, DIGEST_LENGTH)
-    if held == document and length == len(document) and sha256 == hashlib.sha256(document).digest():
+    digest = hashlib.sha256(document).digest()
+    if staged == document and length == len(document) and sha256 == digest:
         return
     access.command(supervisor, COMMAND, 0, ParameterCommand.ROLL_BACK)
-    at = next((k for k, (a, b) in enumerate(zip(held, document, strict=False)) if a != b), None)
-    where = f"{len(held)} bytes came back" if at is None else f"byte {at} differs"
+    at = next((k for k, (a, b) in enumerate(zip(staged, document, strict=False)) if a != b), None)
+    where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
     raise UploadRefused(
         f"The document read back from the controller is not the one sent ({where} of "
         f"{len(document)}). It was dropped; the one before stays active."
     )
 
 
-def _in_its_words(
+def _supervisors_error(
     access: ObjectAccess, supervisor: int, refused: SdoRefused
 ) -> UploadRefused | ControlDenied:
+    """Return the error with the supervisor's own reason."""
     if refused.code == Abort.LOCAL_CONTROL:
         return ControlDenied(access.read_unsigned(supervisor, TOKEN), refusal(access, supervisor))
     return UploadRefused(refusal(access, supervisor) or str(refused))
 
 
 def refusal(access: ObjectAccess, supervisor: int) -> str:
-    """The supervisor's words for what it refused last; empty if it has none."""
+    """The supervisor's reason for its last refusal (2004h); empty if there is none."""
     try:
         return access.read_text(supervisor, REFUSAL)
     except SdoRefused:

@@ -138,15 +138,15 @@ class BusMonitor:
         state = self._states[joint]
         if not answer.read_into(state, data):
             return
-        if POSITION_ACTUAL in answer.brings:
+        if POSITION_ACTUAL in answer.indices:
             self.positions[joint] = state[1]
-        if STATUSWORD in answer.brings and self.drives.get(joint) is not state_of(state[0]):
+        if STATUSWORD in answer.indices and self.drives.get(joint) is not state_of(state[0]):
             self.drives[joint] = state_of(state[0])
             yield f"joint {joint}: drive {self.drives[joint].value}"
 
     def _command(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, frames = self._commands[identifier]
-        found = frames.commanded(identifier, data)
+        found = frames.decode_command(identifier, data)
         word, mode = found.get(CONTROLWORD), found.get(MODE)
         if word is not None and word != CONTROLWORD_QUICK_STOP:
             self._stopped.discard(joint)

@@ -8,12 +8,12 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.canopen.drive_facts import DriveFacts
-from hardware.canopen.objects import LONGEST_GUARD_S, LONGEST_WATCH_S
+from hardware.canopen.objects import ADVISED_OPERATOR_TIMEOUT_S, MAX_OPERATOR_TIMEOUT_S
+from hardware.canopen.supervision import DriveFacts
 from hardware.commissioning.clauses import is_still
 from hardware.commissioning.finding import Ask, Bounds, Clause, declined, joints_words
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import BusError, ControlDenied, HardwareError, Intruder
+from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster
 
 HOLDS_AFTER_STOP: Final = 5
 """605Ah from here on: the drive stays in *quick stop active*; below, it lets the joint go."""
@@ -24,7 +24,7 @@ PERIOD_SHARE: Final = 0.2
 def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
     """What drives say they would do."""
     for drive in facts:
-        lacking, option = drive.lacking_modes, drive.quick_stop_option
+        lacking, option = drive.unsupported_modes, drive.quick_stop_option
         yield Clause(
             name="modes",
             passed=None if lacking is None else not lacking,
@@ -49,7 +49,7 @@ def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 def _guard(drive: DriveFacts) -> Clause:
     """Whether a drive watches for the operator: what a run refuses fails, what it puts up with is said."""
-    guard = drive.misses_operator_after_s
+    guard = drive.operator_timeout_s
     if guard is None:
         passed, text = (
             False,
@@ -57,15 +57,15 @@ def _guard(drive: DriveFacts) -> Clause:
         )
     else:
         passed, text = True, f"1016h: it misses the operator after {guard:.2f} s"
-        if guard > LONGEST_WATCH_S:
+        if guard > MAX_OPERATOR_TIMEOUT_S:
             passed, text = (
                 False,
-                f"{text}, and no run is begun with more than {LONGEST_WATCH_S:g} s",
+                f"{text}, and no run is begun with more than {MAX_OPERATOR_TIMEOUT_S:g} s",
             )
-        elif guard > LONGEST_GUARD_S:
+        elif guard > ADVISED_OPERATOR_TIMEOUT_S:
             passed, text = (
                 None,
-                f"{text}: for so long it goes on when this program dies; up to {LONGEST_GUARD_S:g} s would be safer",
+                f"{text}; that long it goes on when this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)",
             )
     return Clause(name="guard", passed=passed, text=text, joint=drive.joint)
 
@@ -92,7 +92,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
     other = arm.another()
     try:
         other.connect()
-    except (ControlDenied, Intruder) as refused:
+    except (ControlDenied, OtherMaster) as refused:
         passed, text = True, f"a second program is refused: {refused}"
     except BusError as error:
         passed, text = None, f"not tried: {error}"
@@ -110,7 +110,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     """Without the operator's heartbeat the drives stop and hold by themselves."""
-    guards = [drive.misses_operator_after_s for drive in arm.drive_facts()]
+    guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
         yield Clause(name="guard", passed=None, text="not every drive watches for the operator")
@@ -126,7 +126,7 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     arm.fall_silent()
     threading.Event().wait(2 * longest)
     # Before connecting, which resets their communication: that stops drives that would not stop alone.
-    states = arm.states_unconnected()
+    states = arm.read_states_unconnected()
     on = [j for j, state in enumerate(states, 1) if state is DriveState.OPERATION_ENABLED]
     arm.connect()
     faults = arm.snapshot().faults

@@ -16,10 +16,10 @@ from typing import Final
 import can
 
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.buses.shared_bus import Wire
+from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import maps
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.masters import masters_words
+from hardware.canopen.masters import describe_master_frame
 from hardware.canopen.objects import (
     ARM,
     ARM_JOINTS,
@@ -35,15 +35,15 @@ from hardware.canopen.objects import (
     TOKEN,
 )
 from hardware.canopen.pdo_reading import (
-    NO_ROOM,
-    FoundPdo,
-    PdoRoom,
-    read_described,
+    NO_PDO_CAPABILITY,
+    ActivePdo,
+    PdoCapability,
+    read_description_objects,
+    read_pdo_capability,
     read_pdos,
-    read_room,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.canopen.supervision import watch_differences
+from hardware.canopen.supervision import operator_monitoring_differences
 from hardware.errors import BusError, HardwareError, SdoRefused
 
 LISTEN_S: Final = 1.2
@@ -102,10 +102,10 @@ class FoundNode:
     position_counts: int | None
     heard: bool
     problems: tuple[str, ...]
-    pdos: tuple[FoundPdo, ...] = ()
+    pdos: tuple[ActivePdo, ...] = ()
     described: tuple[int, ...] = ()
     supervises: bool = False
-    room: PdoRoom = NO_ROOM
+    room: PdoCapability = NO_PDO_CAPABILITY
     notes: tuple[str, ...] = ()
     unread: str = ""
 
@@ -126,7 +126,7 @@ class Probe:
 class _Ears:
     """Receives in a thread of its own: notes who speaks, hands SDO answers on."""
 
-    def __init__(self, wire: Wire, profile: BusProfile) -> None:
+    def __init__(self, wire: SharedBus, profile: BusProfile) -> None:
         self._wire, self._profile = wire, profile
         self.heartbeats: Counter[int] = Counter()
         self.answers: Counter[int] = Counter()
@@ -179,7 +179,7 @@ class _Ears:
 
     def _take_in(self, message: can.Message) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
-        if words := masters_words(self._profile, identifier, data):
+        if words := describe_master_frame(self._profile, identifier, data):
             self.masters[words] += 1
         if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
             self.heartbeats[identifier - COB_HEARTBEAT] += 1
@@ -207,7 +207,7 @@ def probe(
     BusError
         It cannot be opened, or takes no frames.
     """
-    wire = Wire(opener(settings), record_to=record_to)
+    wire = SharedBus(opener(settings), record_to=record_to)
     ears = _Ears(wire, profile)
     try:
         ears.listen(listen_s)
@@ -245,7 +245,7 @@ def _look_at(
     heard = ears.heartbeats[node] > 0
     problems, name, serial, position = list[str](), "", None, None
     supervises, notes = False, list[str]()
-    pdos, described, room = tuple[FoundPdo, ...](), tuple[int, ...](), NO_ROOM
+    pdos, described, room = tuple[ActivePdo, ...](), tuple[int, ...](), NO_PDO_CAPABILITY
     unread = ""
     if answers > 1:
         # Nothing that it says can be told from what the other one says.
@@ -255,7 +255,7 @@ def _look_at(
             name = _text(access, node, DEVICE_NAME)
             serial = _number(access, node, IDENTITY, IDENTITY_SERIAL)
             if drive and node in profile.drives:
-                problems += map(str, maps.differences(access, node, profile))
+                problems += map(str, maps.pdo_differences(access, node, profile))
             elif drive:
                 problems.append(
                     f"node {node}: a drive that the bus profile {profile.name} does not name"
@@ -263,13 +263,13 @@ def _look_at(
             else:
                 supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
             if drive:
-                watch = watch_differences(access, node)
+                watch = operator_monitoring_differences(access, node)
                 problems += map(str, watch or ())
                 if watch is None:
                     notes.append(NO_WATCH.format(node))
                 pdos = read_pdos(access, node)
-                described = read_described(access, node)
-                room = read_room(access, node)
+                described = read_description_objects(access, node)
+                room = read_pdo_capability(access, node)
                 position = access.read_signed(node, POSITION_ACTUAL)
         except HardwareError as error:
             unread = str(error)

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 from hardware.canopen.bus_profile import (
-    ANSWERED,
-    COMMANDED,
+    COMMAND_OBJECTS,
+    FEEDBACK_OBJECTS,
     FIELD_BITS,
-    LEFT_AT_ZERO,
+    ZERO_OBJECTS,
     BusProfile,
     Entry,
     JointProfile,
@@ -17,13 +17,13 @@ from hardware.canopen.bus_profile import (
 )
 from hardware.canopen.maps import EVERY_SYNC, ON_RECEIPT
 from hardware.canopen.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
-from hardware.canopen.pdo_reading import FoundPdo
+from hardware.canopen.pdo_reading import ActivePdo
 from hardware.commissioning.probe import FoundNode
 
 FRAME_BITS: Final = 64
 
 
-class NoDraft(Exception):
+class DraftRefused(Exception):
     """No profile can drive what was found; `reasons` are sentences, each naming its node."""
 
     def __init__(self, reasons: Sequence[str]) -> None:
@@ -39,16 +39,16 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
 
     Raises
     ------
-    NoDraft
+    DraftRefused
         There is no drive, or one cannot be driven as it is set up.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:
-        raise NoDraft(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
+        raise DraftRefused(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
     lacks = _has_no_room if configure else _lacks
     reasons = [text for node in drives for text in lacks(node)]
     if reasons:
-        raise NoDraft(reasons)
+        raise DraftRefused(reasons)
     supervisor = next((node.node for node in nodes if node.supervises), None)
     serials = [str(node.serial_number or f"node{node.node}") for node in drives]
     return BusProfile(
@@ -60,8 +60,8 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
             if configure
             else JointProfile(
                 node=node.node,
-                commands=_pdos(_chosen(node.pdos, COMMANDED, sent=False)),
-                answers=_pdos(_chosen(node.pdos, ANSWERED, sent=True)),
+                commands=_pdos(_chosen(node.pdos, COMMAND_OBJECTS, sent=False)),
+                answers=_pdos(_chosen(node.pdos, FEEDBACK_OBJECTS, sent=True)),
             )
             for node in drives
         ),
@@ -72,10 +72,12 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     )
 
 
-def _chosen(pdos: Iterable[FoundPdo], wanted: Sequence[int], *, sent: bool) -> tuple[FoundPdo, ...]:
+def _chosen(
+    pdos: Iterable[ActivePdo], wanted: Sequence[int], *, sent: bool
+) -> tuple[ActivePdo, ...]:
     """Fewest PDOs that carry all that is wanted, lowest numbers first; those that carry some, if none do."""
     usable = [pdo for pdo in pdos if pdo.sent is sent and not _unusable(pdo)]
-    left, found = set(wanted), list[FoundPdo]()
+    left, found = set(wanted), list[ActivePdo]()
     while left:
         best = max(usable, key=lambda pdo: len(left & _carried(pdo)), default=None)
         if best is None or not left & _carried(best):
@@ -85,11 +87,11 @@ def _chosen(pdos: Iterable[FoundPdo], wanted: Sequence[int], *, sent: bool) -> t
     return tuple(sorted(found, key=lambda pdo: pdo.number))
 
 
-def _carried(pdo: FoundPdo) -> set[int]:
+def _carried(pdo: ActivePdo) -> set[int]:
     return {index for index, sub, bits in pdo.entries if sub == 0 and bits in FIELD_BITS}
 
 
-def _unusable(pdo: FoundPdo) -> str:
+def _unusable(pdo: ActivePdo) -> str:
     """Why a PDO cannot be used; empty if it can."""
     if pdo.sent and pdo.transmission not in EVERY_SYNC:
         return f"is of transmission type {pdo.transmission}, not 1 (on every SYNC)"
@@ -98,7 +100,9 @@ def _unusable(pdo: FoundPdo) -> str:
     if any(bits % 8 for _, _, bits in pdo.entries):
         return "maps parts of bytes"
     if not pdo.sent:
-        others = [i for i, _, _ in pdo.entries if i not in COMMANDED and i not in LEFT_AT_ZERO]
+        others = [
+            i for i, _, _ in pdo.entries if i not in COMMAND_OBJECTS and i not in ZERO_OBJECTS
+        ]
         if others:
             return f"carries {others[0]:04X}h, which is not for this program to command"
     return ""
@@ -109,7 +113,7 @@ def _lacks(node: FoundNode) -> Iterator[str]:
     if not node.pdos:
         yield _unread(node)
         return
-    for wanted, sent in ((COMMANDED, False), (ANSWERED, True)):
+    for wanted, sent in ((COMMAND_OBJECTS, False), (FEEDBACK_OBJECTS, True)):
         carried = {i for pdo in _chosen(node.pdos, wanted, sent=sent) for i in _carried(pdo)}
         for index in wanted:
             if index in carried:
@@ -130,7 +134,7 @@ def _unread(node: FoundNode) -> str:
     return told if told.lower().startswith(f"node {node.node}") else f"node {node.node}: {told}"
 
 
-def _pdos(found: Iterable[FoundPdo]) -> tuple[Pdo, ...]:
+def _pdos(found: Iterable[ActivePdo]) -> tuple[Pdo, ...]:
     return tuple(Pdo(number=pdo.number, cob_id=pdo.cob_id, entries=pdo.entries) for pdo in found)
 
 
@@ -138,7 +142,7 @@ def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
     """Maps that hold what is needed between them, in frames of 8 bytes."""
     bits = dict(node.room.bits)
     frames, left = list[tuple[Entry, ...]](), 0
-    for index in ANSWERED if sent else COMMANDED:
+    for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:
         entry = (index, 0, bits.get(index, 0))
         if entry[2] > left:
             frames.append(())
@@ -149,7 +153,7 @@ def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
 
 
 def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    base, numbers = (COB_TPDO1, node.room.sent) if sent else (COB_RPDO1, node.room.taken)
+    base, numbers = (COB_TPDO1, node.room.tpdos) if sent else (COB_RPDO1, node.room.rpdos)
     frames = _frames(node, sent=sent)
     return tuple(
         Pdo(number=number, cob_id=base + COB_NEXT_PDO * at + node.node, entries=entries)
@@ -163,11 +167,15 @@ def _has_no_room(node: FoundNode) -> Iterator[str]:
         yield _unread(node)
         return
     bits = dict(node.room.bits)
-    absent = [index for index in (*COMMANDED, *ANSWERED) if bits.get(index) not in FIELD_BITS]
+    absent = [
+        index
+        for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS)
+        if bits.get(index) not in FIELD_BITS
+    ]
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
     if absent:  # how many frames are needed is not known
         return
-    for numbers, sent in ((node.room.taken, False), (node.room.sent, True)):
+    for numbers, sent in ((node.room.rpdos, False), (node.room.tpdos, True)):
         needed = len(_frames(node, sent=sent))
         if len(numbers) < needed:
             kind = "TPDO" if sent else "RPDO"

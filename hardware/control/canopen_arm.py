@@ -21,9 +21,9 @@ from hardware.bus_setup import ArmOnBus, BusOpeners
 from hardware.buses.python_can import BusSettings
 from hardware.canopen import uploading
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.cia402 import Wish, state_of
-from hardware.canopen.drive_facts import DriveFacts, read_drive_facts
+from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
+from hardware.canopen.supervision import DriveFacts, read_drive_facts
 from hardware.control import reading_steps, steps
 from hardware.control.connection import Connection
 from hardware.control.connector import Connector
@@ -33,8 +33,8 @@ from hardware.errors import (
     ControlDenied,
     DriveFault,
     HardwareError,
-    Intruder,
     ModeNotReached,
+    OtherMaster,
     SensorFault,
     Stopped,
 )
@@ -104,10 +104,7 @@ class CanopenArm:
 
         A STOP latched before stays latched; one pressed meanwhile ends this.
 
-        Raises
-        ------
-        BusError, NodeMissing, WrongArm, MappingDiffers, NotConfigured, ControlDenied, Intruder, SdoRefused, Stopped
-            The connection is closed again.
+        Raises a `HardwareError`; the connection is closed again then.
         """
         return self._connector.connect()
 
@@ -162,7 +159,7 @@ class CanopenArm:
         if link.other_operator():
             raise ControlDenied(OPERATOR_NODE)
         link.take_token()
-        lagging = link.loop.run(steps.drive_to(link.loop, Wish.ENABLED))
+        lagging = link.loop.run(steps.drive_to(link.loop, TargetState.ENABLED))
         link.read_modes()
         self._raise_for_drives(link, lagging, "enabled")
 
@@ -184,7 +181,7 @@ class CanopenArm:
                 deaf,
                 JointMode.POSITION.value,
                 "it, but not that it follows its target (6041h, bit 12)",
-                deaf=True,
+                not_following=True,
             )
 
     def _set_modes(
@@ -288,7 +285,7 @@ class CanopenArm:
     def hold(self) -> None:
         """All joints to position mode: free ones where they are, the others on their last target."""
         # What a sensor did, or somebody else, is no reason not to.
-        self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, Intruder))
+        self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
     # ---- STOP ------------------------------------------------------------------------------------
 
@@ -314,10 +311,10 @@ class CanopenArm:
         DriveFault
             If a fault cannot be cleared.
         """
-        link, press = self._link, self._connector.latch.last
+        link, press = self._link, self._connector.latch.last_press
         lagging = link.loop.run(
             steps.reset(link.loop, link.loop.forget_faults, press=press),
-            despite=(Stopped, DriveFault, SensorFault, Intruder),
+            despite=(Stopped, DriveFault, SensorFault, OtherMaster),
         )
         link.read_modes()
         self._raise_if_stopped(link)
@@ -351,12 +348,12 @@ class CanopenArm:
         """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
         self._connector.drop()
 
-    def states_unconnected(self) -> tuple[DriveState, ...]:
+    def read_states_unconnected(self) -> tuple[DriveState, ...]:
         """Drive states of joints 1..n by SDO (6041h) alone, without a connection: no node is told or reset anything.
 
         Raises
         ------
-        BusError, SdoRefused, TwoDevices
+        BusError, SdoRefused, DuplicateNodeId
             A drive does not answer, or not as one.
         """
         return self._connector.look()
@@ -392,7 +389,7 @@ class CanopenArm:
     @staticmethod
     def _raise_if_stopped(link: Connection) -> None:
         if link.loop.stop_latched:
-            raise link.loop.watch.why_stopped()
+            raise link.loop.watch.stop_cause()
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:

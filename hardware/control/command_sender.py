@@ -14,7 +14,7 @@ from dataclasses import replace
 from hardware.canopen.cia402 import CONTROLWORD_DISABLE_VOLTAGE
 from hardware.canopen.cyclic import JointFrames, Setpoint, Setpoints
 from hardware.control.stop_line import StopLatch
-from hardware.monitors.joint_watch import JointWatch
+from hardware.monitors.joint_monitor import JointMonitor
 
 
 class CommandSender:
@@ -43,7 +43,7 @@ class CommandSender:
         frames: Sequence[JointFrames],
         *,
         latch: StopLatch,
-        watch: JointWatch,
+        watch: JointMonitor,
         quick_stop: Callable[[], None],
     ) -> None:
         self._send, self._frames = send, tuple(frames)
@@ -53,15 +53,15 @@ class CommandSender:
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
         """Send what changed, and one joint's command again in turn in case a frame was lost."""
         again = sync_count % len(self._frames)
-        staying = self._watch.staying
+        dropout = self._watch.dropout
         for joint, given in enumerate(commands):
-            before, command = self._sent[joint], staying.command(joint + 1, given)
+            before, command = self._sent[joint], dropout.command(joint + 1, given)
             if command is None or (command == before and joint != again):
                 continue
             if self._latch.latched:
                 break
             if before != command and not (moving and _moves_on(before, command)):
-                self._watch.disturb()
+                self._watch.expect_jerk()
             for identifier, data in self._frames[joint].pack(command):
                 self._send(identifier, data)
             self._sent[joint] = command

@@ -13,16 +13,16 @@ from typing import Final
 
 import can
 
-from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, Lateness
+from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, HostLatency, JointMode
 from hardware.arm_description import EncoderDescription
 from hardware.bus_setup import ArmOnBus
-from hardware.buses.acceptance_filters import keep_out, operator_filters
+from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
 from hardware.buses.python_can import stamping_clock
-from hardware.buses.shared_bus import Wire
+from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import identifying, uploading
-from hardware.canopen.cia402 import POWERED, state_of
+from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
-from hardware.canopen.maps import AGREES_RAD, check_mapping, check_positions
+from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
 from hardware.canopen.objects import (
     MODE_DISPLAY,
     OPERATOR_NODE,
@@ -39,17 +39,17 @@ from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import (
     BusError,
     ControlDenied,
+    DuplicateNodeId,
     FramesLost,
     HardwareError,
-    HostLate,
+    HostLatencyExceeded,
     MappingChanged,
-    MappingDiffers,
+    MappingMismatch,
     SdoRefused,
-    TwoDevices,
 )
 from hardware.monitors.admission import admit
 from hardware.monitors.continuity import ENCODER_COUNTS, RVDT_COUNTS
-from hardware.monitors.joint_watch import JointWatch
+from hardware.monitors.joint_monitor import JointMonitor
 
 LISTEN_S: Final = 0.35
 """Three heartbeats of another operator fit in here."""
@@ -102,8 +102,8 @@ class Connection:
         self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
         if record_to is None:  # a recording is of everything
-            keep_out(bus, operator_filters(profile))
-        self._wire = Wire(bus, record_to=record_to, patience_s=timing.tick_s)
+            set_hardware_filters(bus, operator_filters(profile))
+        self._wire = SharedBus(bus, record_to=record_to, patience_s=timing.tick_s)
         try:
             self.stop_line = StopLine(self._second_handle(on_bus), self._wire, frames_of(profile))
         except BaseException:
@@ -118,12 +118,12 @@ class Connection:
             allow=self._allow,
             quick_stop=self.send_quick_stops,
             timing=timing,
-            watch=JointWatch(
+            watch=JointMonitor(
                 [
                     ENCODER_COUNTS if isinstance(joint.sensor, EncoderDescription) else RVDT_COUNTS
                     for joint in description.joints
                 ],
-                astray=latch.why,
+                divergence=latch.cause,
             ),
             latch=latch,
             clock=clock,
@@ -143,9 +143,6 @@ class Connection:
 
         `press` is the last STOP before; a newer one ends this. `takes_over`: see `in_use.require_unused`.
 
-        Raises
-        ------
-        Stopped, ControlDenied, Intruder, NodeMissing, WrongArm, MappingDiffers, NotConfigured, BusError, SdoRefused
         """
         start_up = StartUp(
             self._on_bus,
@@ -166,7 +163,7 @@ class Connection:
             raise
         return started.identity
 
-    def states_asked(self) -> tuple[DriveState, ...]:
+    def read_states(self) -> tuple[DriveState, ...]:
         """State of every drive (6041h) as it answers to SDO, before `open` or instead of it."""
         self.loop.start()
         words = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
@@ -187,20 +184,20 @@ class Connection:
     def left_enabled(self) -> bool:
         """Whether drives closed a loop when they were heard last, and this program may have enabled them."""
         return self.took_control and any(
-            state_of(word) in POWERED for word in self.loop.view.sample.statuswords
+            state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
         )
 
     def other_operator(self) -> bool:
         """Whether another operator's heartbeat is on the bus."""
         return self.loop.nodes.other_operator(
-            self.loop.attention.listened_s, self._timing.heartbeat_timeout_s
+            self.loop.latency.listened_s, self._timing.heartbeat_timeout_s
         )
 
-    def deserted(self) -> bool:
+    def is_lost(self) -> bool:
         """Whether nobody answers any more: the bus is gone, or a node has fallen silent."""
         loop = self.loop
         return loop.failure is not None or bool(
-            loop.nodes.silent(loop.attention.listened_s, loop.heartbeat_timeout_s)
+            loop.nodes.silent(loop.latency.listened_s, loop.heartbeat_timeout_s)
         )
 
     def require_same_maps(self) -> None:
@@ -215,13 +212,13 @@ class Connection:
         differs = self._differing_positions()
         if differs is None:
             return
-        with suppress(BusError, SdoRefused, TwoDevices):
+        with suppress(BusError, SdoRefused, DuplicateNodeId):
             try:
                 check_mapping(self.access, self.profile)
-            except MappingDiffers as why:
+            except MappingMismatch as why:
                 raise MappingChanged(why) from why
         for _ in range(COMPARED_AGAIN):  # noise, or a joint that was still coming to rest
-            spread = [AGREES_RAD] * len(self.scales)
+            spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
             self.loop.run(
                 reading_steps.settle(
                     self.loop, self.scales, window=10, spread_rad=spread, timeout_syncs=100
@@ -232,17 +229,17 @@ class Connection:
                 return
         raise MappingChanged(differs)
 
-    def _differing_positions(self) -> MappingDiffers | None:
+    def _differing_positions(self) -> MappingMismatch | None:
         """Positions by SDO that are others than by PDO; None where there are none, or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
             if self._gives_objects:
                 check_positions(self.access, self.profile, counts, self.scales)
-        except MappingDiffers as differs:
+        except MappingMismatch as differs:
             return differs
         except BusError:  # three times: no other pose waits for it
             self._gives_objects = False
-        except (SdoRefused, TwoDevices):
+        except (SdoRefused, DuplicateNodeId):
             pass
         return None
 
@@ -251,14 +248,14 @@ class Connection:
 
         Raises
         ------
-        TwoDevices
+        DuplicateNodeId
             A node has begun to answer twice.
         """
         self.modes = tuple(
             self.profile.mode_of(self.access.read_signed(node, MODE_DISPLAY))
             for node in self.profile.drives
         )
-        self.access.require_single()
+        self.access.require_unique_nodes()
 
     def take_token(self) -> None:
         """Have control given to this program by the supervisor; without one nobody else can have it.
@@ -275,7 +272,7 @@ class Connection:
                 self.token = self.access.read_unsigned(supervisor, TOKEN)
                 words = uploading.refusal(self.access, supervisor)
                 raise ControlDenied(self.token, words) from refused
-        self._late_before_control = self.loop.attention.lateness.times
+        self._late_before_control = self.loop.latency.lateness.times
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
@@ -283,7 +280,7 @@ class Connection:
 
         Control that lapsed as this program was late is taken again; not what somebody else has, or gave back.
         """
-        if self.deserted():
+        if self.is_lost():
             return False
         supervisor = self.profile.supervisor
         if not isinstance(error, SdoRefused) or error.code != Abort.LOCAL_CONTROL or not supervisor:
@@ -298,13 +295,13 @@ class Connection:
         """Return the error, or in its place this program's own lateness since it took control."""
         late = self._late_since_control()
         refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
-        if late is None or refused or isinstance(error, TwoDevices | FramesLost):
+        if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):
             return error
-        return HostLate(late.times, late.longest_s)
+        return HostLatencyExceeded(late.times, late.longest_s)
 
-    def _late_since_control(self) -> Lateness | None:
+    def _late_since_control(self) -> HostLatency | None:
         """Return how late this program has been since it took control; None if it was not."""
-        late = self.loop.attention.lateness
+        late = self.loop.latency.lateness
         return late if late.times > self._late_before_control else None
 
     def give_token_back(self) -> None:
@@ -322,7 +319,7 @@ class Connection:
         return build_snapshot(
             self.loop.view,
             self.loop.nodes,
-            self.loop.watch.staying.left,
+            self.loop.watch.dropout.dropouts,
             scales=self.scales,
             rated_torques_nm=self._rated_nm,
             modes=self.modes,
@@ -332,7 +329,7 @@ class Connection:
             moving=self.loop.moving,
             period_s=self._timing.period_s,
             now_s=self._clock(),
-            attention=self.loop.attention,
+            latency=self.loop.latency,
         )
 
     def _allow(self, sample: Sample, before: Setpoints | None, commands: Setpoints) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from hardware.arm import ArmIdentity, DriveState
 from hardware.bus_setup import ArmOnBus
 from hardware.control.connection import Connection
-from hardware.control.release import LetGo, let_go
+from hardware.control.release import ReleaseResult, release_arm
 from hardware.control.stop_line import StopLatch
 from hardware.errors import BusError, HardwareError
 
@@ -47,7 +47,7 @@ class Connector:
         self._connecting = False
         self._recording_failure: str | None = None
         self._closing = False
-        self._left = LetGo(held=True)
+        self._left = ReleaseResult(held=True)
         self._close_lock = threading.RLock()
 
     @property
@@ -68,7 +68,7 @@ class Connector:
         """Open a connection; what goes wrong closes it again. A STOP pressed meanwhile ends this."""
         if self._connection is not None:
             raise ValueError("this arm is connected already")
-        press, self._connecting = self.latch.last, True
+        press, self._connecting = self.latch.last_press, True
         try:
             self._opening = connection = Connection(
                 self._on_bus, record_to=self.record_to, latch=self.latch
@@ -94,7 +94,7 @@ class Connector:
             link = self._connection
             if link is None or self._closing:  # closing: called again by the thread that closes
                 return self._left.held
-            self._closing, self._left = True, LetGo(held=False)
+            self._closing, self._left = True, ReleaseResult(held=False)
             try:
                 self._left = self._let_go(link)
             finally:
@@ -110,7 +110,7 @@ class Connector:
     def drop(self) -> None:
         """End the connection and leave the drives as they are."""
         link, self._connection = self.connection, None
-        self._left = LetGo(held=False)
+        self._left = ReleaseResult(held=False)
         self._end(link)
 
     def look(self) -> tuple[DriveState, ...]:
@@ -119,7 +119,7 @@ class Connector:
             raise ValueError("this arm is connected: its snapshot says it")
         link = Connection(self._on_bus, record_to=None, latch=self.latch)
         try:
-            return link.states_asked()
+            return link.read_states()
         finally:
             link.close()
 
@@ -133,12 +133,12 @@ class Connector:
         if link is not None:
             link.send_quick_stops()
 
-    def _let_go(self, link: Connection) -> LetGo:
+    def _let_go(self, link: Connection) -> ReleaseResult:
         """Hold, disable, look, give the token back."""
         try:
             if not link.in_control:
-                return LetGo(held=not link.deserted())
-            left = let_go(link.loop)
+                return ReleaseResult(held=not link.is_lost())
+            left = release_arm(link.loop)
             with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
                 link.give_token_back()
             return left

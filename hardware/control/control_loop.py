@@ -31,15 +31,15 @@ from hardware.canopen.objects import (
     NmtState,
 )
 from hardware.control.command_sender import CommandSender
-from hardware.control.process_priority import ahead_of_its_program
-from hardware.control.sampling import Sampler, View
+from hardware.control.process_priority import raise_loop_priority
+from hardware.control.sampling import CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
 from hardware.control.tasks import LoopTask, Steps, TaskQueue
 from hardware.errors import BusError, HardwareError
-from hardware.monitors.alarms import Seen, find_alarm
-from hardware.monitors.joint_watch import JointWatch
-from hardware.monitors.latency import Attention
-from hardware.monitors.node_watch import NodeWatch
+from hardware.monitors.alarms import Observations, find_alarm
+from hardware.monitors.joint_monitor import JointMonitor
+from hardware.monitors.latency import LatencyMonitor
+from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 
 SWITCH_INTERVAL_S = 0.0005
@@ -62,8 +62,8 @@ SYNCS_AFTER_STOP = 20
 """In fast forward, so that the drives come to rest and say that they have stopped."""
 
 
-class Link(Protocol):
-    """What the loop needs of a `hardware.buses.shared_bus.Wire`."""
+class FrameLink(Protocol):
+    """What the loop needs of a `hardware.buses.shared_bus.SharedBus`."""
 
     def send(self, identifier: int, data: bytes) -> None:
         """Send a frame."""
@@ -103,7 +103,7 @@ class ControlLoop:
 
     Attributes
     ----------
-    attention
+    latency
         How late this loop itself has been: silences of the nodes are measured without that.
     commands
         Sent last, or None before control was taken.
@@ -117,7 +117,7 @@ class ControlLoop:
 
     def __init__(
         self,
-        wire: Link,
+        wire: FrameLink,
         *,
         profile: BusProfile,
         pace: Pace,
@@ -125,16 +125,16 @@ class ControlLoop:
         allow: Callable[[Sample, Setpoints | None, Setpoints], None],
         quick_stop: Callable[[], None],
         timing: Timing,
-        watch: JointWatch | None = None,
+        watch: JointMonitor | None = None,
         latch: StopLatch | None = None,
         clock: Callable[[], float] = time.monotonic,
         stamps: Callable[[], float] | None = None,
     ) -> None:
-        self.attention = Attention(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
-        self.nodes = NodeWatch(profile, lambda: self.attention.listened_s)
+        self.latency = LatencyMonitor(clock, stamps, arm_waits=pace is Pace.FAST_FORWARD)
+        self.nodes = NodeMonitor(profile, lambda: self.latency.listened_s)
         self.commands: Setpoints | None = None
         self.latch = latch or StopLatch()
-        self.watch = watch or JointWatch()
+        self.watch = watch or JointMonitor()
         self.moving = False
         self.failure: HardwareError | None = None
         self._wire, self._pace = wire, pace
@@ -168,7 +168,7 @@ class ControlLoop:
         return self.latch.latched
 
     @property
-    def view(self) -> View:
+    def view(self) -> CyclicView:
         """The latest sample and what belongs to it."""
         return self._sampler.view
 
@@ -188,7 +188,7 @@ class ControlLoop:
     def forget_faults(self) -> None:
         """Forget emergencies, and what was seen of sensors and of other programs, so far."""
         self.nodes.forget_faults()
-        self.watch.forget()
+        self.watch.reset()
 
     def close(self) -> None:
         """Stop everything that is sent and end the thread. Safe to call twice."""
@@ -221,15 +221,15 @@ class ControlLoop:
         task = self._tasks.first
         found = find_alarm(
             self.nodes,
-            Seen(
+            Observations(
                 stop_latched=self.stop_latched,
                 lost_joints=self._sampler.lost(),
-                doubled_joints=self._sampler.doubled(),
+                duplicate_joints=self._sampler.doubled(),
                 jump=self.watch.jump,
-                astray=self.watch.astray,
-                left=self.watch.staying.left,
+                divergence=self.watch.divergence,
+                dropouts=self.watch.dropout.dropouts,
             ),
-            now_s=self.attention.listened_s,
+            now_s=self.latency.listened_s,
             heartbeat_timeout_s=self.heartbeat_timeout_s,
             despite=() if task is None else task.despite,
         )
@@ -240,8 +240,8 @@ class ControlLoop:
     # ---- the thread ------------------------------------------------------------------------------
 
     def _run(self) -> None:
-        ahead_of_its_program()
-        self.attention.begin()
+        raise_loop_priority()
+        self.latency.begin()
         try:
             self._drain()  # what an adapter still had: whoever said it may be gone
             self._watching = True
@@ -328,16 +328,16 @@ class ControlLoop:
                 break
             self._beat()
         self._sampler.close()
-        before = self.watch.staying.left
-        if self.watch.look(
+        before = self.watch.dropout.dropouts
+        if self.watch.update(
             self.sample,
             self.commands,
             answered_late=self._sampler.answered_late,
             stopped=self.latch.latched,
         ):
-            self.latch.press(self.watch.astray)
+            self.latch.press(self.watch.divergence)
             self._sender.stop_all(self.commands)
-        elif self.commands is not None and self.watch.staying.left != before:
+        elif self.commands is not None and self.watch.dropout.dropouts != before:
             self._sender.send(self.commands, self.sample.sync_count, moving=False)  # at once
 
     def _drain(self) -> None:
@@ -352,11 +352,11 @@ class ControlLoop:
         asked_s = self._clock()
         message = self._wire.receive(timeout_s)
         if message is None:
-            self.attention.nothing(asked_s)
+            self.latency.queue_empty(asked_s)
             return False
         # What a frame waited for us is our own lateness, and makes it old all the same.
-        waited_s = self.attention.look(message.timestamp)
-        came_s, late_s = self._clock() - waited_s, self.attention.late_s - waited_s
+        waited_s = self.latency.frame_read(message.timestamp)
+        came_s, late_s = self._clock() - waited_s, self.latency.late_s - waited_s
         identifier: int = message.arbitration_id
         if self._sampler.note(identifier, message.data, came_s, late_s):
             return True
@@ -366,7 +366,7 @@ class ControlLoop:
             if self._watching:
                 self.nodes.note_command(identifier, message.data)
             self.nodes.note(
-                identifier, message.data, self.attention.listened_s, self.sample.sync_count
+                identifier, message.data, self.latency.listened_s, self.sample.sync_count
             )
         return True
 

@@ -14,12 +14,12 @@ from math import ceil
 from typing import Final
 
 from hardware.arm import DriveState
-from hardware.canopen.cia402 import POWERED, state_of
-from hardware.canopen.drive_facts import misses_operator_after_s
+from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.objects import STATUSWORD, TOKEN
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import BusError, ControlDenied, HardwareError, InUse
-from hardware.monitors.node_watch import NodeWatch
+from hardware.canopen.supervision import operator_timeout_s
+from hardware.errors import ArmInUse, BusError, ControlDenied, HardwareError
+from hardware.monitors.node_monitor import NodeMonitor
 
 LEAST_S: Final = 1.0
 """Of nodes that do not say how long they wait."""
@@ -32,7 +32,7 @@ _Place = tuple[int, int]
 
 
 def require_unused(
-    access: ObjectAccess, nodes: NodeWatch, listen: Callable[[float], None], *, takes_over: bool
+    access: ObjectAccess, nodes: NodeMonitor, listen: Callable[[float], None], *, takes_over: bool
 ) -> None:
     """Go on if nobody can be at work on this arm; one who is heard meanwhile is `listen`'s affair.
 
@@ -51,7 +51,7 @@ def require_unused(
     ------
     ControlDenied
         Whoever holds the token is heard.
-    InUse
+    ArmInUse
         A drive obeys commands for longer than it would wait for an operator; or it was stopped, and the token is
         held for as long. One that was stopped is nobody's when the token is free: whoever stopped it has gone,
         and to connect enables nothing.
@@ -68,7 +68,7 @@ def require_unused(
     patience_s = _patience_s(access, [*enabled, *(node for node, _ in tokens if held)])
     for _ in range(ceil(patience_s / LOOK_AGAIN_S)):
         listen(LOOK_AGAIN_S)
-        if held in nodes.strangers:
+        if held in nodes.foreign_nodes:
             raise ControlDenied(held)
         # Who does not answer now is what he said last.
         said |= _asked(access, [*((node, STATUSWORD) for node in enabled), *tokens])
@@ -78,13 +78,13 @@ def require_unused(
     obeys = DriveState.OPERATION_ENABLED in enabled.values()
     if not takes_over and (obeys or (enabled and held)):
         named = [f"{profile.who(node)} is in {state.value}" for node, state in enabled.items()]
-        raise InUse(named, patience_s)
+        raise ArmInUse(named, patience_s)
 
 
 def _enabled(said: Mapping[_Place, int]) -> dict[int, DriveState]:
     """Drives among these that close a loop, with their state."""
     states = {node: state_of(word) for (node, index), word in said.items() if index == STATUSWORD}
-    return {node: state for node, state in states.items() if state in POWERED}
+    return {node: state for node, state in states.items() if state in POWERED_STATES}
 
 
 def _holder(said: Mapping[_Place, int]) -> int:
@@ -111,7 +111,7 @@ def _patience_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
     patience_s = LEAST_S
     for node in nodes:
         try:
-            patience_s = max(patience_s, MARGIN * (misses_operator_after_s(access, node) or 0.0))
+            patience_s = max(patience_s, MARGIN * (operator_timeout_s(access, node) or 0.0))
         except BusError:
             continue
     return patience_s

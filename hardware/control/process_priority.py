@@ -22,7 +22,7 @@ too, since whoever holds the interpreter holds up the loop."""
 
 
 @contextmanager
-def first_in_line() -> Iterator[None]:
+def real_time_priority() -> Iterator[None]:
     """Run this thread, and the threads it starts, before ordinary programs; in turn where not allowed.
 
     Allowed to root, and to whom ``ulimit -r`` (rtprio in limits.conf) says so. A thread that never rests
@@ -43,14 +43,14 @@ def first_in_line() -> Iterator[None]:
         os.sched_setscheduler(0, before, with_)
 
 
-def ahead_of_its_program() -> None:
-    """Run this thread before all others of its program, if that is `first_in_line`."""
+def raise_loop_priority() -> None:
+    """Run this thread before all others of its program, if that is `real_time_priority`."""
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
 
 
-def in_turn() -> None:
+def normal_priority() -> None:
     """Run this process as any other, whoever started it."""
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.arm import Reading
 from hardware.canopen.cyclic import Sample, Setpoints
-from hardware.control.steps import Desk, incomplete_samples, raise_alarm
+from hardware.control.steps import LoopView, incomplete_samples, raise_alarm
 from hardware.scale import JointScale
 
 SYNCS_A_SAMPLE, FEWEST_SYNCS = 20, 100
@@ -20,7 +20,7 @@ SYNCS_A_SAMPLE, FEWEST_SYNCS = 20, 100
 
 
 def settle(
-    desk: Desk,
+    loop: LoopView,
     scales: Sequence[JointScale],
     *,
     window: int,
@@ -32,7 +32,7 @@ def settle(
     recent: deque[tuple[int, ...]] = deque(maxlen=window)
     for _ in range(timeout_syncs):
         sample = yield None
-        raise_alarm(desk)
+        raise_alarm(loop)
         if sample.complete:
             recent.append(sample.counts)
             if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
@@ -41,7 +41,7 @@ def settle(
 
 
 def capture(
-    desk: Desk, scales: Sequence[JointScale], *, samples: int
+    loop: LoopView, scales: Sequence[JointScale], *, samples: int
 ) -> Generator[Setpoints | None, Sample, Reading]:
     """Collect complete samples: every one has all joints latched on the same SYNC."""
     rows: list[tuple[int, ...]] = []
@@ -50,7 +50,7 @@ def capture(
         if len(rows) == samples:
             break
         sample = yield None
-        raise_alarm(desk)
+        raise_alarm(loop)
         if sample.complete:
             first = first or sample.sync_count
             rows.append(sample.counts)

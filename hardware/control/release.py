@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from hardware.canopen.cia402 import LOOP_CLOSED, Wish, reached, state_of
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, reached, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.control import steps
 from hardware.control.control_loop import ControlLoop
@@ -18,27 +18,27 @@ from hardware.errors import (
     CommandRefused,
     ControlDenied,
     DriveFault,
+    DuplicateNodeId,
     HardwareError,
-    Intruder,
     NodeRestarted,
+    OtherMaster,
     SensorFault,
     Stopped,
-    TwoDevices,
 )
 
 _DESPITE: tuple[type[HardwareError], ...] = (
     DriveFault,
     ControlDenied,
     SensorFault,
-    Intruder,
-    TwoDevices,
+    OtherMaster,
+    DuplicateNodeId,
     NodeRestarted,
     CommandRefused,
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LetGo:
+class ReleaseResult:
     """How an arm was left.
 
     Attributes
@@ -53,14 +53,14 @@ class LetGo:
     powered: tuple[int, ...] = ()
 
 
-def let_go(loop: ControlLoop) -> LetGo:
+def release_arm(loop: ControlLoop) -> ReleaseResult:
     """Position mode everywhere, then drives off: without a drive a joint's valve is blocked. Lifts no STOP."""
     try:
         _hold_and_disable(loop)
         sample: Sample = loop.run(_look(loop), despite=(*_DESPITE, Stopped))
     except HardwareError:  # the drives hold without us as well
-        return LetGo(held=False)
-    return LetGo(held=not _following(sample), powered=_powered(sample))
+        return ReleaseResult(held=False)
+    return ReleaseResult(held=not _following(sample), powered=_powered(sample))
 
 
 def _hold_and_disable(loop: ControlLoop) -> None:
@@ -70,7 +70,7 @@ def _hold_and_disable(loop: ControlLoop) -> None:
     try:
         if loop.commands is not None:  # else no drive was given any
             loop.run(steps.hold_where_it_is(loop), despite=despite)
-        loop.run(steps.drive_to(loop, Wish.DISABLED), despite=despite)
+        loop.run(steps.drive_to(loop, TargetState.DISABLED), despite=despite)
     except Stopped:  # by the latch: quick stop is what goes out from now on
         pass
 
@@ -91,7 +91,7 @@ def _following(sample: Sample) -> tuple[int, ...]:
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
-        if not reached(state_of(status), Wish.STOPPED)
+        if not reached(state_of(status), TargetState.STOPPED)
     )
 
 
@@ -99,5 +99,5 @@ def _powered(sample: Sample) -> tuple[int, ...]:
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
-        if state_of(status) in LOOP_CLOSED
+        if state_of(status) in CLOSED_LOOP_STATES
     )

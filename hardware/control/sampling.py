@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hardware.canopen.cyclic import LATE_SYNCS, JointFrames, Sample
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample
 
 DOUBLED_SYNCS = 10
 """Frames may come twice now and then; whoever is so many answers ahead of one a SYNC is two."""
@@ -16,7 +16,7 @@ SPEED_SYNCS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class CyclicView:
     """What other threads see of the cyclic traffic, replaced as a whole after every sample.
 
     `late_at_s` is how late the loop had been in all when each joint answered.
@@ -72,7 +72,7 @@ class Sampler:
             missing=tuple(range(1, joints + 1)),
         )
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
-        self.view = View(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
+        self.view = CyclicView(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
         self.waiting = 0
         self.answered_late = False
 
@@ -89,7 +89,7 @@ class Sampler:
             # Whoever was held up answers all that he owes at once, or now and then: meanwhile he may have
             # answered every SYNC once, each time to an earlier one.
             late = min(self._owed[at], max(answers - 1, 0))
-            self._owed[at] = min(self._owed[at] - late + (answers == 0), LATE_SYNCS)
+            self._owed[at] = min(self._owed[at] - late + (answers == 0), MAX_LATE_SYNCS)
             surplus = answers - 1 - late if answers - late > 1 else -1
             self._doubled[at] = min(max(self._doubled[at] + surplus, 0), DOUBLED_SYNCS)
             came[:] = self._blank[at]
@@ -135,7 +135,7 @@ class Sampler:
         )
         earlier = self._history[0] if self._history else sample
         self._history.append(sample)
-        self.view = View(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
+        self.view = CyclicView(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
 
     def doubled(self) -> tuple[int, ...]:
         """Joints that go on answering a SYNC more than once."""

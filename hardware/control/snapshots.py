@@ -7,17 +7,17 @@ from types import MappingProxyType
 
 from hardware.arm import ArmSnapshot, Fault, JointMode, JointState
 from hardware.canopen.cia402 import state_of
-from hardware.control.sampling import View
-from hardware.monitors.dropout import Left
-from hardware.monitors.latency import Attention
-from hardware.monitors.node_watch import NodeWatch
+from hardware.control.sampling import CyclicView
+from hardware.monitors.dropout import Dropout
+from hardware.monitors.latency import LatencyMonitor
+from hardware.monitors.node_monitor import NodeMonitor
 from hardware.scale import JointScale
 
 
 def build_snapshot(
-    view: View,
-    nodes: NodeWatch,
-    left: Sequence[Left],
+    view: CyclicView,
+    nodes: NodeMonitor,
+    left: Sequence[Dropout],
     *,
     scales: Sequence[JointScale],
     rated_torques_nm: Sequence[float],
@@ -28,10 +28,10 @@ def build_snapshot(
     moving: bool,
     period_s: float,
     now_s: float,
-    attention: Attention,
+    latency: LatencyMonitor,
 ) -> ArmSnapshot:
     """Snapshot at a time. Speeds are means over the last few control periods."""
-    listened_s = attention.listened_s
+    listened_s = latency.listened_s
     sample, earlier = view.sample, view.earlier
     elapsed_s = (sample.sync_count - earlier.sync_count) * period_s
     joints = tuple(
@@ -54,7 +54,7 @@ def build_snapshot(
     return ArmSnapshot(
         sync_count=sample.sync_count,
         joints=joints,
-        late_s=max(0.0, attention.late_s - min(view.late_at_s, default=0.0)),
+        late_s=max(0.0, latency.late_s - min(view.late_at_s, default=0.0)),
         heartbeat_age_s=MappingProxyType(
             {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
         ),
@@ -63,18 +63,18 @@ def build_snapshot(
         stopped=stopped,
         stopped_for=stopped_for,
         moving=moving,
-        lateness=attention.lateness,
+        lateness=latency.lateness,
     )
 
 
-def _fault(nodes: NodeWatch, left: Left) -> Fault:
+def _fault(nodes: NodeMonitor, left: Dropout) -> Fault:
     """What is known where no emergency says why."""
     return Fault(
         node=nodes.profile.drives[left.joint - 1],
         joint=left.joint,
         code=0,
         text="the drive does not follow its target"
-        if left.deaf
+        if left.not_following
         else f"the drive is in {left.state.value}",
         sync_count=left.sync_count,
     )

@@ -17,7 +17,7 @@ from hardware.arm import ArmIdentity, DriveState
 from hardware.bus_setup import ArmOnBus
 from hardware.canopen import identifying
 from hardware.canopen.cia402 import state_of
-from hardware.canopen.configuring import configure
+from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
 from hardware.canopen.objects import (
@@ -29,21 +29,24 @@ from hardware.canopen.objects import (
     NmtState,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.canopen.supervision import check_watch, following_windows_counts, patience_s
+from hardware.canopen.supervision import (
+    check_operator_monitoring,
+    following_windows_counts,
+    heartbeat_timeout_s,
+)
 from hardware.control import in_use, steps
 from hardware.control.control_loop import ControlLoop
 from hardware.errors import (
     BusError,
     ControlDenied,
-    DriveAstray,
+    DriveDiverged,
     DriveFault,
+    DuplicateNodeId,
     HardwareError,
-    Intruder,
     NodeMissing,
+    OtherMaster,
     Stopped,
-    TwoDevices,
 )
-from hardware.monitors.residual_torque import zero_added
 from hardware.scale import JointScale
 from hardware.timing import Pace
 
@@ -101,8 +104,8 @@ class StartUp:
         `takes_over`: see `in_use.require_unused`.
         """
         loop, access, profile = self._loop, self._access, self._profile
-        self._pressed = lambda: loop.latch.last is not press
-        loop.nodes.given_up = lambda: self._pressed() or loop.failure is not None
+        self._pressed = lambda: loop.latch.last_press is not press
+        loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
         loop.start()
         self._listen(self._listen_s)
         if self._shared:
@@ -120,7 +123,7 @@ class StartUp:
         self.go_on()
         identity, rated_torques_nm = self._check_drives(identity)
         self._require_single()
-        for words in zero_added(access, profile):
+        for words in zero_residual_torques(access, profile):
             self._zeroed.append(words)
         zeroed = tuple(self._zeroed)
         identity = replace(identity, configured=(*self._configured, *zeroed), zeroed=zeroed)
@@ -133,7 +136,7 @@ class StartUp:
         if profile.supervisor is not None:
             token = access.read_unsigned(profile.supervisor, TOKEN)
         loop.begin_sync()
-        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped, DriveAstray))
+        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped, DriveDiverged))
         check_positions(access, profile, first.counts, self._scales)
         self._learn_of_trips(first)
         return Started(identity=identity, rated_torques_nm=rated_torques_nm, token=token)
@@ -144,9 +147,9 @@ class StartUp:
         if nodes.wait_for_other_operator(for_s):
             raise ControlDenied(OPERATOR_NODE)
         self.go_on()
-        if nodes.intrusion:
-            raise Intruder(
-                f"Somebody else works on this bus: {nodes.intrusion} came from another program. Nothing "
+        if nodes.foreign_command:
+            raise OtherMaster(
+                f"Somebody else works on this bus: {nodes.foreign_command} came from another program. Nothing "
                 "was told to the arm. End that program, or take its device off this bus, then connect again; "
                 "`sarcal monitor` shows what it sends."
             )
@@ -183,9 +186,9 @@ class StartUp:
         """Compare all but the PDOs, and take in how the nodes are watched."""
         access, profile, loop = self._access, self._profile, self._loop
         identifying.check_arm(access, identity, self._description, profile, period_s=self._period_s)
-        loop.heartbeat_timeout_s = patience_s(access, profile, loop.heartbeat_timeout_s)
-        unwatching = check_watch(access, profile)
-        loop.watch.allow_away(following_windows_counts(access, profile, self._scales))
+        loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
+        unwatching = check_operator_monitoring(access, profile)
+        loop.watch.set_following_windows(following_windows_counts(access, profile, self._scales))
         rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
         return replace(identity, unwatching=unwatching), rated_torques_nm
 
@@ -224,9 +227,9 @@ class StartUp:
             self._send(COB_NMT, bytes([command, node]))
 
     def _require_single(self) -> None:
-        twice = self._access.answering_twice()
+        twice = self._access.duplicate_nodes()
         if twice:
-            raise TwoDevices(twice)
+            raise DuplicateNodeId(twice)
 
     def _learn_of_trips(self, first: Sample) -> None:
         """Ask drives that are in a fault why (603Fh): their emergencies were sent before we listened."""

@@ -17,7 +17,7 @@ from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Watch
 from hardware.canopen.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
-    Wish,
+    TargetState,
     next_controlword,
     reached,
     state_of,
@@ -29,8 +29,8 @@ from hardware.control.trajectory import StraightMove
 from hardware.errors import (
     BusError,
     CommandRefused,
+    DriveDropout,
     DriveFault,
-    DriveLeft,
     HardwareError,
     Stopped,
 )
@@ -43,7 +43,7 @@ TRANSITION_SYNCS = 50
 """A drive may take this many SYNCs from one end of its state machine to the other."""
 
 
-class Desk(Protocol):
+class LoopView(Protocol):
     """What steps see of the control loop."""
 
     commands: Setpoints | None
@@ -74,18 +74,20 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def look_until_whole(desk: Desk) -> Generator[Setpoints | None, Sample, Sample]:
+def look_until_whole(loop: LoopView) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange SYNCs without a command until one was answered by every joint; at least two."""
-    sample = desk.sample
+    sample = loop.sample
     for seen in range(INCOMPLETE_SYNCS):
         sample = yield None
-        raise_alarm(desk)
+        raise_alarm(loop)
         if seen and sample.complete:
             return sample
     raise incomplete_samples(sample)
 
 
-def drive_to(desk: Desk, wish: Wish) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
+def drive_to(
+    loop: LoopView, wish: TargetState
+) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Bring all drives to a state, in position mode, the target being where each one is now.
 
     One that was there is told to stay, and no more: whether it does is the alarm's affair.
@@ -98,7 +100,7 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Setpoints | None, Sample, tupl
     targets = sample.counts
     words, there = [0] * len(targets), [False] * len(targets)
     for _ in range(TRANSITION_SYNCS):
-        raise_alarm(desk)
+        raise_alarm(loop)
         words = [
             word if stays else _next_controlword(status, wish, word)
             for status, word, stays in zip(sample.statuswords, words, there, strict=True)
@@ -117,7 +119,7 @@ def drive_to(desk: Desk, wish: Wish) -> Generator[Setpoints | None, Sample, tupl
 
 
 def reset(
-    desk: Desk, clear: Callable[[], None], *, press: object | None
+    loop: LoopView, clear: Callable[[], None], *, press: object | None
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
@@ -129,15 +131,15 @@ def reset(
     Stopped
         If STOP was pressed after `press`; nothing was changed.
     """
-    if not desk.latch.release(press):
+    if not loop.latch.release(press):
         raise Stopped("STOP was pressed again before it was reset: reset it once more")
-    desk.commands = None  # the commands from before must not go out again
+    loop.commands = None  # the commands from before must not go out again
     clear()
-    return (yield from drive_to(desk, Wish.FAULT_CLEARED))
+    return (yield from drive_to(loop, TargetState.FAULT_CLEARED))
 
 
 def change_modes(
-    desk: Desk, modes: Sequence[JointMode], *, syncs: int
+    loop: LoopView, modes: Sequence[JointMode], *, syncs: int
 ) -> Generator[Setpoints | None, Sample, None]:
     """Ask for one mode per joint, and give the drives `syncs` SYNCs to follow.
 
@@ -148,11 +150,11 @@ def change_modes(
     wanted = [MODE_CODE[mode] for mode in modes]
     entering = [
         command.mode != CYCLIC_POSITION and mode == CYCLIC_POSITION
-        for command, mode in zip(_given(desk), wanted, strict=True)
+        for command, mode in zip(_given(loop), wanted, strict=True)
     ]
     for _ in range(syncs):
-        raise_alarm(desk)
-        commands = list(_given(desk))
+        raise_alarm(loop)
+        commands = list(_given(loop))
         for at, (command, mode) in enumerate(zip(commands, wanted, strict=True)):
             if mode != CYCLIC_POSITION:
                 commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
@@ -162,11 +164,11 @@ def change_modes(
             ):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
         sample = yield tuple(commands)
-    raise_alarm(desk)
+    raise_alarm(loop)
 
 
 def move(
-    desk: Desk,
+    loop: LoopView,
     targets_rad: Mapping[int, float],
     scales: Sequence[JointScale],
     *,
@@ -183,9 +185,9 @@ def move(
     a tripped drive all others hold where they are.
     """
     sample = yield None
-    raise_alarm(desk)
+    raise_alarm(loop)
     joints = sorted(targets_rad)
-    commands = _given(desk)
+    commands = _given(loop)
     path = StraightMove(
         np.array([scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]),
         np.array([targets_rad[j] for j in joints]),
@@ -197,7 +199,7 @@ def move(
     ending: Exception | None = None
     # Whatever turns out to be the reason, the others hold once a drive was not as it was put.
     faulted = False
-    desk.moving = True
+    loop.moving = True
     try:
         while not path.finished:
             if sample.complete or path.braking:
@@ -207,10 +209,10 @@ def move(
                         target = scales[joint - 1].to_counts(angle)
                         commands = _with_target(commands, joint, target)
             sample = yield commands
-            if desk.latch.latched:
-                raise_alarm(desk)
+            if loop.latch.latched:
+                raise_alarm(loop)
             incomplete = 0 if sample.complete else incomplete + 1
-            ending = _more_urgent(desk.alarm() or _not_enabled(sample), ending)
+            ending = _more_urgent(loop.alarm() or _not_enabled(sample), ending)
             faulted = faulted or isinstance(ending, DriveFault)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
@@ -224,9 +226,9 @@ def move(
             if reason or ending is not None:
                 path.brake()
     finally:
-        desk.moving = False
+        loop.moving = False
     if faulted:
-        yield from hold_where_it_is(desk)
+        yield from hold_where_it_is(loop)
     if ending is not None:
         raise ending
     positions = [scale.to_rad(counts) for scale, counts in zip(scales, sample.counts, strict=True)]
@@ -247,29 +249,29 @@ def incomplete_samples(sample: Sample) -> BusError:
     )
 
 
-def hold_where_it_is(desk: Desk) -> Generator[Setpoints | None, Sample, None]:
+def hold_where_it_is(loop: LoopView) -> Generator[Setpoints | None, Sample, None]:
     """All joints to position mode now: free ones where they are, the others on their target."""
     sample = yield None
     yield tuple(
         command
         if command.mode == CYCLIC_POSITION
         else replace(command, target_counts=counts, mode=CYCLIC_POSITION)
-        for command, counts in zip(_given(desk), sample.counts, strict=True)
+        for command, counts in zip(_given(loop), sample.counts, strict=True)
     )
 
 
-def raise_alarm(desk: Desk) -> None:
+def raise_alarm(loop: LoopView) -> None:
     """Raise what should end the steps, if anything."""
-    found = desk.alarm()
+    found = loop.alarm()
     if found is not None:
         raise found
 
 
-def _given(desk: Desk) -> Setpoints:
+def _given(loop: LoopView) -> Setpoints:
     """Return the commands sent last."""
-    if desk.commands is None:
+    if loop.commands is None:
         raise CommandRefused("the drives are not enabled: take control first")
-    return desk.commands
+    return loop.commands
 
 
 def _enabled(sample: Sample, joint: int) -> bool:
@@ -291,7 +293,7 @@ def _more_urgent(found: HardwareError | None, ending: Exception | None) -> Excep
         return found
     # A trip is often seen in the statusword first, as a drive that is not enabled: its own, or its neighbour's.
     # A node that is cut off shows so as well: its neighbours stop before it is missed.
-    if isinstance(ending, DriveLeft) and isinstance(found, DriveFault | BusError):
+    if isinstance(ending, DriveDropout) and isinstance(found, DriveFault | BusError):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
         own = isinstance(found, DriveFault) and found.joint == ending.joint
         return found if stopped or own else ending
@@ -305,7 +307,7 @@ def _with_target(commands: Setpoints, joint: int, counts: int) -> Setpoints:
     return (*commands[: joint - 1], changed, *commands[joint:])
 
 
-def _lagging(sample: Sample, wish: Wish) -> tuple[int, ...]:
+def _lagging(sample: Sample, wish: TargetState) -> tuple[int, ...]:
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
@@ -313,7 +315,7 @@ def _lagging(sample: Sample, wish: Wish) -> tuple[int, ...]:
     )
 
 
-def _next_controlword(status: int, wish: Wish, previous: int) -> int:
+def _next_controlword(status: int, wish: TargetState, previous: int) -> int:
     try:
         return next_controlword(status, wish, previous=previous)
     except ValueError:

@@ -9,19 +9,19 @@ from typing import Final
 
 import can
 
-from hardware.buses.shared_bus import Wire, queue_is_full
+from hardware.buses.shared_bus import SharedBus, queue_is_full
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import JointFrames, Setpoint, Setpoints
 from hardware.canopen.objects import CONTROL_PERIOD_S, CYCLIC_POSITION
 from hardware.errors import BusError
-from hardware.monitors.following import Astray
+from hardware.monitors.following import Divergence
 
 
 class _Press:
     """One press of STOP, and the joint that went astray, if that was why."""
 
-    def __init__(self, why: Astray | None) -> None:
-        self.why: Final = why
+    def __init__(self, why: Divergence | None) -> None:
+        self.cause: Final = why
 
 
 class StopLatch:
@@ -43,19 +43,19 @@ class StopLatch:
         return self._pressed is not self._released
 
     @property
-    def last(self) -> object | None:
+    def last_press(self) -> object | None:
         """The latest press, for `release`; None before the first."""
         return self._pressed
 
     @property
-    def why(self) -> Astray | None:
+    def cause(self) -> Divergence | None:
         """The joint that went astray, for which this is latched; None where a person pressed it, or it is not."""
         pressed = self._pressed
-        return None if pressed is None or pressed is self._released else pressed.why
+        return None if pressed is None or pressed is self._released else pressed.cause
 
-    def press(self, why: Astray | None = None) -> None:
+    def press(self, why: Divergence | None = None) -> None:
         """Latch, for a joint that went `why` astray. From any thread; a second press keeps the first one's cause."""
-        self._pressed = _Press(self.why or why)
+        self._pressed = _Press(self.cause or why)
 
     def release(self, press: object | None) -> bool:
         """Lift the latch if nothing was pressed after `press`; whether it is lifted."""
@@ -78,7 +78,9 @@ class StopLine:
         Of joints 1..n.
     """
 
-    def __init__(self, bus: can.BusABC | None, spare: Wire, frames: Sequence[JointFrames]) -> None:
+    def __init__(
+        self, bus: can.BusABC | None, spare: SharedBus, frames: Sequence[JointFrames]
+    ) -> None:
         self._bus, self._spare, self._frames = bus, spare, tuple(frames)
         own = () if bus is None else (partial(bus.send, timeout=0.0),)
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)

@@ -1,1 +1,1 @@
-"""What each sample is checked for: following, dropout, standstill, count continuity, latency."""
+"""Checks on every sample: following, dropout, standstill, count continuity, latency."""

@@ -1,4 +1,4 @@
-"""Asks `hardware.limits` about every change of a command before it goes out. Knows no bus and no thread."""
+"""Checks every change of a command against `hardware.limits` before it is sent."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ def admit(
     before: Setpoints | None,
     commands: Setpoints,
 ) -> None:
-    """Let commands pass or say why not.
+    """Check the commands of one SYNC against the limits.
 
-    Only a new target of a joint that stays in position mode is a motion; a joint that enters position
-    mode has to be given the position it has.
+    A joint that enters position mode must get its measured position as target; afterwards each new
+    target counts as a motion.
 
     Raises
     ------
     CommandRefused
-        With the reason in words.
+        A command is outside the limits.
     StopLatched
-        If STOP was pressed since the commands were made.
+        STOP was pressed since the commands were made.
     """
     if before is commands:
         return
@@ -50,7 +50,7 @@ def admit(
         if command.mode != CYCLIC_POSITION or command == last:
             continue
         if command_of(command.controlword) is not Command.ENABLE_OPERATION:
-            continue  # no drive moves by any other
+            continue  # no other controlword causes motion
         refusal = _refusal(
             limit,
             Situation(
@@ -79,41 +79,49 @@ def admit_move(
     in_control: bool,
     sample: Sample,
 ) -> None:
-    """Let a whole move begin or say why not, before anything moves.
+    """Check targets and speed of a whole move before it starts.
 
     Raises
     ------
     CommandRefused
-        With the reason in words.
+        A limit forbids the move.
     ValueError
-        If there is no such joint.
+        There is no such joint.
     """
     for joint, target in targets_rad.items():
         if not 1 <= joint <= len(limits):
             raise ValueError(f"there is no joint {joint}")
         at = joint - 1
-        situation = Situation(
-            stopped=False,
-            in_control=in_control,
+        require_move(
+            limits[at],
             drive=state_of(sample.statuswords[at]),
             mode=modes[at],
+            in_control=in_control,
+            target_counts=scales[at].counts_of(target),
+            speed_rad_per_s=speed_rad_per_s,
         )
-        counts = scales[at].counts_of(target)
-        refusal = refuse_command(limits[at], situation) or refuse_move(
-            limits[at], counts, speed_rad_per_s
-        )
-        if refusal is not None:
-            raise CommandRefused(refusal.text)
+
+
+def require_move(
+    limits: JointLimits,
+    *,
+    drive: DriveState,
+    mode: JointMode | None,
+    in_control: bool,
+    target_counts: float,
+    speed_rad_per_s: float,
+) -> None:
+    """Raise `CommandRefused` where a limit forbids one joint's part of a move."""
+    situation = Situation(stopped=False, in_control=in_control, drive=drive, mode=mode)
+    refusal = refuse_command(limits, situation) or refuse_move(
+        limits, target_counts, speed_rad_per_s
+    )
+    if refusal is not None:
+        raise CommandRefused(refusal.text)
 
 
 def admit_modes(sample: Sample) -> None:
-    """Let a change of modes begin: all drives have to be enabled.
-
-    Raises
-    ------
-    CommandRefused
-        Naming the first that is not.
-    """
+    """Raise `CommandRefused` for the first drive that is not enabled: modes cannot change then."""
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:

@@ -1,4 +1,4 @@
-"""What on the bus should end a command, in order of urgency. Pure: looks at bookkeeping, changes nothing."""
+"""Alarms that end a command, in order of priority. Reads the monitors' state and changes nothing."""
 
 from __future__ import annotations
 
@@ -10,86 +10,78 @@ from hardware.errors import (
     BusError,
     CommandRefused,
     ControlDenied,
-    DriveAstray,
+    DriveDiverged,
+    DriveDropout,
     DriveFault,
-    DriveLeft,
+    DuplicateNodeId,
     HardwareError,
-    Intruder,
     NodeRestarted,
+    OtherMaster,
     SensorFault,
     StopLatched,
     Stopped,
-    TwoDevices,
 )
-from hardware.monitors.continuity import Jump
-from hardware.monitors.dropout import Left
-from hardware.monitors.following import Astray
-from hardware.monitors.node_watch import NodeWatch
+from hardware.monitors.continuity import CountJump
+from hardware.monitors.dropout import Dropout
+from hardware.monitors.following import Divergence
+from hardware.monitors.node_monitor import NodeMonitor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Seen:
-    """What the loop has seen beside the nodes' own words.
+class Observations:
+    """What the control loop observed in the samples.
 
     Attributes
     ----------
     stop_latched
-        STOP was pressed.
-    lost_joints, doubled_joints
-        Joints that do not answer any more, and those that answer twice.
-    jump, astray
-        A reading that jumped, and a joint that is not where it was told to be.
-    left
-        Drives that did not stay enabled, or not following, those first that may be why others did not.
+        STOP is latched.
+    lost_joints, duplicate_joints
+        Joints without answers to SYNC, and joints with two answers to each.
+    jump, divergence
+        The first count jump and the first uncommanded motion, if any.
+    dropouts
+        Drives that left *operation enabled* or stopped following, the most likely cause first.
     """
 
     stop_latched: bool
     lost_joints: tuple[int, ...] = ()
-    doubled_joints: tuple[int, ...] = ()
-    jump: Jump | None = None
-    astray: Astray | None = None
-    left: tuple[Left, ...] = ()
+    duplicate_joints: tuple[int, ...] = ()
+    jump: CountJump | None = None
+    divergence: Divergence | None = None
+    dropouts: tuple[Dropout, ...] = ()
 
 
 def find_alarm(
-    nodes: NodeWatch,
-    seen: Seen,
+    nodes: NodeMonitor,
+    observed: Observations,
     *,
     now_s: float,
     heartbeat_timeout_s: float,
     despite: tuple[type[HardwareError], ...] = (),
 ) -> HardwareError | None:
-    """Find the first reason why nothing should move on, leaving out the kinds in `despite`."""
-    reasons = (
-        *_stopped_by_itself(seen),
-        *_told(nodes, seen),
-        *_noticed(nodes, seen),
-        *_missing(nodes, seen, now_s, heartbeat_timeout_s),
-        *_not_as_put(seen),
-    )
-    return next((reason for reason in reasons if not isinstance(reason, despite)), None)
+    """Return the alarm of highest priority, without the types in `despite`; None if there is none."""
+    found = _alarms(nodes, observed, now_s, heartbeat_timeout_s)
+    return next((alarm for alarm in found if not isinstance(alarm, despite)), None)
 
 
-def pressed() -> StopLatched:
-    """Say that STOP is latched."""
+def stop_latched_error() -> StopLatched:
+    """Error for a latched STOP."""
     return StopLatched("STOP is latched: reset it before anything moves again")
 
 
-def stopped_for(astray: Astray) -> DriveAstray:
-    """Say why the loop has latched STOP by itself."""
-    return DriveAstray(astray.joint, astray.counts, astray.sync_count, stopped=astray.stopped)
+def divergence_error(found: Divergence) -> DriveDiverged:
+    """Error for the divergence for which the control loop latched STOP itself."""
+    return DriveDiverged(found.joint, found.counts, found.sync_count, stopped=found.stopped)
 
 
-def _stopped_by_itself(seen: Seen) -> Iterator[HardwareError]:
-    """Why STOP is latched though nobody pressed it: before the words that it is."""
-    if seen.astray is not None:
-        yield stopped_for(seen.astray)
-
-
-def _told(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
-    """What somebody said: the operator, the supervisor, a drive."""
-    if seen.stop_latched:
-        yield pressed()
+def _alarms(
+    nodes: NodeMonitor, observed: Observations, now_s: float, heartbeat_timeout_s: float
+) -> Iterator[HardwareError]:
+    """All alarms, highest priority first."""
+    if observed.divergence is not None:  # the cause of a STOP comes before the STOP
+        yield divergence_error(observed.divergence)
+    if observed.stop_latched:
+        yield stop_latched_error()
     for fault in nodes.faults:
         if fault.joint is None:
             yield Stopped(f"the supervisor reports: {fault.text} ({fault.code:04X}h)")
@@ -97,14 +89,10 @@ def _told(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
             yield CommandRefused(f"joint {fault.joint}: {fault.text}")
         else:
             yield DriveFault(fault.joint, fault.code, fault.text)
-
-
-def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
-    """What nobody says of himself; who made nodes leave operation before that they have."""
-    if nodes.intrusion:
-        yield Intruder(
-            f"Somebody else commands this arm: {nodes.intrusion} came from another program on the bus. "
-            "End that program, look at what it did, then connect again."
+    if nodes.foreign_command:  # before the NMT states, which that program may have changed
+        yield OtherMaster(
+            f"Somebody else commands this arm: {nodes.foreign_command} came from another program on the "
+            "bus. End that program, check what it changed, then connect again."
         )
     down = nodes.not_operational()
     if down:
@@ -113,35 +101,25 @@ def _noticed(nodes: NodeWatch, seen: Seen) -> Iterator[HardwareError]:
     if nodes.restarted:
         restarted = tuple(sorted(nodes.restarted))
         yield NodeRestarted(restarted, [nodes.profile.who(node) for node in restarted])
-    if seen.doubled_joints:
-        yield TwoDevices(tuple(nodes.profile.drives[j - 1] for j in seen.doubled_joints))
-    if seen.jump is not None:
-        yield SensorFault(
-            seen.jump.joint,
-            f"jumped by {seen.jump.counts:+d} counts between two SYNCs, and no other joint moved with it: "
-            "it has lost counts, or its coupling slipped. No pose was captured since",
-            since_sync=seen.jump.sync_count,
-        )
-
-
-def _missing(
-    nodes: NodeWatch, seen: Seen, now_s: float, heartbeat_timeout_s: float
-) -> Iterator[HardwareError]:
-    """Who is not there as he should be, and who is there that should not."""
     drives = nodes.profile.drives
+    if observed.duplicate_joints:
+        yield DuplicateNodeId(tuple(drives[j - 1] for j in observed.duplicate_joints))
+    if observed.jump is not None:
+        yield SensorFault(
+            observed.jump.joint,
+            f"jumped by {observed.jump.counts:+d} counts between two SYNCs, and no other joint moved: "
+            "its sensor lost counts, or its coupling slipped. No pose was captured since",
+            since_sync=observed.jump.sync_count,
+        )
     silence = _silence(
-        nodes.silent(now_s, heartbeat_timeout_s), tuple(drives[j - 1] for j in seen.lost_joints)
+        nodes.silent(now_s, heartbeat_timeout_s), tuple(drives[j - 1] for j in observed.lost_joints)
     )
     if silence is not None:
         yield BusError(silence)
     if nodes.other_operator(now_s, heartbeat_timeout_s):
         yield ControlDenied(OPERATOR_NODE)
-
-
-def _not_as_put(seen: Seen) -> Iterator[HardwareError]:
-    """Which drives did not stay enabled and following: after all that may be why."""
-    for left in seen.left:
-        yield DriveLeft(left.joint, left.state.value, deaf=left.deaf)
+    for each in observed.dropouts:  # last: all of the above may be the cause
+        yield DriveDropout(each.joint, each.state.value, not_following=each.not_following)
 
 
 def _silence(nodes: tuple[int, ...], drives: tuple[int, ...]) -> str | None:

@@ -1,8 +1,8 @@
-"""Does every joint's count go on as it went? Sees lost counts as they happen. Knows samples, no bus and no loop.
+"""Detects count loss in the position samples as it happens.
 
-A joint's position is smooth from SYNC to SYNC: what it did in one period follows from the two before and
-the two after it. One step beside that, in one joint alone, with quiet before and after it, is neither
-noise nor a motion of a closed chain, in which nothing moves alone: counts were lost, or a coupling slipped.
+Position is smooth from SYNC to SYNC: the increment of one period follows from the two before and the two
+after it. A single outlying increment in one joint alone, with no other outlier nearby, is neither noise
+nor motion, because no joint of a closed chain moves alone: counts were lost or a coupling slipped.
 """
 
 from __future__ import annotations
@@ -13,67 +13,56 @@ from dataclasses import dataclass
 
 from hardware.canopen.cyclic import Sample
 
-SPAN = 6
-"""Samples, of SYNCs in a row, that a judgement takes: the step in question is in their middle."""
-
+WINDOW_SAMPLES = 6
+"""Consecutive samples used; the increment tested is the middle one."""
 ENCODER_COUNTS = 4.0
-"""At rest. Rounding of six readings makes an encoder's step seem larger by two counts at the most."""
+"""Threshold at rest. Rounding of six readings gives at most two counts."""
 RVDT_COUNTS = 64.0
-"""An RVDT's noise of two of its steps, twelve times: 1.9 deg for 12 bits over 120 deg."""
-
-COMPANY, LEAST_COMPANY = 0.1, 0.6
-"""Where something real has jerked, another joint shows some of it: so much of the jump, or of its noise."""
-
-MOVING = 6.0
-"""Times the noise that a step has to be larger in motion: targets do not come quite as regularly as SYNC."""
-
-TAKING_UP_SYNCS = 15
-"""A drive that was enabled, or holds anew, takes its joint up or lets it give way, for so long."""
-
-QUIET_SYNCS, ITSELF_SYNCS = 10, 2
-"""Noise does not come alone: nothing else within so many SYNCs, but what the step itself looks like."""
+"""Threshold at rest: 12 times the noise (two converter steps), 1.9 deg for 12 bits over 120 deg."""
+COUPLED_FRACTION, COUPLED_NOISE = 0.1, 0.6
+"""A real jerk moves another joint by more than this part of the jump plus this part of its own threshold."""
+MOTION_FACTOR = 6.0
+"""Threshold in motion over that at rest: targets arrive with some jitter."""
+JERK_SYNCS = 15
+"""After a drive is enabled or its mode changes its joint may jerk for this long: no detection."""
+QUIET_SYNCS, ECHO_SYNCS = 10, 2
+"""No other outlier may lie within QUIET_SYNCS; the jump itself shows in ECHO_SYNCS around it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Jump:
-    """A joint's reading went on by so many counts more than its motion, with the answer to a SYNC."""
+class CountJump:
+    """A joint's reading changed by `counts` more than its motion explains, at `sync_count`."""
 
     joint: int
     counts: int
     sync_count: int
 
 
-class Continuity:
-    """Looks at every sample.
-
-    Parameters
-    ----------
-    allowed_counts
-        By joint: step that is noise.
-    """
+class ContinuityMonitor:
+    """Tests every sample; `allowed_counts` is each joint's threshold at rest."""
 
     def __init__(self, allowed_counts: Sequence[float]) -> None:
         self._allowed = tuple(allowed_counts)
-        self._recent: deque[tuple[int, ...]] = deque(maxlen=SPAN)
+        self._recent: deque[tuple[int, ...]] = deque(maxlen=WINDOW_SAMPLES)
         self._last_sync = -1
         self._states: tuple[int, ...] = ()
-        self._odd: tuple[deque[int], ...] = tuple(
+        self._outlier_syncs: tuple[deque[int], ...] = tuple(
             deque(maxlen=2 * QUIET_SYNCS) for _ in self._allowed
         )
-        self._suspect: Jump | None = None
-        self._taking_up = 0
+        self._candidate: CountJump | None = None
+        self._jerk_syncs_left = 0
 
-    def disturb(self) -> None:
-        """Hear that a drive is being enabled, given another mode or a target at once: its joint may well jerk."""
-        self._taking_up = TAKING_UP_SYNCS
-        self._suspect = None
+    def expect_jerk(self) -> None:
+        """Suspend detection: a drive is enabled, changes mode, or gets a target out of turn."""
+        self._jerk_syncs_left = JERK_SYNCS
+        self._candidate = None
 
-    def interrupt(self) -> None:
-        """Hear that the last sample may hold older answers than it seems: no step is measured from it."""
+    def restart_history(self) -> None:
+        """Discard earlier samples: the last one may hold answers to an earlier SYNC."""
         self._recent.clear()
 
-    def see(self, sample: Sample) -> Jump | None:
-        """Take in a sample; the jump that is certain by now, if there is one."""
+    def update(self, sample: Sample) -> CountJump | None:
+        """Take in a sample; return a jump once it is confirmed, `QUIET_SYNCS` after it happened."""
         recent = self._recent
         if (
             not sample.complete
@@ -82,31 +71,32 @@ class Continuity:
         ):
             recent.clear()
         self._last_sync, self._states = sample.sync_count, sample.statuswords
-        if self._taking_up > 0:
-            self._taking_up -= 1
+        if self._jerk_syncs_left > 0:
+            self._jerk_syncs_left -= 1
             recent.clear()
             return None
         if sample.complete:
             recent.append(sample.counts)
-            if len(recent) == SPAN:
+            if len(recent) == WINDOW_SAMPLES:
                 before, now, allowed = recent[2], recent[3], self._allowed
                 for at, was in enumerate(before):
-                    # Quick: most steps are like the one before them.
+                    # Cheap first test: most increments are like the one before.
                     if abs(now[at] - 2 * was + recent[1][at]) > allowed[at]:
-                        self._judge(sample.sync_count - 2)
+                        self._test_increment(sample.sync_count - 2)
                         break
-        suspect = self._suspect
-        if suspect is None or sample.sync_count < suspect.sync_count + QUIET_SYNCS:
+        candidate = self._candidate
+        if candidate is None or sample.sync_count < candidate.sync_count + QUIET_SYNCS:
             return None
-        self._suspect = None
-        odd = (abs(sync - suspect.sync_count) for sync in self._odd[suspect.joint - 1])
-        return None if any(ITSELF_SYNCS < away <= QUIET_SYNCS for away in odd) else suspect
+        self._candidate = None
+        outliers = self._outlier_syncs[candidate.joint - 1]
+        distances = (abs(sync - candidate.sync_count) for sync in outliers)
+        return None if any(ECHO_SYNCS < away <= QUIET_SYNCS for away in distances) else candidate
 
-    def _judge(self, sync_count: int) -> None:
-        """Look at the step that ended with the answer to this SYNC."""
-        found: list[Jump] = []
-        beside = []
-        rests = all(
+    def _test_increment(self, sync_count: int) -> None:
+        """Test the increment that ended with the answer to this SYNC."""
+        found: list[CountJump] = []
+        relative = []
+        at_rest = all(
             abs(a - b) <= allowed
             for one, two in ((0, 1), (1, 2), (3, 4), (4, 5))
             for a, b, allowed in zip(
@@ -116,22 +106,21 @@ class Continuity:
         for at, allowed in enumerate(self._allowed):
             c0, c1, c2, c3, c4, c5 = (counts[at] for counts in self._recent)
             d0, d1, d2, d3, d4 = c1 - c0, c2 - c1, c3 - c2, c4 - c3, c5 - c4
-            # A cubic through the four others.
-            step = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0
-            beside.append(abs(step) / allowed)
+            step = d2 - (4 * (d1 + d3) - d0 - d4) / 6.0  # against a cubic through the four others
+            relative.append(abs(step) / allowed)
             if abs(step) > allowed:
-                self._odd[at].append(sync_count)
-            # What changes its speed by itself may do so in the very period as well.
-            restless = max(abs(d1 - d0), abs(d4 - d3), abs(d3 - d1))
-            if abs(step) > (allowed if rests else MOVING * allowed) + restless:
-                found.append(Jump(joint=at + 1, counts=round(step), sync_count=sync_count))
-        if len(found) != 1 or self._suspect is not None:
+                self._outlier_syncs[at].append(sync_count)
+            acceleration = max(abs(d1 - d0), abs(d4 - d3), abs(d3 - d1))
+            threshold = allowed if at_rest else MOTION_FACTOR * allowed
+            if abs(step) > threshold + acceleration:
+                found.append(CountJump(joint=at + 1, counts=round(step), sync_count=sync_count))
+        if len(found) != 1 or self._candidate is not None:
             return
         (jump,) = found
-        for at, (times, allowed) in enumerate(zip(beside, self._allowed, strict=True)):
+        for at, (times, allowed) in enumerate(zip(relative, self._allowed, strict=True)):
             if (
                 at != jump.joint - 1
-                and times > LEAST_COMPANY + COMPANY * abs(jump.counts) / allowed
+                and times > COUPLED_NOISE + COUPLED_FRACTION * abs(jump.counts) / allowed
             ):
                 return
-        self._suspect = jump
+        self._candidate = jump

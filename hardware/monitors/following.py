@@ -1,12 +1,11 @@
-"""Is each joint where it was told to be? Looked at with every sample. Knows no bus, no clock and no arm.
+"""Detects uncommanded motion: joints away from the commanded position although their drives report no fault.
 
-A drive watches its own following error (6065h) by its own target and its own sensor. When somebody else
-gives it targets, or it does not do what it says, that sees nothing; the operator, who knows what was
-commanded, does.
+A drive checks its following error (6065h) against its own target and sensor. If another program sends it
+targets, or it does not do what it reports, only the operator, who knows the commands, can detect it.
 
-A drive that has said that it follows (bit 12) is held to its target from then on, until it is told another mode or
-leaves *operation enabled*: to say no more that it follows, and go elsewhere, is no excuse. Before, as it changes
-modes, it goes by no target yet; one that never says so is given no mode (`hardware.control.steps`).
+A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes
+or it leaves *operation enabled*, even if bit 12 drops. A drive that never reports it gets no mode
+(`hardware.control.steps`).
 """
 
 from __future__ import annotations
@@ -18,18 +17,18 @@ from typing import Final
 
 from hardware.arm import DriveState
 from hardware.canopen.cia402 import StatusBit, shows
-from hardware.canopen.cyclic import LATE_SYNCS, Sample, Setpoints
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
 
-AWAY_SYNCS: Final = 10
-"""So many SYNCs in a row: a target that was just sent, or a frame that came late, is no error."""
+DIVERGED_SYNCS: Final = 10
+"""Consecutive SYNCs outside the window; fewer may be a target just sent, or a late frame."""
 
-_NOWHERE: Final = (math.inf, -math.inf)
+_EMPTY_RANGE: Final = (math.inf, -math.inf)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Astray:
-    """A joint that is `counts` from its target, since the answer to a SYNC; of a `stopped` one, from where it stood."""
+class Divergence:
+    """A joint is `counts` from its target since `sync_count`; if `stopped`, from where it came to rest."""
 
     joint: int
     counts: int
@@ -37,52 +36,47 @@ class Astray:
     stopped: bool = False
 
 
-class Following:
-    """Looks at every sample.
-
-    Parameters
-    ----------
-    windows_counts
-        By joint: how far from its target it may be; empty: nothing is looked at.
-    """
+class FollowingMonitor:
+    """Compares every sample with the commands; `windows_counts` is each joint's limit, empty for no check."""
 
     def __init__(self, windows_counts: Sequence[float] = ()) -> None:
         self._windows = tuple(windows_counts)
-        self._away = [0] * len(self._windows)
+        self._outside_syncs = [0] * len(self._windows)
         self._followed = [False] * len(self._windows)
-        # Lowest and highest target of each joint, in this stretch of SYNCs and in the one before: an answer
-        # that comes late says where the joint was then.
-        self._told = [_NOWHERE] * len(self._windows)
-        self._told_before = list(self._told)
-        self._stretch = 0
+        # Range of each joint's targets in this and the previous stretch of SYNCs: a late answer gives an
+        # earlier position.
+        self._targets = [_EMPTY_RANGE] * len(self._windows)
+        self._earlier_targets = list(self._targets)
+        self._stretch_syncs = 0
 
-    def see(self, sample: Sample, commands: Setpoints | None) -> Astray | None:
-        """Take in a sample and the commands that were sent before it; the joint that is astray, if one is."""
+    def update(self, sample: Sample, commands: Setpoints | None) -> Divergence | None:
+        """Take in a sample and the commands sent before it; return the first divergence."""
         if commands is None:
             return None
-        self._stretch += 1
-        if self._stretch == LATE_SYNCS:
-            self._stretch = 0
-            self._told_before, self._told = self._told, [_NOWHERE] * len(self._windows)
+        self._stretch_syncs += 1
+        if self._stretch_syncs == MAX_LATE_SYNCS:
+            self._stretch_syncs = 0
+            self._earlier_targets = self._targets
+            self._targets = [_EMPTY_RANGE] * len(self._windows)
         for at, window in enumerate(self._windows):
             command, status = commands[at], sample.statuswords[at]
             if command.mode != CYCLIC_POSITION:
-                self._told[at] = self._told_before[at] = _NOWHERE
-                self._away[at], self._followed[at] = 0, False
+                self._targets[at] = self._earlier_targets[at] = _EMPTY_RANGE
+                self._outside_syncs[at], self._followed[at] = 0, False
                 continue
-            target, (low, high) = command.target_counts, self._told[at]
+            target, (low, high) = command.target_counts, self._targets[at]
             if not low <= target <= high:
-                low, high = self._told[at] = (min(low, target), max(high, target))
+                low, high = self._targets[at] = (min(low, target), max(high, target))
             if not sample.complete:
                 continue
-            lower, higher = self._told_before[at]
+            lower, higher = self._earlier_targets[at]
             counts = sample.counts[at]
             error = min(counts - min(low, lower), 0) or max(counts - max(high, higher), 0)
             follows = bool(status & StatusBit.FOLLOWS_COMMAND) or self._followed[at]
             self._followed[at] = follows and shows(status, DriveState.OPERATION_ENABLED)
-            away = self._followed[at] and abs(error) > window
-            self._away[at] = self._away[at] + 1 if away else 0
-            if self._away[at] >= AWAY_SYNCS:
-                since = sample.sync_count - self._away[at] + 1
-                return Astray(joint=at + 1, counts=round(error), sync_count=since)
+            outside = self._followed[at] and abs(error) > window
+            self._outside_syncs[at] = self._outside_syncs[at] + 1 if outside else 0
+            if self._outside_syncs[at] >= DIVERGED_SYNCS:
+                since = sample.sync_count - self._outside_syncs[at] + 1
+                return Divergence(joint=at + 1, counts=round(error), sync_count=since)
         return None

@@ -1,39 +1,36 @@
-"""How late we are ourselves: nobody here listened, or what came waits. Knows time stamps; no bus and no node.
+"""Measures the host's own latency, so that it is not counted as silence of the arm.
 
-On a busy machine the thread that receives may not run for a second. Whatever the arm said meanwhile
-waits in a queue; to call the arm silent would be to take one's own lateness for its silence, and to call
-fresh what has waited there would be to take the moment of reading for that of the message.
+On a busy computer the receiving thread may not run for a second, and what the arm sent waits in a queue.
+Silences are measured without that time, and a frame's age counts from its arrival, not from its reading.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from hardware.arm import Lateness
+from hardware.arm import HostLatency
 
-LONGEST_LOOK_S = 0.1
-"""Between two looks at the bus no more than this counts as listening: the longest that the loop waits
-for a frame, with room for an ordinary scheduler."""
-TOLD_S = 0.3
-"""So long a lateness is told to the operator: drives trip when they hear nothing of us for half a second."""
+MAX_POLL_GAP_S = 0.1
+"""Time between two polls of the bus that still counts as listening: the loop's longest wait plus scheduling."""
+REPORTED_S = 0.3
+"""Latency reported to the operator; drives trip after 0.5 s without our heartbeat."""
 
 
-class Attention:
-    """Counts lateness; the thread that receives says each time that it looks at the bus, and what it found.
+class LatencyMonitor:
+    """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
-    How long a frame waited is the difference of two readings of one clock: that by which it was stamped as it
-    came, and the same one now. That clock may be set anew meanwhile, so a frame is never older than the last
-    moment at which nothing was waiting. Where frames are stamped by another clock, or not at all, a frame came
-    when it was read.
+    A frame's waiting time is the difference of two readings of the clock that stamps frames: on arrival and
+    now. That clock may be set meanwhile, so a frame is never older than the last moment the queue was empty.
+    Without a usable stamp a frame counts as arrived when it is read.
 
     Parameters
     ----------
     clock
         Monotonic time, s.
     stamps
-        The clock that stamps frames as they come; None where that is none of this computer's.
+        Clock of the frame stamps; None if it is not one of this computer's.
     arm_waits
-        Whether the arm's time stands while we are busy (`Pace.FAST_FORWARD`): then nobody is late.
+        Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`): no latency then.
     """
 
     def __init__(
@@ -44,55 +41,54 @@ class Attention:
         arm_waits: bool = False,
     ) -> None:
         self._clock, self._stamps, self._arm_waits = clock, stamps, arm_waits
-        self._lateness = Lateness()
+        self._lateness = HostLatency()
         self.begin()
 
     def begin(self) -> None:
-        """Count from now on."""
+        """Start counting."""
         now = self._clock()
-        # Replaced as a whole: readers in other threads see time and lateness that belong together.
-        self._last = (now, 0.0)
-        self._nothing_at_s = now
+        self._last = (now, 0.0)  # replaced as a whole: other threads read a consistent pair
+        self._queue_empty_at_s = now
         self._late_now = False
 
-    def look(self, stamp_s: float = 0.0) -> float:
-        """Note that a frame is being looked at now; return how long it waited for us. A stamp of 0 is none."""
+    def frame_read(self, stamp_s: float = 0.0) -> float:
+        """Record that a frame was read now; return how long it had waited, s. A stamp of 0 is none."""
         now = self._clock()
         waited_s = 0.0
         if self._stamps is not None and stamp_s:
-            waited_s = max(0.0, min(self._stamps() - stamp_s, now - self._nothing_at_s))
+            waited_s = max(0.0, min(self._stamps() - stamp_s, now - self._queue_empty_at_s))
         self._note(now, waited_s)
         return waited_s
 
-    def nothing(self, asked_s: float) -> None:
-        """Note that nothing was waiting when we asked, at that time, nor came as long as we then waited."""
+    def queue_empty(self, polled_at_s: float) -> None:
+        """Record that a poll begun at `polled_at_s` found no frame within its wait."""
         self._note(self._clock(), 0.0)
-        self._nothing_at_s = asked_s
+        self._queue_empty_at_s = polled_at_s
         self._late_now = False
 
     @property
-    def lateness(self) -> Lateness:
-        """How late we have been, as far as it is worth telling."""
+    def lateness(self) -> HostLatency:
+        """Latencies above `REPORTED_S` so far."""
         return self._lateness
 
     @property
     def late_s(self) -> float:
-        """Seconds in all that nobody listened, up to now."""
+        """Total time without polling, s."""
         return self._late_at(self._clock())
 
     @property
     def listened_s(self) -> float:
-        """The clock without the time in which nobody listened: what silences are measured by."""
+        """Clock less the time without polling: the time base of silences, s."""
         now = self._clock()
         return now - self._late_at(now)
 
     def _note(self, now: float, waited_s: float) -> None:
         by_s = max(now - self._last[0], waited_s)
         self._last = (now, self._late_at(now))
-        if by_s >= TOLD_S and not self._arm_waits:
-            self._lateness = self._lateness.once_more(by_s, new=not self._late_now)
+        if by_s >= REPORTED_S and not self._arm_waits:
+            self._lateness = self._lateness.with_event(by_s, new=not self._late_now)
             self._late_now = True
 
     def _late_at(self, now: float) -> float:
         last, late = self._last
-        return late + max(0.0, now - last - LONGEST_LOOK_S)
+        return late + max(0.0, now - last - MAX_POLL_GAP_S)

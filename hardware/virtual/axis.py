@@ -36,7 +36,7 @@ class AxisSettings:
     rated_torque_nm
         What 6077h is per mille of.
     following_window_counts
-        Following error trip (6065h).
+        FollowingMonitor error trip (6065h).
     sensor_kind, full_scale_microdeg, converter_bits
         2100h.
     increments, revolutions

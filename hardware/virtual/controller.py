@@ -23,11 +23,11 @@ from typing import Self
 
 import can
 
-from hardware.buses.acceptance_filters import controller_filters, keep_out
+from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
 from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
-from hardware.control.process_priority import ahead_of_its_program
-from hardware.monitors.latency import Attention
+from hardware.control.process_priority import raise_loop_priority
+from hardware.monitors.latency import LatencyMonitor
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.controller_network import ControllerNetwork
 from hardware.virtual.disturbances import Disturbances
@@ -118,7 +118,7 @@ class VirtualController:
         self.sync_count = 0
         self.tracker: SimulatedTracker | None = None
         self.failure: Exception | None = None
-        self._attention = Attention(clock)
+        self._latency = LatencyMonitor(clock)
         self._heard_s: dict[int, float] = {}
         self._posted: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._work: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
@@ -152,7 +152,7 @@ class VirtualController:
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
         self._numbers = {node.number for node in self._nodes}
         self._by_rpdo1 = {objects.COB_RPDO1 + node.number: node for node in self.drives}
-        keep_out(bus, controller_filters(len(self.drives)))
+        set_hardware_filters(bus, controller_filters(len(self.drives)))
         self._network = ControllerNetwork(bus, self.disturbances)
         watched = objects.OPERATOR_NODE << 16 | round(heartbeat_timeout_s * 1e3)
         for node in self._nodes:
@@ -248,7 +248,7 @@ class VirtualController:
             self._turns.release()
 
     def _run(self) -> None:
-        ahead_of_its_program()
+        raise_loop_priority()
         try:
             while not self._closing:
                 wait_s = _SHORT_POLL_S if self.disturbances.delays else _POLL_S
@@ -266,7 +266,7 @@ class VirtualController:
     def _turn(self, message: can.Message | None) -> None:
         """Take in a frame, if there is one, and see to what is due."""
         self._in_turn = threading.get_ident()
-        self._attention.look()
+        self._latency.frame_read()
         if message is not None:
             self._hear(message)
         self._see_to_time()
@@ -303,7 +303,7 @@ class VirtualController:
             drive.on_rpdo1(data)
         elif identifier - number == objects.COB_HEARTBEAT:
             if number not in self._numbers and len(data) == 1:
-                self._heard_s[number] = self._attention.listened_s
+                self._heard_s[number] = self._latency.listened_s
         else:
             self._network.notify(identifier, data, message.timestamp)
 
@@ -372,7 +372,7 @@ class VirtualController:
         A drive has a processor to itself. This one shares it with whoever is to beat: stands the machine still,
         both were late.
         """
-        return self._attention.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
+        return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _catch_up(self) -> None:
         """Look at what has arrived: the heartbeat may be among it, and this loop may be the late one."""

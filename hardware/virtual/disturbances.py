@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hardware.virtual.frame_faults import BadWire
+from hardware.virtual.frame_faults import FaultyWire
 
 ASTRAY_STEP_COUNTS, ASTRAY_COUNTS = 20, 5556
 """A control period, and in all: 5 deg of an encoder with 400,000 counts."""
@@ -65,8 +65,8 @@ class Disturbances:
     stalled_sdo: set[int] = field(default_factory=set)
     refused_sdo: set[int] = field(default_factory=set)
     off_until_s: float | None = None
-    wire_out: BadWire | None = None
-    wire_in: BadWire | None = None
+    wire_out: FaultyWire | None = None
+    wire_in: FaultyWire | None = None
     _next_beat_s: dict[int, float] = field(default_factory=dict)
     _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 

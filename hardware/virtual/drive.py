@@ -139,7 +139,7 @@ class Drive:
         """Hold, and let nothing move until the fault is reset and the drive enabled again."""
         if self.ignores_heartbeat:
             return
-        if self.state in cia402.POWERED:
+        if self.state in cia402.POWERED_STATES:
             self._hold()
         self.trip(EmergencyCode.HEARTBEAT_LOST, holding=self._holding)
 
@@ -228,7 +228,7 @@ class Drive:
         )
         if saturated or self.sensor_failed:
             self._trip_once(EmergencyCode.SENSOR)
-        if not (self.state in cia402.POWERED or self._holding):
+        if not (self.state in cia402.POWERED_STATES or self._holding):
             return
         if abs(self.speed_rad_per_s) > axis.limits.max_speed_rad_per_s:
             self._trip_once(EmergencyCode.OVERSPEED)

@@ -35,7 +35,7 @@ POSES = "every pose accepted before"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FaultWords:
+class FaultDescription:
     """One thing that can go wrong.
 
     Attributes
@@ -101,27 +101,27 @@ _SLIPPED_REMEDY = (
 )
 _SENSOR = "Retake what is marked; look at the encoder's coupling and its cable."
 
-FAULTS: Mapping[str, FaultWords] = MappingProxyType(
+FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
     {
-        "frames-lost": FaultWords(
+        "frames-lost": FaultDescription(
             broken="1 % of all frames are lost", says=_BAD_FRAMES, goes_on=True, remedy=_CABLE
         ),
-        "frames-lost-10": FaultWords(
+        "frames-lost-10": FaultDescription(
             broken="10 % of all frames are lost", says=_BAD_FRAMES, goes_on=True, remedy=_CABLE
         ),
-        "frames-doubled": FaultWords(
+        "frames-doubled": FaultDescription(
             broken="10 % of all frames come twice",
             says=("two devices answer",),
             goes_on=True,
             remedy="A repeater or gateway echoes: take it out.",
         ),
-        "frames-reordered": FaultWords(
+        "frames-reordered": FaultDescription(
             broken="10 % of all frames change places with the next",
             says=(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
             goes_on=True,
             remedy="A gateway with several queues: have it keep the order, or take it out.",
         ),
-        "frames-late": FaultWords(
+        "frames-late": FaultDescription(
             broken="5 % of all frames come 5 to 50 ms late",
             says=(
                 *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
@@ -131,7 +131,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             goes_on=True,
             remedy="A busy gateway or a network in between: connect the arm's bus directly.",
         ),
-        "frames-flipped": FaultWords(
+        "frames-flipped": FaultDescription(
             broken="1 % of all frames have one bit of their data flipped",
             says=(
                 *_BAD_FRAMES,
@@ -148,18 +148,18 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             goes_on=True,
             remedy="No CAN does this by itself, a gateway or a driver may: change it.",
         ),
-        "babbling": FaultWords(
+        "babbling": FaultDescription(
             broken="five frames of nobody's follow every frame",
             goes_on=True,
             remedy="`sarcal monitor` counts them by identifier; take that node off the bus.",
         ),
-        "bus-flicker": FaultWords(
+        "bus-flicker": FaultDescription(
             broken="the bus is out for 0.2 s",
             says=_BAD_FRAMES,
             goes_on=True,
             remedy=_CABLE,
         ),
-        "bus-off": FaultWords(
+        "bus-off": FaultDescription(
             broken="the bus is out for 3 s, and back (bus-off, a plug pulled and put in again)",
             says=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
             # Where it is back as the nodes are waited for: those that are heard are told once more.
@@ -167,38 +167,38 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=f"{_CABLE} The drives hold meanwhile; `sarcal reset` clears their 8130h.",
             arm=ArmReaction.HOLDS,
         ),
-        "silent-node": FaultWords(
+        "silent-node": FaultDescription(
             broken="a joint's cable is cut", says=_GONE, remedy=_CABLE, arm=ArmReaction.HOLDS
         ),
-        "silent-supervisor": FaultWords(
+        "silent-supervisor": FaultDescription(
             broken="the supervisor's cable is cut", says=_GONE, goes_on=True, remedy=_CABLE
         ),
-        "no-heartbeat": FaultWords(
+        "no-heartbeat": FaultDescription(
             broken="a joint sends no heartbeat", says=_GONE, goes_on=True, remedy=_RECONNECT
         ),
-        "other-heartbeat": FaultWords(
+        "other-heartbeat": FaultDescription(
             broken="a joint sends a heartbeat every 5 s only",
             says=("a heartbeat every 1 ..", *_GONE),
             goes_on=True,
             remedy=_COMMISSION,
             at_connect=True,
         ),
-        "missed-answers": FaultWords(
+        "missed-answers": FaultDescription(
             broken="a joint misses ten SYNCs",
             goes_on=True,
             remedy="Nothing: samples that are not whole do not count.",
         ),
-        "double-answers": FaultWords(
+        "double-answers": FaultDescription(
             broken="a joint answers every SYNC twice",
             says=("two devices answer as node {joint}",),
             remedy="Two devices have one number: give one of them another.",
         ),
-        "wrong-node": FaultWords(
+        "wrong-node": FaultDescription(
             broken="a joint answers with the number of the next one",
             says=(*_GONE, "two devices answer as node"),
             remedy="Give each drive its own number again.",
         ),
-        "other-map": FaultWords(
+        "other-map": FaultDescription(
             broken="a joint's TPDO1 carries its speed where its position belongs",
             says=(
                 "are not set up as this program drives them",
@@ -208,26 +208,26 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=_COMMISSION,
             at_connect=True,
         ),
-        "sdo-stall": FaultWords(
+        "sdo-stall": FaultDescription(
             broken="a joint answers no object access (SDO)",
             says=("Node {joint} does not answer when asked for",),
             goes_on=True,
             remedy=_RECONNECT,
         ),
-        "sdo-stall-supervisor": FaultWords(
+        "sdo-stall-supervisor": FaultDescription(
             broken="the supervisor answers no object access (SDO)",
             says=("Node 16 does not answer when asked for",),
             goes_on=True,
             remedy=_RECONNECT,
             kept=f"{POSES}; of an upload, the document that was active",
         ),
-        "sdo-abort": FaultWords(
+        "sdo-abort": FaultDescription(
             broken="a joint refuses every object access (08000000h)",
             says=("node {joint} refused ",),
             goes_on=True,
             remedy=_RECONNECT,
         ),
-        "restart-node": FaultWords(
+        "restart-node": FaultDescription(
             broken="a joint's drive restarts, its counter at zero",
             # Near zero where the arm has sagged before anybody connects again.
             says=(
@@ -240,37 +240,37 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy="Find out why it lost its power; reference its counter, then connect again.",
             kept=f"{POSES}; not the zero of that drive's counter",
         ),
-        "restart": FaultWords(
+        "restart": FaultDescription(
             broken="the whole controller restarts",
             says=(*_GONE, "heartbeat lost", "refused", "in control"),
             goes_on=True,
             remedy=_RECONNECT,
             arm=ArmReaction.BLOCKS,
         ),
-        "hang": FaultWords(
+        "hang": FaultDescription(
             broken="the control loop hangs", says=_GONE, arm=ArmReaction.UNHEARD, remedy=_RECONNECT
         ),
-        "unwatched": FaultWords(
+        "unwatched": FaultDescription(
             broken="a drive does not watch the operator's heartbeat (1016h): it would go on without one",
             says=("'s heartbeat watched, for",),
             goes_on=True,
             remedy=_COMMISSION,
             at_connect=True,
         ),
-        "lost-counts-5": FaultWords(
+        "lost-counts-5": FaultDescription(
             broken="an encoder loses 5 counts",
             says=("joint {joint} jumped",),
             goes_on=True,
             remedy=_SENSOR,
         ),
-        "lost-counts-500": FaultWords(
+        "lost-counts-500": FaultDescription(
             broken="an encoder loses 500 counts",
             says=_SLIPPED,
             goes_on=True,
             remedy=_SLIPPED_REMEDY,
             kept=_SLIPPED_KEPT,
         ),
-        "sensor-jump": FaultWords(
+        "sensor-jump": FaultDescription(
             broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
             # Of a joint that is led: its drive makes up for it, which is a jerk of all joints.
             says=(*_SLIPPED, "overspeed"),
@@ -278,13 +278,13 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=_SLIPPED_REMEDY,
             kept=_SLIPPED_KEPT,
         ),
-        "ripple": FaultWords(
+        "ripple": FaultDescription(
             broken="a sensor has noise of ten counts, as of an unsteady supply",
             says=("does not come to rest",),
             goes_on=True,
             remedy="Supply and shield of that sensor; RVDT amplifier.",
         ),
-        "frozen-sensor": FaultWords(
+        "frozen-sensor": FaultDescription(
             broken="a sensor stands still",
             says=(
                 "reads as it did at pose",
@@ -293,19 +293,19 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             ),
             remedy=_SENSOR,
         ),
-        "broken-sensor": FaultWords(
+        "broken-sensor": FaultDescription(
             broken="a drive sees that its sensor has failed (7305h)",
             says=("angle sensor failed", "the drive is in"),
             remedy="Mend the sensor, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
-        "collision": FaultWords(
+        "collision": FaultDescription(
             broken="a joint trips for excess torque (8311h)",
             says=("excess torque", "the drive is in"),
             remedy="The arm holds. Free what it met, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
-        "blocked-joint": FaultWords(
+        "blocked-joint": FaultDescription(
             broken="a joint that should be free does not give way",
             says=(
                 "excess torque",
@@ -317,7 +317,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy="Look at that joint's valve; reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
-        "sagging-drive": FaultWords(
+        "sagging-drive": FaultDescription(
             broken="a drive in position mode holds nothing, and does not say so",
             says=(
                 *("following error", "from where it was told to be", "excess torque"),
@@ -327,20 +327,20 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=_ASTRAY,
             arm=ArmReaction.STOPPED,
         ),
-        "slipped-fixture": FaultWords(
+        "slipped-fixture": FaultDescription(
             broken="the fixture slips by 1 mm on the table",
             goes_on=True,
             remedy="No reading shows it by itself: the verdict does, where there are poses enough before and "
             "after. Fasten it, and begin a new session.",
         ),
-        "bound-hinge": FaultWords(
+        "bound-hinge": FaultDescription(
             broken="the hinge turns no more",
             says=("excess torque", "following error", "the drive is in"),
             goes_on=True,
             remedy="Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
-        "stray": FaultWords(
+        "stray": FaultDescription(
             broken="a drive goes where it was not told to, 5 deg, and does not say so",
             says=(
                 *("from where it was told to be", "after it was stopped", "excess torque"),
@@ -349,7 +349,7 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy=_ASTRAY,
             arm=ArmReaction.STOPPED,
         ),
-        "lost-enable": FaultWords(
+        "lost-enable": FaultDescription(
             broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
             # One that drops out before it has said that it is enabled is told to be until it says so.
             says=("the drive is in",),
@@ -357,25 +357,25 @@ FAULTS: Mapping[str, FaultWords] = MappingProxyType(
             remedy="Ask who switched it off, and why: it is not switched on again by itself. Reset (R, or "
             "`sarcal reset`) when it is safe, then go on.",
         ),
-        "deaf-drive": FaultWords(
+        "deaf-drive": FaultDescription(
             broken="a drive in position mode stays where it is, and says that it does not follow (6041h, bit 12)",
             says=("(6041h, bit 12)", "following error", "from where it was told to be"),
             goes_on=True,
             remedy="Look at that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go "
             "on.",
         ),
-        "emcy-storm": FaultWords(
+        "emcy-storm": FaultDescription(
             broken="a drive sends fifty emergencies on every SYNC",
             says=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
             remedy="`sarcal monitor` shows what it complains of; take that drive off the bus.",
         ),
-        "refused-modes": FaultWords(
+        "refused-modes": FaultDescription(
             broken="a drive stays in the mode it is in",
             says=("joint {joint} was asked for",),
             goes_on=True,
             remedy="Look at that drive's fault and its 6502h, reset it, apply the modes again.",
         ),
-        "external-stop": FaultWords(
+        "external-stop": FaultDescription(
             broken="the external stop is pressed (5441h)",
             says=("external stop", "the drive is in"),
             remedy="Release it when it is safe, reset (R, or `sarcal reset`), then go on.",

@@ -22,7 +22,7 @@ from hardware.canopen.objects import (
 )
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveNode
-from hardware.virtual.frame_faults import BadWire, FrameFaults
+from hardware.virtual.frame_faults import FaultyWire, FrameFaults
 from hardware.virtual.port import FixturePort, PlantPort
 from hardware.virtual.supervisor_node import SupervisorNode
 
@@ -108,8 +108,8 @@ class FaultInjector:
         def act() -> None:
             sound = faults == FrameFaults()
             wrong = victim.disturbances
-            wrong.wire_out = None if sound else BadWire(faults, 0, clock=victim.now_s)
-            wrong.wire_in = None if sound else BadWire(faults, 1, clock=victim.now_s)
+            wrong.wire_out = None if sound else FaultyWire(faults, 0, clock=victim.now_s)
+            wrong.wire_in = None if sound else FaultyWire(faults, 1, clock=victim.now_s)
 
         victim.post(act)
 

@@ -1,6 +1,6 @@
 """What happens to frames on a bad bus: lost, doubled, swapped, late, flipped, drowned. Knows no node.
 
-A `BadWire` is one direction; a bus that is bad is bad both ways, and has two.
+A `FaultyWire` is one direction; a bus that is bad is bad both ways, and has two.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class FrameFaults:
     babble: float = 0.0
 
 
-class BadWire:
+class FaultyWire:
     """Frames in, frames out as the faults have it; the same for a seed, but for when late ones come.
 
     `delays` says whether frames may wait here.

@@ -66,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Try, and report each thing as it was found; exit 3 where something failed."""
-    from hardware.arm import TellsPower
+    from hardware.arm import PowerReporting
     from hardware.commissioning.bench_check import Bench, check
     from hardware.commissioning.finding import Stage
     from operator_app.composition import open_arm
@@ -106,7 +106,7 @@ def execute(args: argparse.Namespace) -> int:
         finally:
             with ending_signals_wait():
                 held = arm.close()
-                powered = arm.left_powered if isinstance(arm, TellsPower) else ()
+                powered = arm.left_powered if isinstance(arm, PowerReporting) else ()
     if args.json:
         found = [{**asdict(f), "stage": f.stage.value} for f in findings]
         say(json.dumps({"findings": found, "held": held}, indent=2))

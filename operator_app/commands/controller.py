@@ -10,7 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hardware.canopen.objects import HEARTBEAT_TIMEOUT_S, LONGEST_GUARD_S, LONGEST_WATCH_S
+from hardware.canopen.objects import (
+    ADVISED_OPERATOR_TIMEOUT_S,
+    HEARTBEAT_TIMEOUT_S,
+    MAX_OPERATOR_TIMEOUT_S,
+)
 from hardware.virtual.fault_messages import FAULTS
 from operator_app.commands.options import (
     a_name,
@@ -76,8 +80,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_patience_s,
         metavar="S",
         help="how long the drives go without the operator's heartbeat before they trip (1016h), in s: default "
-        f"{HEARTBEAT_TIMEOUT_S:g}, at most {LONGEST_WATCH_S:g}; for a machine that both programs share with "
-        f"others. `sarcal arm-check` passes no more than {LONGEST_GUARD_S:g}",
+        f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; for a machine that both programs share with "
+        f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
     )
     faults = parser.add_argument_group("faults, to see what an operator sees of them")
     faults.add_argument(
@@ -111,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Serve until interrupted."""
     from hardware.buses.python_can import bus_settings
-    from hardware.control.process_priority import first_in_line
+    from hardware.control.process_priority import real_time_priority
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.procedure_file import load_procedure
@@ -139,7 +143,7 @@ def execute(args: argparse.Namespace) -> int:
     script = script_of(args, arm.joint_count)
     with (
         ending_signals_interrupt(),
-        first_in_line(),
+        real_time_priority(),
         _recorded(settings, args.record),
         run_controller(
             arm,
@@ -179,8 +183,10 @@ def _patience_s(text: str) -> float:
         found = float(text)
     except ValueError:
         found = 0.0
-    if not 0.1 <= found <= LONGEST_WATCH_S:
-        raise argparse.ArgumentTypeError(f"{text} is no time from 0.1 s to {LONGEST_WATCH_S:g} s")
+    if not 0.1 <= found <= MAX_OPERATOR_TIMEOUT_S:
+        raise argparse.ArgumentTypeError(
+            f"{text} is no time from 0.1 s to {MAX_OPERATOR_TIMEOUT_S:g} s"
+        )
     return found
 
 

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Watch and say; at the end sum up what was seen."""
     from hardware.buses.python_can import bus_settings, open_bus
-    from hardware.buses.shared_bus import Wire
+    from hardware.buses.shared_bus import SharedBus
     from hardware.commissioning.bus_monitor import BusMonitor
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
@@ -46,7 +46,7 @@ def execute(args: argparse.Namespace) -> int:
             "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
         )
     seen = BusMonitor(load_profile(args.profile or DEFAULT_PROFILE))
-    wire = Wire(open_bus(settings), record_to=args.record)
+    wire = SharedBus(open_bus(settings), record_to=args.record)
     begun = time.monotonic()
     try:
         with ending_signals_interrupt():

@@ -120,7 +120,7 @@ def _nobody(found: Probe, bus: str) -> bool:
 
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
-    from hardware.commissioning.profile_draft import NoDraft, draft
+    from hardware.commissioning.profile_draft import DraftRefused, draft
     from operator_app.config.editor import save_with_schema, schema_line
     from operator_app.config.profile_file import format_profile
 
@@ -131,9 +131,9 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
         unsure.append(found.meanwhile)
     try:
         if unsure:
-            raise NoDraft(unsure)
+            raise DraftRefused(unsure)
         made = draft(found.nodes, name=_name(args.draft), configure=args.configure)
-    except NoDraft as none:
+    except DraftRefused as none:
         for reason in none.reasons:
             say(f"sarcal: {reason}", err=True)
         otherwise = (

@@ -29,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Connect, say what has tripped, reset it, say what stays."""
     from hardware.arm import DriveState
-    from hardware.canopen.cia402 import POWERED
+    from hardware.canopen.cia402 import POWERED_STATES
     from hardware.control.canopen_arm import CanopenArm
     from hardware.errors import DriveFault
     from operator_app.composition import open_arm
@@ -51,7 +51,7 @@ def execute(args: argparse.Namespace) -> int:
             say(words, err=args.json)  # beside the JSON
         before = rig.arm.snapshot()
         known = {fault.joint: f"{fault.text} ({fault.code:04X}h)" for fault in before.faults}
-        stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, *POWERED}
+        stopped = {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE, *POWERED_STATES}
         found = {
             joint.joint: known.get(joint.joint, drive_words(joint.drive))
             for joint in before.joints

@@ -14,8 +14,8 @@ from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 
 from hardware.arm import JointMode
 from hardware.canopen.bus_profile import (
-    LONGEST_HEARTBEAT_MS,
-    SLOWEST_HEARTBEAT_MS,
+    DEFAULT_HEARTBEAT_LIMIT_MS,
+    MAX_HEARTBEAT_MS,
     BusProfile,
     Entry,
     JointProfile,
@@ -126,7 +126,7 @@ class ModeCodes(StrictRecord):
 class Patience(StrictRecord):
     """How slow heartbeats may be, and after what silence a node is lost."""
 
-    slowest_ms: Annotated[Count, Field(le=LONGEST_HEARTBEAT_MS)] = SLOWEST_HEARTBEAT_MS
+    slowest_ms: Annotated[Count, Field(le=MAX_HEARTBEAT_MS)] = DEFAULT_HEARTBEAT_LIMIT_MS
     silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
 
 

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from hardware.canopen.bus_profile import ANSWERED, COMMANDED, FIELD_BITS, LEFT_AT_ZERO, entry_words
+from hardware.canopen.bus_profile import (
+    COMMAND_OBJECTS,
+    FEEDBACK_OBJECTS,
+    FIELD_BITS,
+    ZERO_OBJECTS,
+    format_entry,
+)
 from hardware.canopen.objects import CONTROLWORD, TARGET_POSITION
-from hardware.canopen.pdo_reading import DESCRIBING
+from hardware.canopen.pdo_reading import DESCRIPTION_OBJECTS
 from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal
 
 _RESERVED = (
@@ -28,8 +34,8 @@ def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]
     if found.modes.position == found.modes.free:
         yield ("modes", "free"), "is the code of position mode as well", "give each mode its own"
     for k, text in enumerate(found.compared):
-        if hexadecimal(text) not in DESCRIBING:
-            known = ", ".join(f"{index:04X}h" for index in DESCRIBING)
+        if hexadecimal(text) not in DESCRIPTION_OBJECTS:
+            known = ", ".join(f"{index:04X}h" for index in DESCRIPTION_OBJECTS)
             yield ("compared", k), f"{text} cannot be compared with an arm file", f"known: {known}"
     lists: list[tuple[Place, tuple[PdoSpec, ...], bool]] = [
         (("commands",), found.commands, False),
@@ -85,7 +91,7 @@ def _check_listed(found: ProfileFile, joints: int | None) -> Iterator[Complaint]
 
 
 def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterator[Complaint]:
-    wanted = ANSWERED if sent else COMMANDED
+    wanted = FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS
     times = dict.fromkeys(wanted, 0)
     width = dict.fromkeys(wanted, 0)
     for k, pdo in enumerate(pdos):
@@ -95,7 +101,7 @@ def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterato
         if sum(bits for _, _, bits in pdo.entries) > 64:
             yield (*here, "map"), "is longer than the 8 bytes of a frame", "correct the map"
         for m, (index, sub, bits) in enumerate(pdo.entries):
-            at, shown = (*here, "map", m), entry_words((index, sub, bits))
+            at, shown = (*here, "map", m), format_entry((index, sub, bits))
             if index in wanted and sub == 0:
                 times[index] += 1
                 width[index] = max(width[index], bits)
@@ -104,7 +110,7 @@ def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterato
                     yield at, f"{shown} cannot be read or written", remedy
             elif bits == 0 or bits % 8:
                 yield at, f"{shown} is no whole number of bytes", "map whole bytes in the drive"
-            elif not sent and index not in LEFT_AT_ZERO:
+            elif not sent and index not in ZERO_OBJECTS:
                 yield (
                     at,
                     f"{shown} is nothing that this program commands",

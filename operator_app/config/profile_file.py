@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from hardware.canopen.bus_profile import BusProfile, Pdo, entry_words
+from hardware.canopen.bus_profile import BusProfile, Pdo, format_entry
 from operator_app.config.errors import ConfigError
 from operator_app.config.profile import ProfileFile
 from operator_app.config.profile_checks import check_profile
@@ -78,4 +78,4 @@ def _absolute(pdos: Sequence[Pdo]) -> list[dict[str, Any]]:
 
 
 def _written(pdo: Pdo, cob_id: str) -> dict[str, Any]:
-    return {"pdo": pdo.number, "cob_id": cob_id, "map": [entry_words(e) for e in pdo.entries]}
+    return {"pdo": pdo.number, "cob_id": cob_id, "map": [format_entry(e) for e in pdo.entries]}

@@ -11,12 +11,12 @@ from fixtures.base import SetupCheck, Severity
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
 from hardware.errors import (
-    DriveAstray,
+    DriveDiverged,
+    DriveDropout,
     DriveFault,
-    DriveLeft,
     HardwareError,
-    MappingDiffers,
-    NotConfigured,
+    MappingMismatch,
+    PdoSetupFailed,
     WrongArm,
 )
 from operator_app.calibration.result import Solution
@@ -149,7 +149,7 @@ def cut_short_lines(found: CutShort) -> list[str]:
             f"{said}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
             *_way_on(found),
         ]
-    if isinstance(found.cause, DriveAstray):
+    if isinstance(found.cause, DriveDiverged):
         # Whoever stands there has just seen it move: before anything else, why, and what to do.
         lines.insert(0, f"{stopped_words(str(found.cause))}.")
     if late := _late(found):
@@ -193,17 +193,17 @@ def _way_on(found: CutShort) -> list[str]:
         reset = "" if embedded else f" Then clear its trip with: sarcal reset {folder}"
         if cause.code in STOP_CONTACTS:
             return [f"Release the external stop when it is safe.{reset}", goes_on]
-        if isinstance(cause, DriveLeft):
+        if isinstance(cause, DriveDropout):
             return [
                 f"Find out why joint {cause.joint}'s drive did not stay as it was put.",
                 goes_on,
             ]
         return [f"Find out what joint {cause.joint} met.{reset}", goes_on]
-    if isinstance(cause, DriveAstray):
+    if isinstance(cause, DriveDiverged):
         return [
             f"Only when you know why joint {cause.joint} went astray: {goes_on[0].lower()}{goes_on[1:]}"
         ]
-    wrong = isinstance(cause, MappingDiffers | NotConfigured | WrongArm)
+    wrong = isinstance(cause, MappingMismatch | PdoSetupFailed | WrongArm)
     if isinstance(cause, KeyboardInterrupt) or (isinstance(cause, HardwareError) and not wrong):
         return [goes_on]
     return []

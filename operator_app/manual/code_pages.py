@@ -8,7 +8,7 @@ from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen.objects import JOINT_PRODUCT
 from hardware.eds.dictionary import EDS_FILES, product_dictionary, variables
-from hardware.virtual.fault_messages import FAULTS, FaultWords
+from hardware.virtual.fault_messages import FAULTS, FaultDescription
 from hardware.virtual.operator_side import OPERATOR_SIDE
 from operator_app.exit_codes import MEANING
 from operator_app.manual.markup import table
@@ -84,7 +84,7 @@ def faults_page() -> str:
     )
 
 
-def _faults(faults: Mapping[str, FaultWords], *, code: bool = True) -> list[tuple[str, ...]]:
+def _faults(faults: Mapping[str, FaultDescription], *, code: bool = True) -> list[tuple[str, ...]]:
     return [
         (
             f"`{name}`" if code else name,

@@ -14,21 +14,21 @@ from hardware.errors import (
     BusError,
     CommandRefused,
     ControlDenied,
-    DriveAstray,
+    DriveDiverged,
+    DriveDropout,
     DriveFault,
-    DriveLeft,
+    DuplicateNodeId,
     HardwareError,
-    HostLate,
-    Intruder,
+    HostLatencyExceeded,
     MappingChanged,
-    MappingDiffers,
+    MappingMismatch,
     ModeNotReached,
     NodeMissing,
     NodeRestarted,
-    NotConfigured,
+    OtherMaster,
+    PdoSetupFailed,
     SensorFault,
     Stopped,
-    TwoDevices,
     UploadRefused,
     UploadUnknown,
     WrongArm,
@@ -58,7 +58,7 @@ REACHES_NOTHING = (
 
 def stopped_words(why: str) -> str:
     """Return what the arm was stopped for, nobody having pressed STOP, and what to do now."""
-    return f"{_capital(why)}. {_REMEDIES[DriveAstray]}"
+    return f"{_capital(why)}. {_REMEDIES[DriveDiverged]}"
 
 
 def _remedy(error: BaseException) -> str:
@@ -77,23 +77,23 @@ def _remedy(error: BaseException) -> str:
 _REMEDIES: Mapping[type, str] = {
     BusError: "The drives hold by themselves when the heartbeat is gone. Check cable and interface, "
     "then connect again",
-    HostLate: "The drives hold by themselves when the heartbeat is gone. End other programs on this computer, then "
-    "connect again",
+    HostLatencyExceeded: "The drives hold by themselves when the heartbeat is gone. End other programs on this "
+    "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
     WrongArm: "Connect the arm that the arm file describes, or name its own arm file",
-    MappingDiffers: "Nothing was enabled and nothing moves",
+    MappingMismatch: "Nothing was enabled and nothing moves",
     MappingChanged: "This pose was not captured; each before it was compared and stays",
-    NotConfigured: "Nothing was enabled and nothing moves",
+    PdoSetupFailed: "Nothing was enabled and nothing moves",
     ControlDenied: "Ask the other operator to give up control, then connect again",
-    TwoDevices: "Until then nothing moves and nothing is captured",
-    Intruder: "Until then nothing moves and nothing is captured",
+    DuplicateNodeId: "Until then nothing moves and nothing is captured",
+    OtherMaster: "Until then nothing moves and nothing is captured",
     NodeRestarted: "Until then nothing moves and nothing is captured",
     SensorFault: "Look at that joint's coupling and cable, then connect again: the first pose is read again before "
     "any other counts",
     ModeNotReached: "Look at that drive's fault, reset it (R) and apply the modes again",
-    DriveAstray: "Keep clear until you know why: the drive has failed, or somebody else leads it. Then reset "
+    DriveDiverged: "Keep clear until you know why: the drive has failed, or somebody else leads it. Then reset "
     "(R, or `sarcal reset`), and go on from the modes",
-    DriveLeft: "Ask who switched it off, and why; when it is safe, reset (R) and apply the modes again",
+    DriveDropout: "Ask who switched it off, and why; when it is safe, reset (R) and apply the modes again",
     DriveFault: "The arm holds. Find out what it met, reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",

@@ -21,7 +21,7 @@ from pathlib import Path
 import can
 
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.buses.shared_bus import Wire
+from hardware.buses.shared_bus import SharedBus
 from hardware.errors import BusError
 
 MODULES = Path("/usr/lib/uml/modules", os.uname().release, "kernel/drivers/net/can/slcan")
@@ -74,11 +74,11 @@ def main() -> None:
     except can.CanOperationError as error:
         print("FULL", error.error_code)
     try:
-        Wire(bus, patience_s=0.01).send(0x080, b"")
+        SharedBus(bus, patience_s=0.01).send(0x080, b"")
     except BusError as error:
         print("ENDS", error)
     line.reads.set()
-    wire = Wire(bus, patience_s=2.0)
+    wire = SharedBus(bus, patience_s=2.0)
     for _ in range(BURST):
         wire.send(0x201, bytes(7))
     end_s = time.monotonic() + 10.0

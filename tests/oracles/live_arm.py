@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from hardware.arm import (
-    ON_TIME,
+    NO_LATENCY,
     ArmIdentity,
     ArmSnapshot,
     DriveState,
@@ -23,7 +23,7 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.errors import BusError, DriveAstray, HardwareError, StopLatched
+from hardware.errors import BusError, DriveDiverged, HardwareError, StopLatched
 from operator_app.config.procedure import Procedure
 from tests.oracles.plant_arm import PERIOD_S, SERIAL, PlantArm
 
@@ -44,12 +44,12 @@ class LiveArm(PlantArm):
         self.lock = threading.RLock()
         self.pace_s = pace_s
         self.connect_error: HardwareError | None = None
-        self.lateness = ON_TIME
+        self.lateness = NO_LATENCY
         self.stop_error: HardwareError | None = None
         self.stops: list[float] = []
         self.other_operator = False
         self._stop_latch = threading.Event()
-        self._astray: DriveAstray | None = None
+        self._astray: DriveDiverged | None = None
         self._end = threading.Event()
         self._silent_since: float | None = None
         self._stamp = time.monotonic()
@@ -114,7 +114,7 @@ class LiveArm(PlantArm):
 
     def go_astray(self, joint: int, counts: int = 1300) -> None:
         """One joint is not where it was told to be: the arm stops by itself."""
-        self._astray = DriveAstray(joint, counts, self._syncs)
+        self._astray = DriveDiverged(joint, counts, self._syncs)
         self._stop_latch.set()
         self._drives = DriveState.QUICK_STOP_ACTIVE
 

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.errors import DriveAstray
+from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
 from operator_app.session.safety.joint_motion import Motion
@@ -192,7 +192,7 @@ def astray(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
     """The arm was stopped by itself, and nothing else was done since."""
     found = stopped(s)
     assert found.arm is not None
-    why = str(DriveAstray(joint, 1294, 700))
+    why = str(DriveDiverged(joint, 1294, 700))
     s = replace(found, stop=None, arm=replace(found.arm, stopped_for=why))
     return told(s, Level.ALARM, stopped_words(why), time="12:07:41", until=ARM_AGAIN)
 

@@ -5,7 +5,7 @@ It is told apart from the arm's silence, since the remedy is another one.
 
 from __future__ import annotations
 
-from hardware.arm import ON_TIME, Arm, Lateness
+from hardware.arm import NO_LATENCY, Arm, HostLatency
 from operator_app.session.store.logbook import Logbook
 
 AGAIN_S = 30.0
@@ -27,10 +27,10 @@ class LatenessNews:
     """Says how late this program was, of one connection, since it was said last."""
 
     def __init__(self) -> None:
-        self._told = ON_TIME
+        self._told = NO_LATENCY
         self._told_at_s = -AGAIN_S
 
-    def since(self, lateness: Lateness, now_s: float) -> str:
+    def since(self, lateness: HostLatency, now_s: float) -> str:
         """Return what is new, in words; "" if nothing is, or something was said a moment ago."""
         new = lateness.times - self._told.times
         if new == 0 or now_s - self._told_at_s < AGAIN_S:
@@ -44,16 +44,16 @@ class LatenessLog:
 
     def __init__(self, logbook: Logbook, arm: Arm) -> None:
         self._logbook, self._arm = logbook, arm
-        self._kept = ON_TIME
+        self._kept = NO_LATENCY
 
     @property
-    def kept(self) -> Lateness:
+    def kept(self) -> HostLatency:
         """What was kept of this connection."""
         return self._kept
 
     def begin(self) -> None:
         """Begin to count anew: there is a new connection."""
-        self._kept = ON_TIME
+        self._kept = NO_LATENCY
 
     def record(self) -> None:
         """Keep what is new, if anything."""

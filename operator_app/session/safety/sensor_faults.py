@@ -13,7 +13,7 @@ import numpy as np
 
 from hardware.arm import Arm, Reading
 from hardware.canopen.objects import EmergencyCode
-from hardware.errors import DriveAstray, DriveFault, SensorFault
+from hardware.errors import DriveDiverged, DriveFault, SensorFault
 from operator_app.calibration.stuck_joint import turned_unread
 from operator_app.config.procedure import Procedure
 from operator_app.session.store.logbook import Logbook
@@ -78,7 +78,7 @@ class SensorFaults:
         state = self._logbook.state
         if fault.stuck:
             return read_alike(state, self._logbook.model, fault.joint)
-        if isinstance(fault, DriveAstray) and (alike := self._stood_still(fault.joint)):
+        if isinstance(fault, DriveDiverged) and (alike := self._stood_still(fault.joint)):
             return alike
         if fault.since_sync is None or fault.since_sync > self.read_until:
             return ()

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hardware.arm import Lateness
+from hardware.arm import HostLatency
 from operator_app.errors import JournalDamagedError
 from operator_app.session.store.events import joints_told, problem_of
 from operator_app.session.store.state import (
@@ -147,7 +147,7 @@ def _apply_results(
         case "exported":
             return replace(state, exported=dict(data))
         case "late":
-            late = Lateness(
+            late = HostLatency(
                 times=state.late.times + data["times"],
                 last_s=data["last_s"],
                 longest_s=max(state.late.longest_s, data["longest_s"]),

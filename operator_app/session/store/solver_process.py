@@ -18,7 +18,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-from hardware.control.process_priority import in_turn
+from hardware.control.process_priority import normal_priority
 from operator_app.errors import SessionError
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ _START = "from operator_app.session.store.solver_process import serve; serve()"
 
 def serve() -> None:
     """Solve what comes through the pipe until the other end is gone."""
-    in_turn()  # whoever keeps the time of an arm may run before others: this is not that one
+    normal_priority()  # whoever keeps the time of an arm may run before others: this is not that one
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.nice(NICENESS)
     connection: Connection = Connection(int(sys.argv[1]))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hardware.arm import ON_TIME, JointMode, Lateness
+from hardware.arm import NO_LATENCY, HostLatency, JointMode
 from operator_app.calibration.repeat_measurement import Reread
 from solver.chain.poses import PoseSet
 
@@ -190,7 +190,7 @@ class SessionState:
     checks: Mapping[str, Any] = field(default_factory=dict)
     solved_utc: str = ""
     exported: Mapping[str, Any] = field(default_factory=dict)
-    late: Lateness = ON_TIME
+    late: HostLatency = NO_LATENCY
 
     @property
     def position_joints(self) -> tuple[int, ...]:

@@ -11,13 +11,13 @@ from typing import Final
 
 from hardware.errors import (
     ControlDenied,
-    DriveAstray,
+    DriveDiverged,
+    DuplicateNodeId,
     HardwareError,
-    Intruder,
     MappingChanged,
     NodeRestarted,
+    OtherMaster,
     SensorFault,
-    TwoDevices,
 )
 from operator_app.errors import ConnectAgainError
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
@@ -31,10 +31,10 @@ ARM_AGAIN: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
 CONNECT_AGAIN: Final = (
     ConnectAgainError,
     ControlDenied,
-    Intruder,
+    OtherMaster,
     MappingChanged,
     NodeRestarted,
-    TwoDevices,
+    DuplicateNodeId,
 )
 """What the arm goes on refusing for until it is connected again."""
 
@@ -42,7 +42,9 @@ CONNECT_AGAIN: Final = (
 def until(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
     """Return the work that resolves the alarm about an error of such work."""
     # A reading that jumped stays in doubt; of a sensor that stands still only the poses are that read so.
-    jumped = isinstance(error, SensorFault) and not (isinstance(error, DriveAstray) or error.stuck)
+    jumped = isinstance(error, SensorFault) and not (
+        isinstance(error, DriveDiverged) or error.stuck
+    )
     if jumped or isinstance(error, CONNECT_AGAIN):
         return frozenset({TaskKind.CONNECT, kind})
     return (ARM_AGAIN if isinstance(error, HardwareError) else frozenset()) | {kind}

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hardware.arm import Records
+from hardware.arm import Recordable
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
@@ -175,7 +175,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 def _record_beside(journal: Journal, rig: Rig) -> None:
     """Record into the folder that the session has, where another program was faster and has the one it was to have."""
     arm, folder = rig.arm, journal.path.parent
-    if isinstance(arm, Records) and arm.record_to and arm.record_to.parent == rig.opening.folder:
+    if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
         arm.record_to = folder / arm.record_to.name
 
 

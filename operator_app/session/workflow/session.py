@@ -18,11 +18,11 @@ from hardware.arm import (
     Arm,
     ArmIdentity,
     ArmSnapshot,
+    HostLatency,
     JointMode,
-    Lateness,
     MoveResult,
+    PowerReporting,
     Reading,
-    TellsPower,
     Watch,
 )
 from hardware.control.trajectory import coming_to_rest_s
@@ -318,7 +318,7 @@ class Session(Logbook):
         return self._reader.settle()
 
     @property
-    def late_here(self) -> Lateness:
+    def late_here(self) -> HostLatency:
         """How late this computer was, of the present connection or the last, as the journal has it."""
         return self._lateness.kept
 
@@ -337,7 +337,7 @@ class Session(Logbook):
                     self._lateness.record()
         finally:
             self.held = self.arm.close()
-            self._powered = self.arm.left_powered if isinstance(self.arm, TellsPower) else ()
+            self._powered = self.arm.left_powered if isinstance(self.arm, PowerReporting) else ()
             self.identity = None
         return self.held
 

@@ -12,9 +12,9 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     DriveFault,
+    DuplicateNodeId,
     ModeNotReached,
     SensorFault,
-    TwoDevices,
 )
 from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import FREE, POSITION, TWO_DRIVEN, controller_on, operator_on
@@ -89,7 +89,7 @@ def test_a_joint_that_answers_twice_is_two_devices(
     driven: CanopenArm, controller: VirtualController
 ) -> None:
     controller.faults.answer_twice(7)
-    with pytest.raises(TwoDevices, match="node 7"):
+    with pytest.raises(DuplicateNodeId, match="node 7"):
         driven.capture(2000)
 
 
@@ -98,5 +98,5 @@ def test_two_controllers_on_one_bus_are_named(
 ) -> None:
     with controller_on(settings):
         arm = operator_on(settings)
-        with pytest.raises(TwoDevices, match="two devices answer as node"):
+        with pytest.raises(DuplicateNodeId, match="two devices answer as node"):
             arm.connect()

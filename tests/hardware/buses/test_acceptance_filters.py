@@ -11,9 +11,9 @@ import can
 import pytest
 from can.typechecking import CanFilters
 
-from hardware.buses.acceptance_filters import controller_filters, keep_out
+from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.buses.loopback import LoopbackBus
-from hardware.buses.shared_bus import Wire
+from hardware.buses.shared_bus import SharedBus
 
 FOREIGN, SYNC, NMT = 0x123, 0x080, 0x000
 
@@ -74,10 +74,10 @@ def test_an_answer_behind_foreign_frames_is_found_without_waiting(
     buses: tuple[can.BusABC, can.BusABC],
 ) -> None:
     arm, talker = buses
-    keep_out(arm, controller_filters(7))
+    set_hardware_filters(arm, controller_filters(7))
     for identifier in (SYNC, FOREIGN, FOREIGN + 1, NMT):
         talker.send(can.Message(arbitration_id=identifier, is_extended_id=False))
-    wire = Wire(arm)
+    wire = SharedBus(arm)
     first = wire.receive(1.0)
     found = [first]
     while found[-1] is not None:
@@ -88,7 +88,7 @@ def test_an_answer_behind_foreign_frames_is_found_without_waiting(
 def test_a_kernel_keeps_them_out() -> None:
     with ExitStack() as stack:
         arm, talker = pair("loopback", stack)
-        keep_out(arm, controller_filters(7))
+        set_hardware_filters(arm, controller_filters(7))
         for identifier in (FOREIGN, SYNC):
             talker.send(can.Message(arbitration_id=identifier, is_extended_id=False))
         message = arm.recv(1.0)

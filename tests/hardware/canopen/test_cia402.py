@@ -15,11 +15,11 @@ from hardware.canopen.cia402 import (
     CONTROLWORD_QUICK_STOP,
     CONTROLWORD_SHUTDOWN,
     CONTROLWORD_SWITCH_ON,
-    POWERED,
+    POWERED_STATES,
     ControlBit,
     DriveEvent,
     StatusBit,
-    Wish,
+    TargetState,
     after_controlword,
     after_event,
     drive_state,
@@ -86,30 +86,38 @@ def test_bits_and_commands_are_where_the_standard_has_them() -> None:
         "FOLLOWING_ERROR": 0x2000,
     }
     assert (DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET) == (0x00, 0x02, 0x06, 0x07, 0x0F, 0x80)
-    assert frozenset({S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}) == POWERED
+    assert frozenset({S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}) == POWERED_STATES
 
 
 @pytest.mark.parametrize("state", S)
 def test_where_each_wish_is_reached(state: DriveState) -> None:
-    assert [wish for wish in Wish if reached(state, wish)] == {
-        S.NOT_READY_TO_SWITCH_ON: [Wish.STOPPED],
-        S.SWITCH_ON_DISABLED: [Wish.DISABLED, Wish.STOPPED, Wish.FAULT_CLEARED],
-        S.READY_TO_SWITCH_ON: [Wish.STOPPED],
-        S.SWITCHED_ON: [Wish.STOPPED],
-        S.OPERATION_ENABLED: [Wish.ENABLED],
-        S.QUICK_STOP_ACTIVE: [Wish.STOPPED],
+    assert [wish for wish in TargetState if reached(state, wish)] == {
+        S.NOT_READY_TO_SWITCH_ON: [TargetState.STOPPED],
+        S.SWITCH_ON_DISABLED: [
+            TargetState.DISABLED,
+            TargetState.STOPPED,
+            TargetState.FAULT_CLEARED,
+        ],
+        S.READY_TO_SWITCH_ON: [TargetState.STOPPED],
+        S.SWITCHED_ON: [TargetState.STOPPED],
+        S.OPERATION_ENABLED: [TargetState.ENABLED],
+        S.QUICK_STOP_ACTIVE: [TargetState.STOPPED],
         S.FAULT_REACTION_ACTIVE: [],
-        S.FAULT: [Wish.STOPPED],
+        S.FAULT: [TargetState.STOPPED],
     }[state]
 
 
 @pytest.mark.parametrize("previous", [0x0001, 0x000F, 0x007F, 0xFF7F])
 def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous: int) -> None:
     assert after_controlword(S.FAULT, RESET, previous) is S.SWITCH_ON_DISABLED
-    assert next_controlword(statusword(S.FAULT), Wish.FAULT_CLEARED, previous=previous) == RESET
+    assert (
+        next_controlword(statusword(S.FAULT), TargetState.FAULT_CLEARED, previous=previous) == RESET
+    )
     again = previous | RESET
     assert after_controlword(S.FAULT, RESET, again) is S.FAULT
-    assert next_controlword(statusword(S.FAULT), Wish.FAULT_CLEARED, previous=again) == DISABLE
+    assert (
+        next_controlword(statusword(S.FAULT), TargetState.FAULT_CLEARED, previous=again) == DISABLE
+    )
 
 
 @pytest.mark.parametrize("word", [0x0017, 0x0107, 0xFF07])
@@ -123,7 +131,7 @@ def test_a_flag_that_the_state_shows_already_changes_nothing() -> None:
 
 def test_the_word_sent_before_is_named() -> None:
     with pytest.raises(TypeError, match="positional"):
-        next_controlword(0x40, Wish.ENABLED, 0)  # type: ignore[misc]
+        next_controlword(0x40, TargetState.ENABLED, 0)  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("word", [DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET], ids=hex)
@@ -240,32 +248,32 @@ def test_statusword_round_trip(state: DriveState, flags: int) -> None:
 @pytest.mark.parametrize(
     ("state", "wish", "word"),
     [
-        (S.SWITCH_ON_DISABLED, Wish.ENABLED, SHUTDOWN),
-        (S.READY_TO_SWITCH_ON, Wish.ENABLED, ON),
-        (S.SWITCHED_ON, Wish.ENABLED, ENABLE),
-        (S.OPERATION_ENABLED, Wish.ENABLED, ENABLE),
-        (S.QUICK_STOP_ACTIVE, Wish.ENABLED, DISABLE),
-        (S.FAULT, Wish.ENABLED, DISABLE),
-        (S.FAULT, Wish.DISABLED, DISABLE),
-        (S.FAULT, Wish.FAULT_CLEARED, RESET),
-        (S.OPERATION_ENABLED, Wish.STOPPED, STOP),
-        (S.OPERATION_ENABLED, Wish.DISABLED, DISABLE),
+        (S.SWITCH_ON_DISABLED, TargetState.ENABLED, SHUTDOWN),
+        (S.READY_TO_SWITCH_ON, TargetState.ENABLED, ON),
+        (S.SWITCHED_ON, TargetState.ENABLED, ENABLE),
+        (S.OPERATION_ENABLED, TargetState.ENABLED, ENABLE),
+        (S.QUICK_STOP_ACTIVE, TargetState.ENABLED, DISABLE),
+        (S.FAULT, TargetState.ENABLED, DISABLE),
+        (S.FAULT, TargetState.DISABLED, DISABLE),
+        (S.FAULT, TargetState.FAULT_CLEARED, RESET),
+        (S.OPERATION_ENABLED, TargetState.STOPPED, STOP),
+        (S.OPERATION_ENABLED, TargetState.DISABLED, DISABLE),
     ],
 )
-def test_next_controlword(state: DriveState, wish: Wish, word: int) -> None:
+def test_next_controlword(state: DriveState, wish: TargetState, word: int) -> None:
     assert next_controlword(statusword(state), wish) == word
 
 
-@pytest.mark.parametrize("wish", Wish)
+@pytest.mark.parametrize("wish", TargetState)
 @pytest.mark.parametrize("state", S)
-def test_an_operator_gets_there_in_a_few_steps(state: DriveState, wish: Wish) -> None:
+def test_an_operator_gets_there_in_a_few_steps(state: DriveState, wish: TargetState) -> None:
     word = CONTROLWORD_FAULT_RESET  # the worst word to have sent last
     faulty = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
     state = after_event(after_event(state, DriveEvent.INITIALISED), DriveEvent.FAULT_REACTION_DONE)
     for _ in range(6):
         previous, word = word, next_controlword(statusword(state), wish, previous=word)
         state = after_controlword(state, word, previous)
-    if faulty and wish in (Wish.DISABLED, Wish.ENABLED):
+    if faulty and wish in (TargetState.DISABLED, TargetState.ENABLED):
         assert state is S.FAULT
     else:
         assert reached(state, wish)
@@ -297,17 +305,17 @@ class DriveAndOperator(RuleBasedStateMachine):
         if before is S.OPERATION_ENABLED and self.state is S.QUICK_STOP_ACTIVE:
             self.disabled_since_stop = False
 
-    @rule(wish=st.sampled_from(Wish))
-    def operator_step(self, wish: Wish) -> None:
+    @rule(wish=st.sampled_from(TargetState))
+    def operator_step(self, wish: TargetState) -> None:
         word = next_controlword(statusword(self.state), wish, previous=self.previous)
         before = self.state
         self._to(after_controlword(before, word, self.previous))
         self.previous = word
         if before is S.OPERATION_ENABLED and self.state is S.QUICK_STOP_ACTIVE:
             self.disabled_since_stop = False
-        if wish is not Wish.ENABLED:
+        if wish is not TargetState.ENABLED:
             assert not raises_power(before, self.state)
-        if wish is Wish.STOPPED:
+        if wish is TargetState.STOPPED:
             assert self.state is not S.OPERATION_ENABLED
 
     @rule()

@@ -14,7 +14,14 @@ import pytest
 from hardware.arm import DriveState, JointMode
 from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
-from hardware.errors import MappingDiffers, NodeMissing, NotConfigured, NotZeroed, Stopped, WrongArm
+from hardware.errors import (
+    MappingMismatch,
+    NodeMissing,
+    PdoSetupFailed,
+    Stopped,
+    WrongArm,
+    ZeroingFailed,
+)
 from operator_app.config.profile_file import parse_profile
 from tests.hardware.commissioning.test_profile_draft import (
     JOINTS,
@@ -92,7 +99,7 @@ def test_another_map_is_refused_or_written_as_the_profile_says(
     foreign: ForeignArm,
     arms: list[Any],
 ) -> None:
-    with pytest.raises(MappingDiffers, match="node 1, 1601h") as refused:
+    with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
         connected(settings, profile(PROFILE.replace("configured", "compared")))
     assert len(refused.value.differences) == JOINTS * 6
     assert not any(node.written for node in foreign.nodes)
@@ -179,7 +186,7 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
     foreign: ForeignArm,
 ) -> None:
     foreign.nodes[2].fixed.add(0x1A02)
-    with pytest.raises(NotConfigured) as refused:
+    with pytest.raises(PdoSetupFailed) as refused:
         connected(settings, profile())
     (told,) = refused.value.refusals
     assert told.startswith("joint 3 (node 3): node 3 refused 1A02h sub 0: ")
@@ -195,7 +202,7 @@ def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
     settings: BusSettings,
     foreign: ForeignArm,
 ) -> None:
-    with pytest.raises(NotConfigured) as refused:
+    with pytest.raises(PdoSetupFailed) as refused:
         connected(settings, profile(PROFILE.replace("pdo: 4", "pdo: 1")))
     assert refused.value.refusals[0] == (
         "node 1, 1800h: expected a PDO to set up, found no such object"
@@ -224,7 +231,7 @@ def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all() -> None:
     assert arm.connect().configured == ()
     arm.close()
     bus.objects[5, 0x1800, 2] = b"\xff"
-    with pytest.raises(NotConfigured, match="node 5 refused 1800h sub 1"):
+    with pytest.raises(PdoSetupFailed, match="node 5 refused 1800h sub 1"):
         arm.connect()
 
 
@@ -245,7 +252,7 @@ def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
     bus = FakeArmBus()
     bus.drives[7].counts = 100
     bus.objects[3, 0x6071, 0] = (-50 & 0xFFFF).to_bytes(2, "little")
-    with pytest.raises(NotZeroed) as refused:
+    with pytest.raises(ZeroingFailed) as refused:
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
     (told,) = refused.value.refusals
     assert told.startswith("joint 3 (node 3): node 3 refused 6071h sub 0: ")
@@ -261,7 +268,7 @@ def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
 ) -> None:
     refusal: type[Exception] = WrongArm
     if cause == "heartbeat":
-        refusal = MappingDiffers
+        refusal = MappingMismatch
         foreign.nodes[1].set_data(0x1017, 0, (5000).to_bytes(2, "little"))
     else:
         del foreign.nodes[1].object_dictionary[0x6076]
@@ -304,6 +311,6 @@ def test_nothing_is_written_into_drives_that_are_refused_for_what_no_profile_say
     bus.drives[7].counts = 100
     bus.objects[5, 0x1800, 2] = b"\xff"
     bus.objects[6, index, sub] = value
-    with pytest.raises(MappingDiffers, match=f"node 6, {index:04X}h"):
+    with pytest.raises(MappingMismatch, match=f"node 6, {index:04X}h"):
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
     assert not [data for i, data in bus.sent if 0x600 < i < 0x680 and data[0] >> 5 == 1]

@@ -16,9 +16,9 @@ from hardware.arm_description import ArmDescription, EncoderDescription, JointDe
 from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import probe
-from hardware.commissioning.profile_draft import NoDraft, draft
+from hardware.commissioning.profile_draft import DraftRefused, draft
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import MappingDiffers, UploadRefused, WrongArm
+from hardware.errors import MappingMismatch, UploadRefused, WrongArm
 from hardware.timing import Pace, Timing
 from operator_app.config.profile_file import format_profile, parse_profile
 from tests.oracles.foreign_arm import Axis, ForeignArm, foreign_arm
@@ -98,7 +98,7 @@ def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
 def test_it_is_refused_by_name_and_nothing_is_told_to_move(
     settings: BusSettings, foreign: ForeignArm
 ) -> None:
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         connected(settings, sarcos(JOINTS))
     told = refused.value.differences
     for node in range(1, JOINTS + 1):
@@ -189,7 +189,7 @@ def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
 ) -> None:
     foreign.nodes[2].set_data(0x1803, 2, b"\xff")
     foreign.nodes[3].set_data(0x1601, 0, b"\x01")
-    with pytest.raises(NoDraft) as none:
+    with pytest.raises(DraftRefused) as none:
         drafted(settings)
     assert none.value.reasons == (
         "node 3: no TPDO carries 6041h as it is needed (TPDO4 is of transmission type 255, not 1 (on every SYNC))",
@@ -203,7 +203,7 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
     for node in foreign.nodes:
         node.set_data(0x1803, 2, b"\xff")
         node.set_data(0x1402, 1, (0x80000402).to_bytes(4, "little"))
-    with pytest.raises(NoDraft, match="no TPDO carries 6041h"):
+    with pytest.raises(DraftRefused, match="no TPDO carries 6041h"):
         drafted(settings)
     profile = drafted(settings, configure=True)
     assert not any(node.written for node in foreign.nodes), "a probe writes nothing"
@@ -228,7 +228,7 @@ def test_drives_without_room_for_what_is_needed_are_named(
 ) -> None:
     del foreign.nodes[1].object_dictionary[0x1803]
     del foreign.nodes[2].object_dictionary[0x6077]
-    with pytest.raises(NoDraft) as none:
+    with pytest.raises(DraftRefused) as none:
         drafted(settings, configure=True)
     assert none.value.reasons == (
         "node 2: 2 TPDOs are needed, and it has 1",
@@ -241,7 +241,7 @@ def test_a_drive_whose_first_object_cannot_be_read_is_named(
     settings: BusSettings, foreign: ForeignArm, index: int
 ) -> None:
     del foreign.nodes[2].object_dictionary[index]
-    with pytest.raises(NoDraft) as none:
+    with pytest.raises(DraftRefused) as none:
         drafted(settings, configure=True)
     assert none.value.reasons == (f"node 3: {index:04X}h cannot be read",)
 
@@ -259,7 +259,7 @@ def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(
 
     foreign.network.unsubscribe(0x602)
     foreign.network.subscribe(0x602, answer_to_1018h_and_no_further)
-    with pytest.raises(NoDraft) as silent:
+    with pytest.raises(DraftRefused) as silent:
         drafted(settings, configure=True)
     (reason,) = silent.value.reasons
     assert reason.startswith("Node 2 does not answer when asked for")
@@ -270,7 +270,7 @@ def test_a_map_changed_behind_the_profiles_back_is_refused(
 ) -> None:
     profile = drafted(settings)
     foreign.nodes[1].set_data(0x1A02, 2, (0x606C0020).to_bytes(4, "little"))
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         connected(settings, profile)
     assert refused.value.differences == (
         "node 2, 1A02h: expected TPDO3 = 6077h(32) + 6064h(32), found 6077h(32) + 606Ch(32)",

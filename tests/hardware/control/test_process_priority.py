@@ -10,8 +10,8 @@ import pytest
 from hardware.control.process_priority import (
     LOOP_PRIORITY,
     PRIORITY,
-    ahead_of_its_program,
-    first_in_line,
+    raise_loop_priority,
+    real_time_priority,
 )
 
 
@@ -27,7 +27,7 @@ def priority_of_a_loop() -> int:
     found: list[int] = []
 
     def loop() -> None:
-        ahead_of_its_program()
+        raise_loop_priority()
         found.append(os.sched_getparam(0).sched_priority)
 
     thread = threading.Thread(target=loop)
@@ -48,7 +48,7 @@ def allowed() -> bool:
 
 @pytest.mark.skipif(not allowed(), reason="this user may not ask for real-time priority")
 def test_threads_started_inside_run_in_real_time_and_none_afterwards() -> None:
-    with first_in_line():
+    with real_time_priority():
         assert policy_of_a_thread() == os.SCHED_RR
     assert policy_of_a_thread() == os.sched_getscheduler(0) == os.SCHED_OTHER
 
@@ -58,13 +58,13 @@ def test_where_it_is_not_allowed_everything_goes_on(monkeypatch: pytest.MonkeyPa
         raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with first_in_line():
+    with real_time_priority():
         assert policy_of_a_thread() == os.SCHED_OTHER
 
 
 @pytest.mark.skipif(not allowed(), reason="this user may not ask for real-time priority")
 def test_a_loop_runs_before_the_rest_of_a_program_in_real_time_only() -> None:
-    with first_in_line():
+    with real_time_priority():
         assert priority_of_a_loop() == LOOP_PRIORITY > PRIORITY
         assert os.sched_getparam(0).sched_priority == PRIORITY
     assert priority_of_a_loop() == 0

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import can
 import pytest
 
-from hardware.buses.shared_bus import Wire
+from hardware.buses.shared_bus import SharedBus
 from hardware.canopen.cyclic import Setpoint, frames_of
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import BusError
@@ -50,7 +50,7 @@ def spare() -> FakeBus:
 
 
 def line(own: FakeBus, spare: FakeBus) -> StopLine:
-    return StopLine(own, Wire(spare), frames_of(sarcos(3)))
+    return StopLine(own, SharedBus(spare), frames_of(sarcos(3)))
 
 
 def test_every_drive_gets_quick_stop_with_the_target_and_mode_it_had(
@@ -116,11 +116,11 @@ def test_a_frame_that_nobody_takes_keeps_no_other_from_going_out(
 def test_a_latch_is_lifted_only_for_the_latest_press() -> None:
     latch = StopLatch()
     assert not latch.latched
-    assert latch.release(latch.last)
+    assert latch.release(latch.last_press)
     seen = []
     for _ in range(3):
         latch.press()
-        seen.append(latch.last)
+        seen.append(latch.last_press)
         assert latch.latched
     for earlier in (None, *seen[:-1]):
         assert not latch.release(earlier)

@@ -11,15 +11,23 @@ import pytest
 
 from hardware.canopen.cyclic import Sample, frames_of
 from hardware.control.sampling import Sampler
-from hardware.monitors.continuity import QUIET_SYNCS, SPAN, TAKING_UP_SYNCS, Continuity, Jump
+from hardware.monitors.continuity import (
+    JERK_SYNCS,
+    QUIET_SYNCS,
+    WINDOW_SAMPLES,
+    ContinuityMonitor,
+    CountJump,
+)
 from tests.oracles.profiles import sarcos
 
 SYNCS = 200
 AT = 100
 
 
-def watch(positions: list[tuple[float, ...]], missing: frozenset[int] = frozenset()) -> list[Jump]:
-    watcher = Continuity([4.0] * len(positions[0]))
+def watch(
+    positions: list[tuple[float, ...]], missing: frozenset[int] = frozenset()
+) -> list[CountJump]:
+    watcher = ContinuityMonitor([4.0] * len(positions[0]))
     found = []
     for sync, angles in enumerate(positions, 1):
         sample = Sample(
@@ -29,7 +37,7 @@ def watch(positions: list[tuple[float, ...]], missing: frozenset[int] = frozense
             torques_per_mille=(0,) * len(angles),
             missing=(1,) if sync in missing else (),
         )
-        jump = watcher.see(sample)
+        jump = watcher.update(sample)
         if jump is not None:
             found.append(jump)
     return found
@@ -58,7 +66,7 @@ def test_lost_counts_are_named_with_their_size(motion: str, lost: int) -> None:
 @pytest.mark.parametrize("lost", [5, -5])
 def test_at_rest_five_counts_are_enough(lost: int) -> None:
     positions = [(7.0, 9.0 + (lost if k >= AT else 0)) for k in range(1, SYNCS + 1)]
-    assert watch(positions) == [Jump(joint=2, counts=lost, sync_count=AT)]
+    assert watch(positions) == [CountJump(joint=2, counts=lost, sync_count=AT)]
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -95,20 +103,20 @@ def test_over_a_lost_frame_nothing_is_said() -> None:
 
 
 def test_a_drive_that_takes_its_joint_up_may_jerk_it() -> None:
-    watcher = Continuity([4.0, 4.0])
+    watcher = ContinuityMonitor([4.0, 4.0])
     found = []
     for sync in range(1, SYNCS + 1):
         if sync == AT - 3:
-            watcher.disturb()
+            watcher.expect_jerk()
         taken_up = 8 * (sync >= AT)
-        lost = 40 * (sync >= AT + TAKING_UP_SYNCS + SPAN)
+        lost = 40 * (sync >= AT + JERK_SYNCS + WINDOW_SAMPLES)
         sample = Sample(
             sync_count=sync,
             statuswords=(0, 0),
             counts=(taken_up + lost, 0),
             torques_per_mille=(0, 0),
         )
-        jump = watcher.see(sample)
+        jump = watcher.update(sample)
         if jump is not None:
             found.append(jump)
     # Counts that are lost after it are seen as ever.
@@ -124,7 +132,10 @@ def seen_through_a_sampler(
     answers: Callable[[int], tuple[tuple[int, ...], tuple[int, ...]]],
 ) -> bool:
     """Whether joint 1 of two is seen to jump; `answers` are its counts before and after a sample closes."""
-    sampler, watcher = Sampler(frames_of(sarcos(2)), patience=9, now_s=0.0), Continuity([4.0, 4.0])
+    sampler, watcher = (
+        Sampler(frames_of(sarcos(2)), patience=9, now_s=0.0),
+        ContinuityMonitor([4.0, 4.0]),
+    )
     jumped = False
     for sync in range(1, SYNCS + 1):
         sampler.open()
@@ -136,8 +147,8 @@ def seen_through_a_sampler(
         for counts in late:
             sampler.note(0x181, struct.pack("<Hih", 0x1237, counts, 0), 0.0)
         if sampler.answered_late:
-            watcher.interrupt()
-        jumped |= watcher.see(sampler.view.sample) is not None
+            watcher.restart_history()
+        jumped |= watcher.update(sampler.view.sample) is not None
     return jumped
 
 

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.canopen.cyclic import LATE_SYNCS, Sample, Setpoint
-from hardware.monitors.following import AWAY_SYNCS, Astray, Following
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint
+from hardware.monitors.following import DIVERGED_SYNCS, Divergence, FollowingMonitor
 
 FOLLOWS, NO_ANSWER_BIT, STOPPED, FAULT = 0x1627, 0x0627, 0x1607, 0x1608
 CSP, CST = 8, 10
@@ -12,12 +12,12 @@ WINDOW = 100
 
 def watched(
     *away: int, status: int = FOLLOWS, mode: int = CSP, missing: tuple[int, ...] = ()
-) -> list[Astray | None]:
+) -> list[Divergence | None]:
     """What is said as joint 2 is `away` from its target, SYNC by SYNC."""
-    following = Following([WINDOW, WINDOW])
+    following = FollowingMonitor([WINDOW, WINDOW])
     commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
     return [
-        following.see(
+        following.update(
             Sample(
                 sync_count=sync,
                 statuswords=(FOLLOWS, status),
@@ -33,17 +33,17 @@ def watched(
 
 @pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])
 def test_a_joint_that_stays_away_is_named_with_how_far_and_since_when(away: int) -> None:
-    said = watched(*[away] * (AWAY_SYNCS + 1))
-    found = Astray(joint=2, counts=away, sync_count=50)
-    assert said == [*[None] * (AWAY_SYNCS - 1), found, found]
+    said = watched(*[away] * (DIVERGED_SYNCS + 1))
+    found = Divergence(joint=2, counts=away, sync_count=50)
+    assert said == [*[None] * (DIVERGED_SYNCS - 1), found, found]
 
 
 def test_on_the_edge_of_its_window_it_is_where_it_should_be() -> None:
-    assert set(watched(*[WINDOW, -WINDOW] * AWAY_SYNCS)) == {None}
+    assert set(watched(*[WINDOW, -WINDOW] * DIVERGED_SYNCS)) == {None}
 
 
 def test_once_back_in_its_window_it_begins_anew() -> None:
-    almost = [WINDOW + 50] * (AWAY_SYNCS - 1)
+    almost = [WINDOW + 50] * (DIVERGED_SYNCS - 1)
     assert set(watched(*almost, WINDOW, *almost)) == {None}
 
 
@@ -63,40 +63,40 @@ def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other: dict
 
 @pytest.mark.parametrize("shown", [1, 5])
 def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown: int) -> None:
-    following = Following([WINDOW])
+    following = FollowingMonitor([WINDOW])
     told = (Setpoint(0x0F, 0, CSP),)
 
-    def see(sync: int, status: int, counts: int) -> Astray | None:
+    def see(sync: int, status: int, counts: int) -> Divergence | None:
         sample = Sample(
             sync_count=sync, statuswords=(status,), counts=(counts,), torques_per_mille=(0,)
         )
-        return following.see(sample, told)
+        return following.update(sample, told)
 
     for sync in range(shown):
         assert see(sync, FOLLOWS, 0) is None
-    said = [see(100 + sync, NO_ANSWER_BIT, 5 * WINDOW) for sync in range(AWAY_SYNCS)]
+    said = [see(100 + sync, NO_ANSWER_BIT, 5 * WINDOW) for sync in range(DIVERGED_SYNCS)]
     assert said == [
-        *[None] * (AWAY_SYNCS - 1),
-        Astray(joint=1, counts=5 * WINDOW, sync_count=100),
+        *[None] * (DIVERGED_SYNCS - 1),
+        Divergence(joint=1, counts=5 * WINDOW, sync_count=100),
     ]
     # Stopped, and enabled anew: until it says that it follows it goes by no target.
     assert see(200, STOPPED, 5 * WINDOW) is None
-    assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * AWAY_SYNCS)} == {None}
+    assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * DIVERGED_SYNCS)} == {None}
 
 
 def test_nobody_is_astray_before_anything_was_commanded_or_without_windows() -> None:
     sample = Sample(sync_count=1, statuswords=(FOLLOWS,), counts=(9000,), torques_per_mille=(0,))
-    for _ in range(3 * AWAY_SYNCS):
-        assert Following([WINDOW]).see(sample, None) is None
-        assert Following().see(sample, (Setpoint(0x0F, 0, CSP),)) is None
+    for _ in range(3 * DIVERGED_SYNCS):
+        assert FollowingMonitor([WINDOW]).update(sample, None) is None
+        assert FollowingMonitor().update(sample, (Setpoint(0x0F, 0, CSP),)) is None
 
 
-def moving(lag: int, *, astray: int = 0) -> list[Astray | None]:
+def moving(lag: int, *, astray: int = 0) -> list[Divergence | None]:
     """What is said of a joint that runs 30 counts a SYNC to and fro, seen `lag` SYNCs late."""
-    following = Following([WINDOW])
+    following = FollowingMonitor([WINDOW])
     way = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
     return [
-        following.see(
+        following.update(
             Sample(
                 sync_count=sync,
                 statuswords=(FOLLOWS,),
@@ -109,7 +109,7 @@ def moving(lag: int, *, astray: int = 0) -> list[Astray | None]:
     ]
 
 
-@pytest.mark.parametrize("lag", [0, 1, 23, LATE_SYNCS])
+@pytest.mark.parametrize("lag", [0, 1, 23, MAX_LATE_SYNCS])
 def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag: int) -> None:
     assert set(moving(lag)) == {None}
 
@@ -117,19 +117,19 @@ def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag: int) -> None:
 @pytest.mark.parametrize("lag", [0, 23])
 def test_a_joint_led_astray_while_it_moves_is_found_when_it_rests_at_the_latest(lag: int) -> None:
     found = next(said for said in moving(lag, astray=-WINDOW - 1) if said is not None)
-    assert found.sync_count <= 400 + 2 * LATE_SYNCS
+    assert found.sync_count <= 400 + 2 * MAX_LATE_SYNCS
 
 
 def test_a_joint_that_was_free_meanwhile_has_been_told_nothing() -> None:
-    following = Following([WINDOW])
+    following = FollowingMonitor([WINDOW])
 
-    def see(sync: int, target: int, mode: int) -> Astray | None:
+    def see(sync: int, target: int, mode: int) -> Divergence | None:
         sample = Sample(
             sync_count=sync, statuswords=(FOLLOWS,), counts=(0,), torques_per_mille=(0,)
         )
-        return following.see(sample, (Setpoint(0x0F, target, mode),))
+        return following.update(sample, (Setpoint(0x0F, target, mode),))
 
     assert see(1, 0, CSP) is None
     assert see(2, 0, CST) is None
-    said = [see(sync, 5 * WINDOW, CSP) for sync in range(3, 3 + AWAY_SYNCS)]
-    assert said[-1] == Astray(joint=1, counts=-5 * WINDOW, sync_count=3)
+    said = [see(sync, 5 * WINDOW, CSP) for sync in range(3, 3 + DIVERGED_SYNCS)]
+    assert said[-1] == Divergence(joint=1, counts=-5 * WINDOW, sync_count=3)

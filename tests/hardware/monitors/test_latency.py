@@ -10,14 +10,14 @@ from dataclasses import dataclass, field
 import can
 import pytest
 
-from hardware.arm import Lateness
+from hardware.arm import HostLatency
 from hardware.buses.python_can import BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
 from hardware.control.control_loop import ControlLoop
 from hardware.control.tasks import LoopTask
 from hardware.errors import BusError
-from hardware.monitors.latency import LONGEST_LOOK_S, TOLD_S, Attention
+from hardware.monitors.latency import MAX_POLL_GAP_S, REPORTED_S, LatencyMonitor
 from hardware.timing import Pace, Timing
 from tests.oracles.profiles import sarcos
 
@@ -111,7 +111,7 @@ def test_a_loop_that_was_kept_from_running_does_not_call_the_arm_silent(bus, loo
     bus.beat()
     listen(loop, looks=4)
     assert loop.alarm() is None
-    assert loop.attention.late_s == pytest.approx(5.0 - LONGEST_LOOK_S + 0.05)
+    assert loop.latency.late_s == pytest.approx(5.0 - MAX_POLL_GAP_S + 0.05)
 
 
 def test_a_loop_that_only_ever_gets_short_turns_still_hears_who_speaks(bus, loop) -> None:
@@ -132,14 +132,14 @@ def test_a_silent_arm_is_found_however_late_we_are(bus, loop) -> None:
 
 def test_listening_never_counts_for_more_than_the_time_that_passed() -> None:
     clock = Clock()
-    attention = Attention(clock)
-    for gap_s in (0.01, LONGEST_LOOK_S, 0.3, 2.0, 0.0):
+    latency = LatencyMonitor(clock)
+    for gap_s in (0.01, MAX_POLL_GAP_S, 0.3, 2.0, 0.0):
         clock.now_s += gap_s
-        attention.look()
-    assert attention.late_s == pytest.approx(0.2 + 1.9)
+        latency.frame_read()
+    assert latency.late_s == pytest.approx(0.2 + 1.9)
     clock.now_s += 1.0  # nobody has looked since
-    assert attention.late_s == pytest.approx(3.0)
-    assert clock.now_s - attention.listened_s == pytest.approx(3.0)
+    assert latency.late_s == pytest.approx(3.0)
+    assert clock.now_s - latency.listened_s == pytest.approx(3.0)
 
 
 # ---- how old what we look at is ------------------------------------------------------------------------
@@ -157,14 +157,14 @@ def test_an_answer_that_waited_for_us_is_as_old_as_its_stamp(bus, loop) -> None:
     loop._cycle()
     assert ages(bus, loop) == pytest.approx([0.7, 0.7], abs=1e-6)
     # All of it is our own lateness, none of it the arm's silence.
-    late = [loop.attention.late_s - at for at in loop.view.late_at_s]
-    assert late == pytest.approx(ages(bus, loop), abs=LONGEST_LOOK_S + 1e-6)
-    assert loop.attention.lateness == Lateness(
+    late = [loop.latency.late_s - at for at in loop.view.late_at_s]
+    assert late == pytest.approx(ages(bus, loop), abs=MAX_POLL_GAP_S + 1e-6)
+    assert loop.latency.lateness == HostLatency(
         times=1, last_s=pytest.approx(0.7, abs=1e-6), longest_s=pytest.approx(0.7, abs=1e-6)
     )
     loop._cycle()
     assert max(ages(bus, loop)) < 0.001
-    assert loop.attention.lateness.times == 1
+    assert loop.latency.lateness.times == 1
 
 
 @pytest.mark.parametrize("set_by_s", [-3600.0, -0.5, -0.02, 0.02, 0.5, 3600.0])
@@ -174,51 +174,51 @@ def test_a_clock_set_anew_makes_no_frame_older_than_it_can_be(set_by_s: float) -
     def stamps() -> float:
         return clock.now_s + TIME_OF_DAY_S + set_to_s
 
-    attention = Attention(clock, stamps)
+    latency = LatencyMonitor(clock, stamps)
     for cycle in range(30):
-        attention.nothing(clock.now_s)
+        latency.queue_empty(clock.now_s)
         stamp_s = stamps()
         if cycle == 10:  # while the frame is in the queue
             set_to_s = set_by_s
         clock.now_s += 0.010
-        waited_s = attention.look(stamp_s)
+        waited_s = latency.frame_read(stamp_s)
         # The one that was in the queue is as old as it may be, or new; all others are as old as they are.
         expected_s = min(max(0.010 + set_by_s, 0.0), 0.010) if cycle == 10 else 0.010
         assert waited_s == pytest.approx(expected_s, abs=1e-6)
-    assert attention.lateness == Lateness()
+    assert latency.lateness == HostLatency()
 
 
 def test_a_queue_that_never_empties_says_by_its_stamps_how_far_behind_we_are() -> None:
     """A frame every millisecond, and 1.2 ms for each: nothing is ever not waiting, and nobody fails to look."""
     clock = Clock()
-    attention = Attention(clock, lambda: clock.now_s + TIME_OF_DAY_S)
-    attention.nothing(clock.now_s)
+    latency = LatencyMonitor(clock, lambda: clock.now_s + TIME_OF_DAY_S)
+    latency.queue_empty(clock.now_s)
     came_s = clock.now_s
     for _ in range(3000):
         came_s += 0.001
         clock.now_s = max(clock.now_s + 0.0012, came_s)
-        assert attention.look(came_s + TIME_OF_DAY_S) == pytest.approx(
+        assert latency.frame_read(came_s + TIME_OF_DAY_S) == pytest.approx(
             clock.now_s - came_s, abs=1e-6
         )
-    assert attention.late_s == 0.0
-    assert attention.lateness.times == 1
-    assert attention.lateness.last_s == pytest.approx(0.6, abs=1e-3)
+    assert latency.late_s == 0.0
+    assert latency.lateness.times == 1
+    assert latency.lateness.last_s == pytest.approx(0.6, abs=1e-3)
 
 
 @pytest.mark.parametrize("stamp_s", [0.0, 12.5, TIME_OF_DAY_S])
 def test_a_frame_without_a_stamp_of_ours_came_when_it_was_read(stamp_s: float) -> None:
     clock = Clock()
-    attention = Attention(clock, None)
-    attention.nothing(clock.now_s)
+    latency = LatencyMonitor(clock, None)
+    latency.queue_empty(clock.now_s)
     clock.now_s += 5.0
-    assert attention.look(stamp_s) == 0.0
+    assert latency.frame_read(stamp_s) == 0.0
 
 
 def test_a_stamp_of_zero_is_none() -> None:
     clock = Clock()
-    attention = Attention(clock, clock)
+    latency = LatencyMonitor(clock, clock)
     clock.now_s += 5.0
-    assert attention.look(0.0) == 0.0
+    assert latency.frame_read(0.0) == 0.0
 
 
 @pytest.mark.parametrize("interface", ["socketcan", "loopback", "udp_multicast", "virtual"])
@@ -239,22 +239,22 @@ def test_other_stamps_are_of_other_clocks_or_of_reading(interface: str) -> None:
 def test_nobody_is_late_for_an_arm_whose_time_stands_meanwhile() -> None:
     clock = Clock()
     for arm_waits, times in ((False, 1), (True, 0)):
-        attention = Attention(clock, arm_waits=arm_waits)
+        latency = LatencyMonitor(clock, arm_waits=arm_waits)
         clock.now_s += 2.0
-        attention.look()
-        assert attention.lateness.times == times
+        latency.frame_read()
+        assert latency.lateness.times == times
 
 
 def test_each_lateness_is_counted_once() -> None:
     clock = Clock()
-    attention = Attention(clock)
+    latency = LatencyMonitor(clock)
     clock.now_s += 5.0  # before anything is to be heard
-    attention.begin()
-    for gap_s in (0.1, TOLD_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
+    latency.begin()
+    for gap_s in (0.1, REPORTED_S - 0.01, 0.8, 0.05, 0.4, *[0.05] * 50, 0.5):
         clock.now_s += gap_s
-        attention.look()
-        attention.nothing(clock.now_s)
-    assert attention.lateness == Lateness(
+        latency.frame_read()
+        latency.queue_empty(clock.now_s)
+    assert latency.lateness == HostLatency(
         times=3, last_s=pytest.approx(0.5), longest_s=pytest.approx(0.8)
     )
 

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from hardware.errors import BusError, DriveFault, Intruder, NodeRestarted, SensorFault, TwoDevices
+from hardware.errors import (
+    BusError,
+    DriveFault,
+    DuplicateNodeId,
+    NodeRestarted,
+    OtherMaster,
+    SensorFault,
+)
 from operator_app.messages.errors import words
 
 
@@ -12,11 +19,11 @@ from operator_app.messages.errors import words
     "error",
     [
         BusError("The arm has gone silent. Check power and cable, then reconnect."),
-        Intruder("Somebody else commands this arm. End that program, then connect again."),
+        OtherMaster("Somebody else commands this arm. End that program, then connect again."),
         NodeRestarted((5,), ["joint 5"]),
         SensorFault(3, "jumped by +2223 counts", since_sync=1),
         SensorFault(3, "stands still", stuck=True),
-        TwoDevices((5,)),
+        DuplicateNodeId((5,)),
     ],
     ids=lambda error: type(error).__name__,
 )

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hardware.arm import ArmSnapshot, MoveResult, Reading, Watch
-from hardware.errors import DriveAstray, SensorFault
+from hardware.errors import DriveDiverged, SensorFault
 from operator_app.cli import main
 from operator_app.errors import Cancelled, GuardError, SessionError
 from operator_app.session.store.journal import read_journal
@@ -230,9 +230,9 @@ def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_do
     arm, session = stray(tmp_path / "s")
     session.heed()
     session.capture()
-    arm.why = DriveAstray(5, 1300, since_sync=arm.snapshot().sync_count - 3)
+    arm.why = DriveDiverged(5, 1300, since_sync=arm.snapshot().sync_count - 3)
     for ask in (session.heed, session.heed, session.read):
-        with pytest.raises(DriveAstray):
+        with pytest.raises(DriveDiverged):
             ask()
     events = read_journal(tmp_path / "s").events
     (kept,) = [e.data for e in events if e.name == "sensor_fault"]
@@ -256,7 +256,7 @@ def test_why_an_arm_was_stopped_is_kept_before_the_arm_forgets_it(
     """Whoever presses the key is quicker than the watchman."""
     arm, session = stray(tmp_path / "s")
     session.capture()
-    arm.why = DriveAstray(5, 1300, since_sync=arm.snapshot().sync_count - 3)
+    arm.why = DriveDiverged(5, 1300, since_sync=arm.snapshot().sync_count - 3)
     forgets(session)
     kept = [
         e.data["joint"] for e in read_journal(tmp_path / "s").events if e.name == "sensor_fault"

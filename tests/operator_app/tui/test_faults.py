@@ -10,7 +10,7 @@ import pytest
 from hardware.errors import (
     BusError,
     ControlDenied,
-    DriveAstray,
+    DriveDiverged,
     NodeMissing,
     SensorFault,
     WrongArm,
@@ -179,7 +179,7 @@ async def test_an_alarm_stays_in_sight_until_it_is_acknowledged(drive, source):
 async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowledged(
     drive, source, size
 ):
-    first = stopped_words(str(DriveAstray(5, 1294, 700)))
+    first = stopped_words(str(DriveDiverged(5, 1294, 700)))
     second = "The disk is full. Free space on it, then go on"
     async with drive(size=size) as d:
         await d.to_step(Step.CAPTURE)

@@ -15,8 +15,8 @@ from hardware.arm_description import (
 from hardware.errors import (
     BusError,
     ControlDenied,
-    Intruder,
     NodeMissing,
+    OtherMaster,
     WrongArm,
 )
 from tests.hardware.fake_arm import FakeArmBus
@@ -84,7 +84,9 @@ def test_nothing_is_sent_where_another_master_works(
 ) -> None:
     monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.3)
     bus.other_master = frames
-    with pytest.raises(Intruder, match=f"else works on this bus: {words} came .* End that program"):
+    with pytest.raises(
+        OtherMaster, match=f"else works on this bus: {words} came .* End that program"
+    ):
         make(bus).connect()
     assert bus.sent == []
 
@@ -105,7 +107,7 @@ def test_a_master_that_comes_while_connecting_is_named() -> None:
             if (identifier, data) == (0x000, b"\x82\x07"):
                 self._queue.append((0x000, b"\x80\x00"))
 
-    with pytest.raises(Intruder, match=r"commands this arm: an NMT command \(000h\)"):
+    with pytest.raises(OtherMaster, match=r"commands this arm: an NMT command \(000h\)"):
         make(Contested()).connect()
 
 

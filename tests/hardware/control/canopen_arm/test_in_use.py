@@ -8,9 +8,9 @@ from collections.abc import Callable
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import CommandRefused, ControlDenied, Intruder, InUse, NodeMissing
-from hardware.monitors.alarms import Seen, find_alarm
-from hardware.monitors.node_watch import NodeWatch
+from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
+from hardware.monitors.alarms import Observations, find_alarm
+from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import capture_for_ever, make
@@ -88,7 +88,9 @@ def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus: Asked)
             bus.other_master = ((0x202, bytes(7)),)
 
     bus.on_read = wake
-    with pytest.raises(Intruder, match=r"a command to joint 2 \(202h\) came from another program"):
+    with pytest.raises(
+        OtherMaster, match=r"a command to joint 2 \(202h\) came from another program"
+    ):
         real(bus).connect()
     assert bus.resets == 0
 
@@ -113,7 +115,7 @@ def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus
 
 def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus: Asked) -> None:
     bus.drives[2].status, bus.drives[5].status = ENABLED, QUICK_STOP
-    with pytest.raises(InUse) as refused:
+    with pytest.raises(ArmInUse) as refused:
         real(bus).connect()
     said = str(refused.value)
     assert (
@@ -128,7 +130,7 @@ def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus: Asked
     for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
         bus.objects[2, 0x1016, sub] = value
     bus.drives[2].status = ENABLED
-    with pytest.raises(InUse) as refused:
+    with pytest.raises(ArmInUse) as refused:
         real(bus).connect()
     assert refused.value.listened_s == pytest.approx(0.6)
 
@@ -165,11 +167,11 @@ def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus: Asked) -> 
     arm.connect()
     bus.drives[2].status = ENABLED
     bus.say(0x202, bytes.fromhex("0f000500000008"))
-    with pytest.raises(Intruder, match="Somebody else commands this arm"):
+    with pytest.raises(OtherMaster, match="Somebody else commands this arm"):
         capture_for_ever(arm)
     arm.close()
     resets = bus.resets
-    with pytest.raises(InUse):
+    with pytest.raises(ArmInUse):
         arm.connect()
     assert bus.resets == resets
 
@@ -182,14 +184,14 @@ def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus: Aske
         arm.connect()
     bus.dead, resets = set(), bus.resets
     bus.drives[2].status = ENABLED  # by whomever, meanwhile
-    with pytest.raises(InUse):
+    with pytest.raises(ArmInUse):
         arm.connect()
     assert bus.resets == resets
 
 
 def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus: Asked) -> None:
     bus.drives[5].status, bus.token = QUICK_STOP, 127
-    with pytest.raises(InUse, match=r"joint 5 \(node 5\) is in quick stop active"):
+    with pytest.raises(ArmInUse, match=r"joint 5 \(node 5\) is in quick stop active"):
         real(bus).connect()
     assert bus.resets == 0
 
@@ -198,7 +200,7 @@ def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus: As
 def test_a_drive_whose_answer_is_lost_is_what_it_was(bus: Asked, look: int) -> None:
     bus.drives[2].status = ENABLED
     bus.lost[2, STATUSWORD] = look
-    with pytest.raises(InUse, match=r"joint 2 \(node 2\) is in operation enabled"):
+    with pytest.raises(ArmInUse, match=r"joint 2 \(node 2\) is in operation enabled"):
         real(bus).connect()
     assert bus.lost[2, STATUSWORD] <= 0
     assert bus.resets == 0
@@ -255,7 +257,9 @@ def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus:
             bus.say(0x202, bytes(7))
 
     bus.on_read = command
-    with pytest.raises(Intruder, match=r"a command to joint 2 \(202h\) came from another program"):
+    with pytest.raises(
+        OtherMaster, match=r"a command to joint 2 \(202h\) came from another program"
+    ):
         real(bus).connect()
     assert bus.resets == 0
 
@@ -278,10 +282,10 @@ def test_an_arm_at_rest_is_asked_once(bus: Asked) -> None:
 
 
 def test_who_stopped_the_nodes_comes_before_that_they_have_stopped() -> None:
-    nodes = NodeWatch(sarcos())
+    nodes = NodeMonitor(sarcos())
     nodes.note(0x703, b"\x05", 0.0, 0)
     nodes.note_command(0x000, b"\x80\x00")
     nodes.note(0x703, b"\x7f", 0.1, 1)
-    found = find_alarm(nodes, Seen(stop_latched=False), now_s=0.1, heartbeat_timeout_s=1.0)
-    assert isinstance(found, Intruder)
+    found = find_alarm(nodes, Observations(stop_latched=False), now_s=0.1, heartbeat_timeout_s=1.0)
+    assert isinstance(found, OtherMaster)
     assert "an NMT command (000h)" in str(found)

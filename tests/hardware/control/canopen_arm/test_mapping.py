@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hardware.errors import MappingDiffers
+from hardware.errors import MappingMismatch
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
 
@@ -67,7 +67,7 @@ def test_what_differs_is_named_with_node_object_expected_and_found(
     bus: FakeArmBus, place: tuple[int, int, int], value: bytes | int, words: str
 ) -> None:
     bus.objects[place] = value
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     assert words in str(refused.value)
     assert len(refused.value.differences) == 1
@@ -93,7 +93,7 @@ def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(
     bus: FakeArmBus, record: int, number: int, cob_id: int
 ) -> None:
     bus.objects[4, record + number - 1, 1] = u32(cob_id)
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     assert refused.value.differences == (
         f"node 4, {record + number - 1:04X}h sub 1: expected another identifier, or none, "  # noqa: ISC004
@@ -106,14 +106,14 @@ def test_a_record_far_behind_the_others_is_found(bus: FakeArmBus) -> None:
     for at in (8, 20, 36):
         bus.objects[4, RPDO + at, 1] = u32(0x80000000)
     bus.objects[4, RPDO + 52, 1] = u32(0x201)
-    with pytest.raises(MappingDiffers, match="node 4, 1434h sub 1"):
+    with pytest.raises(MappingMismatch, match="node 4, 1434h sub 1"):
         make(bus).connect()
 
 
 def test_everything_that_differs_is_named_at_once(bus: FakeArmBus) -> None:
     bus.objects[3, 0x1A00, 2] = u32(0x606C0020)
     bus.objects[5, 0x1400, 2] = b"\x00"
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     assert [text[:7] for text in refused.value.differences] == ["node 3,", "node 5,"]
 
@@ -134,7 +134,7 @@ def test_a_further_pdo_elsewhere_is_nobodys_business(bus: FakeArmBus) -> None:
 def test_a_map_that_reads_well_and_a_frame_that_does_not_agree(bus: FakeArmBus) -> None:
     """What the dictionary says and what the drive sends are two things."""
     bus.objects[2, 0x6064, 0] = struct.pack("<l", 150_000)
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     assert refused.value.differences == (
         "node 2, 6064h: expected the 150000 counts that it holds, found 2000 in TPDO1",

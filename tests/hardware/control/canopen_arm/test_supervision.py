@@ -9,7 +9,7 @@ import pytest
 
 from hardware.canopen.sdo import ObjectAccess
 from hardware.canopen.supervision import following_windows_counts
-from hardware.errors import MappingDiffers
+from hardware.errors import MappingMismatch
 from hardware.scale import JointScale
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
@@ -41,7 +41,7 @@ def test_a_drive_that_would_go_on_without_its_operator_is_refused(
 ) -> None:
     bus = FakeArmBus()
     watches(bus, 6, *entries)
-    with pytest.raises(MappingDiffers, match="node 6, 1016h: expected node 127's heartbeat"):
+    with pytest.raises(MappingMismatch, match="node 6, 1016h: expected node 127's heartbeat"):
         make(bus).connect()
     assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
 
@@ -103,7 +103,7 @@ def test_no_window_is_as_small_as_noise(told: int) -> None:
 def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(period_ms: int, sayable: bool) -> None:
     bus = FakeArmBus()
     bus.objects[3, 0x1017, 0] = struct.pack("<H", period_ms)
-    with pytest.raises(MappingDiffers, match="node 3, 1017h sub 0") as refused:
+    with pytest.raises(MappingMismatch, match="node 3, 1017h sub 0") as refused:
         make(bus).connect()
     said = str(refused.value)
     assert "Set 1017h in these drives as expected, with their maker's tool" in said
@@ -116,7 +116,7 @@ def test_every_difference_has_its_own_remedy() -> None:
     bus = FakeArmBus()
     bus.objects[3, 0x1005, 0] = struct.pack("<L", 0x81)
     bus.objects[4, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     said = str(refused.value)
     assert "Set 1005h in these drives as expected, with their maker's tool: no bus profile" in said

@@ -8,14 +8,14 @@ import struct
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
-from hardware.arm import Lateness
-from hardware.canopen.uploading import UPLOADS
+from hardware.arm import HostLatency
+from hardware.canopen.uploading import MAX_UPLOADS
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     CommandRefused,
     ControlDenied,
-    HostLate,
+    HostLatencyExceeded,
     SdoRefused,
     UploadRefused,
     UploadUnknown,
@@ -29,7 +29,7 @@ DOCUMENT = ("schema: sarcal/parameters/1\n" + "x: 1.0\n" * 600).encode()
 @pytest.fixture
 def hasty(driven: CanopenArm, monkeypatch: pytest.MonkeyPatch) -> None:
     """An operator's program that waits no longer than a fake arm needs."""
-    monkeypatch.setattr("hardware.canopen.uploading.AGAIN_AFTER_S", 0.01)
+    monkeypatch.setattr("hardware.canopen.uploading.RETRY_PAUSE_S", 0.01)
     for client in driven._link.access._clients.values():
         monkeypatch.setattr(client, "RESPONSE_TIMEOUT", 0.04)
 
@@ -159,7 +159,7 @@ def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_t
         return
     with pytest.raises(BusError):
         driven.upload_parameters(DOCUMENT)
-    assert dropped == UPLOADS
+    assert dropped == MAX_UPLOADS
     assert bus.document == b"the one before"
 
 
@@ -180,13 +180,13 @@ def test_frames_lost_each_time_are_a_silence_and_no_refusal(
     driven: CanopenArm, bus: FakeArmBus, hasty: None
 ) -> None:
     """The node refuses the segment that closes a transfer which it has given up: not the reason."""
-    bus.document, bus.loses = b"the one before", Loses(0x610, b"\x10", times=UPLOADS, skip=3)
+    bus.document, bus.loses = b"the one before", Loses(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
     with pytest.raises(BusError, match="Node 16 does not answer when asked for 2000h"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == b"the one before"
 
 
-@pytest.mark.parametrize("times", [1, UPLOADS - 1])
+@pytest.mark.parametrize("times", [1, MAX_UPLOADS - 1])
 def test_an_upload_whose_check_is_not_answered_is_repeated(
     driven: CanopenArm, bus: FakeArmBus, hasty: None, times: int
 ) -> None:
@@ -196,7 +196,7 @@ def test_an_upload_whose_check_is_not_answered_is_repeated(
     assert bus.document == DOCUMENT
 
 
-LATE = Lateness(times=2, last_s=0.4, longest_s=0.74)
+LATE = HostLatency(times=2, last_s=0.4, longest_s=0.74)
 
 
 class Lapses:
@@ -217,7 +217,7 @@ class Lapses:
 def test_control_that_lapsed_by_our_own_lateness_is_taken_again(
     driven: CanopenArm, bus: FakeArmBus, hasty: None
 ) -> None:
-    driven._link.loop.attention._lateness = LATE
+    driven._link.loop.latency._lateness = LATE
     bus.document, bus.loses = b"the one before", Lapses(bus)
     driven.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
@@ -238,12 +238,12 @@ def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(
 def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(
     driven: CanopenArm, bus: FakeArmBus, hasty: None
 ) -> None:
-    driven._link.loop.attention._lateness = LATE
+    driven._link.loop.latency._lateness = LATE
     bus.document, bus.loses = b"the one before", Lapses(bus, always=True)
-    with pytest.raises(HostLate) as late:
+    with pytest.raises(HostLatencyExceeded) as late:
         driven.upload_parameters(DOCUMENT)
     assert (late.value.times, late.value.longest_s) == (2, 0.74)
-    assert bus.loses.times == UPLOADS
+    assert bus.loses.times == MAX_UPLOADS
     assert bus.document == b"the one before"
 
 

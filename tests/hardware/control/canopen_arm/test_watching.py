@@ -18,14 +18,14 @@ from hardware.errors import (
     BusError,
     ControlDenied,
     DriveFault,
-    Intruder,
+    DuplicateNodeId,
     MappingChanged,
-    MappingDiffers,
+    MappingMismatch,
     NodeRestarted,
+    OtherMaster,
     SensorFault,
-    TwoDevices,
 )
-from hardware.monitors.node_watch import NodeWatch
+from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import capture_for_ever, describe, make, wait_for
@@ -49,7 +49,7 @@ def test_whoever_else_commands_is_named(
     driven: CanopenArm, bus: FakeArmBus, frame: tuple[int, bytes], words: str
 ) -> None:
     bus.say(*frame)
-    with pytest.raises(Intruder, match=words):
+    with pytest.raises(OtherMaster, match=words):
         capture_for_ever(driven)
     driven.hold()
 
@@ -79,13 +79,13 @@ def test_two_answers_to_every_sync_end_a_capture(
     driven: CanopenArm, bus: FakeArmBus, joint: int
 ) -> None:
     bus.twice = {joint}
-    with pytest.raises(TwoDevices, match=f"two devices answer as node {joint}"):
+    with pytest.raises(DuplicateNodeId, match=f"two devices answer as node {joint}"):
         driven.capture(50)
 
 
 def test_two_answers_to_every_sync_end_a_move(driven: CanopenArm, bus: FakeArmBus) -> None:
     bus.twice = {2}
-    with pytest.raises(TwoDevices):
+    with pytest.raises(DuplicateNodeId):
         driven.move({2: 0.3}, speed_rad_per_s=0.5)
 
 
@@ -103,17 +103,17 @@ def test_an_answer_that_comes_twice_now_and_then_is_no_second_device(
 def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    def in_turn(sync: int) -> None:
+    def normal_priority(sync: int) -> None:
         bus.silent = {1 + sync % JOINTS}
 
-    bus.on_sync = in_turn
+    bus.on_sync = normal_priority
     with pytest.raises(BusError, match="Hardly any SYNC is answered by every joint"):
         driven.capture(1)
 
 
 def test_two_devices_with_one_number_are_named_when_connecting(bus: FakeArmBus) -> None:
     bus.twins = {5}
-    with pytest.raises(TwoDevices, match="two devices answer as node 5"):
+    with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
         make(bus).connect()
     assert not [i for i, _ in bus.sent if 0x200 < i <= 0x207]
 
@@ -124,10 +124,10 @@ def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_nam
 ) -> None:
     bus.twins = {node}
     with suppress(
-        TwoDevices
+        DuplicateNodeId
     ):  # the second answer of the node that was asked last may come afterwards
         driven.hold()
-    with pytest.raises(TwoDevices, match=f"two devices answer as node {node}"):
+    with pytest.raises(DuplicateNodeId, match=f"two devices answer as node {node}"):
         driven.hold()
 
 
@@ -181,7 +181,7 @@ def test_a_pose_does_not_wait_for_an_object_that_is_not_given(
 
 def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
     bus.heartbeat_ms = 0
-    with pytest.raises(MappingDiffers, match=r"node 1, 1017h sub 0: expected .* found 0 ms"):
+    with pytest.raises(MappingMismatch, match=r"node 1, 1017h sub 0: expected .* found 0 ms"):
         make(bus).connect()
 
 
@@ -342,7 +342,7 @@ def test_an_adapter_that_opens_once_connects_and_stops(bus: FakeArmBus) -> None:
 
 
 def test_a_drive_that_goes_on_complaining_is_one_fault() -> None:
-    nodes = NodeWatch(sarcos(7))
+    nodes = NodeMonitor(sarcos(7))
     for sync in range(5000):
         for code in (0x8311, 0x7305):
             nodes.note(0x84, struct.pack("<HB5x", code, 0x21), 0.0, sync)

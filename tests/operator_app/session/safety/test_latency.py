@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.arm import ArmSnapshot, Lateness
+from hardware.arm import ArmSnapshot, HostLatency
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveFault
 from hardware.virtual.scenarios import scenario
@@ -26,13 +26,13 @@ from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 
 
-def late(times: int, last_s: float, longest_s: float) -> Lateness:
-    return Lateness(times=times, last_s=last_s, longest_s=longest_s)
+def late(times: int, last_s: float, longest_s: float) -> HostLatency:
+    return HostLatency(times=times, last_s=last_s, longest_s=longest_s)
 
 
 def test_each_is_said_once_and_a_series_at_intervals() -> None:
     news = LatenessNews()
-    assert news.since(Lateness(), 1000.0) == ""
+    assert news.since(HostLatency(), 1000.0) == ""
     assert "late by 0.4 s:" in news.since(late(1, 0.4, 0.4), 1000.1)
     assert news.since(late(1, 0.4, 0.4), 1000.2) == ""
     for k in range(2, 8):  # again and again, a second apart
@@ -54,7 +54,7 @@ def test_what_is_said_blames_this_computer_and_names_the_remedy() -> None:
 class Busy(PlantArm):
     """The plant, on a computer that is late."""
 
-    lateness = Lateness()
+    lateness = HostLatency()
 
     def snapshot(self) -> ArmSnapshot:
         return replace(super().snapshot(), lateness=self.lateness)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.control.process_priority import first_in_line
+from hardware.control.process_priority import real_time_priority
 from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -118,7 +118,7 @@ def test_what_the_solver_refuses_is_raised_as_it_is_here() -> None:
 
 
 def test_whoever_solves_runs_behind_everybody_else() -> None:
-    with first_in_line(), SolvingProcess() as process:
+    with real_time_priority(), SolvingProcess() as process:
         policy, niceness = process(jobs.turn)
     assert policy == os.SCHED_OTHER
     assert niceness >= NICENESS

@@ -7,12 +7,12 @@ import pytest
 from hardware.errors import (
     BusError,
     ControlDenied,
-    DriveAstray,
+    DriveDiverged,
     DriveFault,
-    Intruder,
+    DuplicateNodeId,
     NodeRestarted,
+    OtherMaster,
     SensorFault,
-    TwoDevices,
 )
 from operator_app.errors import ConnectAgainError, GuardError
 from operator_app.session.ui.message_log import (
@@ -57,10 +57,10 @@ def test_what_stands_already_and_is_said_again_is_the_newest() -> None:
     [
         (SensorFault(3, "jumped", since_sync=7), True),
         (SensorFault(3, "stands still", stuck=True), False),
-        (DriveAstray(3, 700, 7), False),
+        (DriveDiverged(3, 700, 7), False),
         (NodeRestarted((5,), ["joint 5"]), True),
-        (TwoDevices((5,)), True),
-        (Intruder("somebody else"), True),
+        (DuplicateNodeId((5,)), True),
+        (OtherMaster("somebody else"), True),
         (ControlDenied(126), True),
         (BusError("silent"), False),
         (DriveFault(3, 0x8311, "torque"), False),

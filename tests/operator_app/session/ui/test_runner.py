@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hardware.arm import Lateness
+from hardware.arm import HostLatency
 from operator_app.errors import SessionError
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
@@ -122,7 +122,7 @@ def test_that_this_computer_was_late_is_said_once(tmp_path: Path) -> None:
     runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
     finish(runner)
     assert source.arm is not None
-    source.arm.lateness = Lateness(times=1, last_s=0.4, longest_s=0.4)
+    source.arm.lateness = HostLatency(times=1, last_s=0.4, longest_s=0.4)
     said: list[tuple[Level, str]] = []
     end = time.monotonic() + PATIENCE_S
     while not said and time.monotonic() < end:

@@ -9,7 +9,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import BusError, DriveAstray, Stopped
+from hardware.errors import BusError, DriveDiverged, Stopped
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
 from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, frames, make, wait_for
@@ -58,7 +58,7 @@ def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(
     go_astray(bus, 5)
     since = len(bus.sent)
     with pytest.raises(
-        DriveAstray, match=r"joint 5 is \+1\d\d\d counts from where it was told"
+        DriveDiverged, match=r"joint 5 is \+1\d\d\d counts from where it was told"
     ) as told:
         capture_for_ever(driven)
     assert WINDOW < told.value.counts <= FAR
@@ -78,7 +78,7 @@ def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     go_astray(bus, 2)
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         driven.move({5: 1.2}, speed_rad_per_s=0.2)
     begun = len(frames(bus, 0x200))
     for refused in (
@@ -88,7 +88,7 @@ def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(
         driven.take_control,
         driven.hold,
     ):
-        with pytest.raises(DriveAstray, match="the arm has been stopped"):
+        with pytest.raises(DriveDiverged, match="the arm has been stopped"):
             refused()
     later = [struct.unpack("<Hib", data)[0] for _, data in frames(bus, 0x200)[begun:]]
     assert set(later) <= {0x0000, 0x0002}
@@ -121,7 +121,7 @@ def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(
             rpdo(data)
 
     bus.drives[5].rpdo = lose_two
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     wait_for(lambda: len(lost) == 2 and bus.drives[5].status == 0x40)
 
@@ -169,7 +169,7 @@ def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more()
 
 def test_after_a_reset_a_drive_that_was_mended_goes_on(driven: CanopenArm, bus: FakeArmBus) -> None:
     go_astray(bus, 5)
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     bus.drives[5].noise = lambda _sync: 0
     driven.reset_stop()
@@ -185,7 +185,7 @@ def test_why_it_was_stopped_is_known_to_the_next_connection(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     go_astray(bus, 5)
-    with pytest.raises(DriveAstray) as told:
+    with pytest.raises(DriveDiverged) as told:
         capture_for_ever(driven)
     driven.stop()  # pressed as well, as anybody would
     driven.close()
@@ -193,7 +193,7 @@ def test_why_it_was_stopped_is_known_to_the_next_connection(
     driven.connect()
     found = driven.snapshot()
     assert (found.stopped, found.stopped_for) == (True, str(told.value))
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         driven.take_control()
     driven.reset_stop()
     driven.close()
@@ -205,13 +205,13 @@ def test_why_it_was_stopped_is_known_to_the_next_connection(
 
 def test_one_that_was_not_mended_is_stopped_again(driven: CanopenArm, bus: FakeArmBus) -> None:
     go_astray(bus, 5)
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     driven.reset_stop()
     driven.take_control()
     driven.set_modes(TWO_DRIVEN)
     go_astray(bus, 5)
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     assert bus.drives[5].status == 0x40
 
@@ -227,7 +227,7 @@ def test_closing_leaves_the_others_held_and_that_drive_without_power(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     go_astray(bus, 5)
-    with pytest.raises(DriveAstray):
+    with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     assert driven.close()
     assert bus.token == 0
@@ -246,7 +246,7 @@ def test_a_drive_that_creeps_on_after_a_stop_loses_its_power_and_the_operator_is
     told = arm.snapshot().stopped_for
     assert told.startswith("joint 5 has moved by +1")
     assert "after it was stopped" in told
-    with pytest.raises(DriveAstray, match="that drive has been switched off"):
+    with pytest.raises(DriveDiverged, match="that drive has been switched off"):
         arm.capture(1)
     assert {d.status for j, d in bus.drives.items() if j != 5} == {0x07}
     arm.reset_stop()

@@ -1,7 +1,7 @@
-"""Heartbeats and emergencies of the nodes, and other operators. Bookkeeping: knows no bus and no command.
+"""State of the nodes from their heartbeats and emergencies, and commands from other masters.
 
-Written by the thread that receives; its public attributes may be read from any thread. Times are those
-of a clock that stands still while nobody listens (`hardware.monitors.latency`).
+Written by the receiving thread; public attributes may be read from any thread. Times exclude host latency
+(`hardware.monitors.latency`).
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from hardware.arm import Fault
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.masters import begun_transfer
+from hardware.canopen.masters import initiated_transfer
 from hardware.canopen.objects import (
     COB_EMCY,
     COB_HEARTBEAT,
@@ -27,40 +27,33 @@ from hardware.canopen.objects import (
     emergency_text,
 )
 
-_GIVEN_UP_S = 0.05
-"""How soon a wait notices that it was given up."""
-_LATEST = 5
-"""Times as long as wanted nodes are waited for, should the thread that listens be gone."""
+_CANCEL_POLL_S = 0.05
+"""How soon a wait notices `cancelled`."""
+_TIMEOUT_FACTOR = 5
+"""Limit of a wait in wall-clock time over its time-out, in case nothing listens any more."""
 
 
-class NodeWatch:
-    """What the nodes said about themselves.
-
-    Parameters
-    ----------
-    profile
-        Nodes that belong to the arm, and the frames that command them.
-    clock
-        By which nodes are waited for: it stands still while nobody listens.
+class NodeMonitor:
+    """State of the nodes of `profile`; `clock` (s) excludes host latency and times the waits.
 
     Attributes
     ----------
     heard_at_s
-        Time of the last heartbeat or boot-up of every node heard so far.
+        Time of each node's last heartbeat or boot-up.
     nmt_state
-        State in that heartbeat.
+        NMT state in it.
     faults
-        Emergencies that are not over, oldest first.
+        Active emergencies, oldest first.
     other_operator_at_s
-        When another operator's heartbeat was last heard, None if never.
-    strangers
-        Nodes whose heartbeat was heard though they are none of this arm's; without node 127.
+        Time of the last heartbeat of another operator (node 127); None if never.
+    foreign_nodes
+        Other nodes heard that do not belong to this arm.
     restarted
-        Nodes that booted without being told to.
-    given_up
-        Whether nobody wants any more what is waited for, or nobody listens for it.
-    intrusion
-        What somebody else commands on this bus, in words; empty if nobody was seen to.
+        Nodes that booted without a command.
+    cancelled
+        Whether waits should end: STOP was pressed, or nothing listens any more.
+    foreign_command
+        First command of another master seen on this bus, described; empty if none.
     """
 
     def __init__(self, profile: BusProfile, clock: Callable[[], float] = time.monotonic) -> None:
@@ -75,21 +68,21 @@ class NodeWatch:
         self.nmt_state: dict[int, int] = {}
         self.faults: tuple[Fault, ...] = ()
         self.other_operator_at_s: float | None = None
-        self.strangers: frozenset[int] = frozenset()
+        self.foreign_nodes: frozenset[int] = frozenset()
         self.restarted: frozenset[int] = frozenset()
-        self.intrusion = ""
-        self.given_up: Callable[[], bool] = lambda: False
-        self._expecting = False
+        self.foreign_command = ""
+        self.cancelled: Callable[[], bool] = lambda: False
+        self._boot_expected = False
         self._booted: set[int] = set()
         self._changed = threading.Condition()
 
     def note_command(self, identifier: int, data: bytes | bytearray) -> None:
-        """Take in a frame that commands: the only one on this bus to send such is this program."""
-        if not self.intrusion:
-            self.intrusion = self._command_of_others(identifier, bytes(data))
+        """Record a received command: no other program on this bus should send one."""
+        if not self.foreign_command:
+            self.foreign_command = self._describe_command(identifier, bytes(data))
 
     def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
-        """Take in a frame; others than heartbeats and emergencies are not looked at."""
+        """Take in a heartbeat or an emergency; ignore other frames."""
         if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE:
             if len(data) == 1:
                 self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
@@ -99,27 +92,27 @@ class NodeWatch:
                 self._emergency(identifier - COB_EMCY, code, sync_count)
 
     def expect_boot_up(self) -> None:
-        """Forget earlier boot-ups; call before resetting the nodes."""
+        """Clear everything heard; call before resetting the nodes."""
         with self._changed:
             self._booted.clear()
-            self._expecting = True
-        self.restarted, self.intrusion = frozenset(), ""
+            self._boot_expected = True
+        self.restarted, self.foreign_command = frozenset(), ""
         self.heard_at_s.clear()
         self.nmt_state.clear()
         self.faults = ()
 
     def expect_no_boot_up(self) -> None:
-        """From now on a node that boots was not told to."""
-        self._expecting = False
+        """Count a boot-up from now on as a restart."""
+        self._boot_expected = False
 
     def wait_for_boot_up(self, timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node has booted; return those that have not after `timeout_s`."""
+        """Wait until every node has booted; return those that have not within `timeout_s`."""
         with self._changed:
             self._wait_for(lambda: self._booted.issuperset(self.nodes), timeout_s)
             return tuple(node for node in self.nodes if node not in self._booted)
 
     def wait_for_state(self, state: NmtState, timeout_s: float) -> tuple[int, ...]:
-        """Wait until every node's heartbeat names `state`; return those that do not in time."""
+        """Wait until every node's heartbeat reports `state`; return those that do not in time."""
 
         def others() -> tuple[int, ...]:
             return tuple(node for node in self.nodes if self.nmt_state.get(node) != state)
@@ -129,12 +122,12 @@ class NodeWatch:
             return others()
 
     def wait_for_other_operator(self, timeout_s: float) -> bool:
-        """Listen for `timeout_s`; whether another operator's heartbeat was heard."""
+        """Listen for `timeout_s`; return whether another operator's heartbeat was heard."""
         with self._changed:
             return self._wait_for(lambda: self.other_operator_at_s is not None, timeout_s)
 
     def silent(self, now_s: float, limit_s: float) -> tuple[int, ...]:
-        """Nodes that were heard once, and not for longer than `limit_s`."""
+        """Nodes heard before, but not within the last `limit_s`."""
         return tuple(
             node
             for node in self.nodes
@@ -142,7 +135,7 @@ class NodeWatch:
         )
 
     def not_operational(self) -> tuple[int, ...]:
-        """Nodes whose last heartbeat names another NMT state (a node that restarted, say)."""
+        """Nodes whose last heartbeat reports another NMT state, for example after a restart."""
         return tuple(
             node
             for node in self.nodes
@@ -154,23 +147,24 @@ class NodeWatch:
         return self.other_operator_at_s is not None and now_s - self.other_operator_at_s <= limit_s
 
     def assume_fault(self, node: int, code: int, sync_count: int) -> None:
-        """Take in a fault that began before anybody listened; not one that is known already."""
+        """Add a fault whose emergency was sent before this program listened, unless the node has one."""
         if all(fault.node != node for fault in self.faults):
             self._emergency(node, code, sync_count)
 
     def forget_faults(self) -> None:
-        """Start a new list of emergencies."""
+        """Clear emergencies and foreign commands."""
         self.faults = ()
-        self.intrusion = ""
+        self.foreign_command = ""
 
     def _wait_for(self, happened: Callable[[], bool], timeout_s: float) -> bool:
-        """Wait until something has happened, or nobody wants it any more: STOP wakes nobody, it takes no lock."""
-        end_s, latest_s = self._clock() + timeout_s, time.monotonic() + _LATEST * timeout_s
-        while not happened() and not self.given_up():
+        """Wait until `happened` or `cancelled`; polls, since STOP takes no lock and cannot notify."""
+        end_s = self._clock() + timeout_s
+        latest_s = time.monotonic() + _TIMEOUT_FACTOR * timeout_s
+        while not happened() and not self.cancelled():
             left_s = min(end_s - self._clock(), latest_s - time.monotonic())
             if left_s <= 0.0:
                 break
-            self._changed.wait(min(left_s, _GIVEN_UP_S))
+            self._changed.wait(min(left_s, _CANCEL_POLL_S))
         return happened()
 
     def _heartbeat(self, node: int, state: int, now_s: float) -> None:
@@ -179,7 +173,7 @@ class NodeWatch:
                 self.other_operator_at_s = now_s
                 self._changed.notify_all()
         elif node not in self.nodes:
-            self.strangers |= {node}
+            self.foreign_nodes |= {node}
         else:
             self.heard_at_s[node] = now_s
             if self.nmt_state.get(node) != state:
@@ -187,7 +181,7 @@ class NodeWatch:
                     self.nmt_state[node] = state
                     if state == NmtState.BOOT_UP:
                         self._booted.add(node)
-                        if not self._expecting:
+                        if not self._boot_expected:
                             self.restarted |= {node}
                     self._changed.notify_all()
 
@@ -198,7 +192,7 @@ class NodeWatch:
             self.faults = tuple(fault for fault in self.faults if fault.node != node)
             return
         if any((fault.node, fault.code) == (node, code) for fault in self.faults):
-            return  # said already: a drive that goes on complaining says nothing new
+            return  # a repetition
         fault = Fault(
             node=node,
             joint=self.profile.joint_of.get(node),
@@ -208,17 +202,17 @@ class NodeWatch:
         )
         self.faults = (*self.faults, fault)
 
-    def _command_of_others(self, identifier: int, data: bytes) -> str:
-        """Say what a frame commands; empty if nothing, or nothing but a stop."""
+    def _describe_command(self, identifier: int, data: bytes) -> str:
+        """Describe a frame that commands; empty for any other frame, and for a quick stop."""
         if identifier == COB_SYNC and len(data) <= 1:  # with a counter or without
             return "a SYNC (080h)"
         if identifier == COB_NMT:
             return "an NMT command (000h)"
         if identifier in self._commanded:
             joint, frames = self._commanded[identifier]
-            if frames.commanded(identifier, data).get(CONTROLWORD) == CONTROLWORD_QUICK_STOP:
-                return ""  # our own STOP, which has a handle of its own, or somebody else's: both are good
+            if frames.decode_command(identifier, data).get(CONTROLWORD) == CONTROLWORD_QUICK_STOP:
+                return ""  # our own STOP by its own handle, or that of another program
             return f"a command to joint {joint} ({identifier:03X}h)"
         node = identifier - COB_SDO_TO_SERVER
-        writes, index = begun_transfer(data) or (False, 0)
+        writes, index = initiated_transfer(data) or (False, 0)
         return f"a write to {index:04X}h of node {node}" if writes and node in self.nodes else ""

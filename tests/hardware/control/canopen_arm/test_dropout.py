@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import BusError, CommandRefused, DriveAstray, DriveFault, DriveLeft
+from hardware.errors import BusError, CommandRefused, DriveDiverged, DriveDropout, DriveFault
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, make, wait_for
@@ -52,10 +52,10 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
     driven.capture(20)
     drop(bus, joint)
     since = len(bus.sent)
-    with pytest.raises(DriveLeft, match=rf"joint {joint}: the drive is in switched on") as told:
+    with pytest.raises(DriveDropout, match=rf"joint {joint}: the drive is in switched on") as told:
         doing(driven)
     assert told.value.joint == joint
-    with pytest.raises(DriveLeft):
+    with pytest.raises(DriveDropout):
         capture_for_ever(driven)
     assert {j: drive.status for j, drive in bus.drives.items()} == {
         j: OFF if j == joint else STOPPED for j in bus.drives
@@ -78,7 +78,7 @@ def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_eith
         arm.set_modes(TWO_DRIVEN)
         arm.capture(50)
 
-    with pytest.raises(DriveLeft, match="joint 3: the drive is in"):
+    with pytest.raises(DriveDropout, match="joint 3: the drive is in"):
         go_on()
     assert bus.drives[3].status == (STOPPED if state == STOPPED else OFF)
     assert {bus.drives[j].status for j in (1, 2, 4, 5, 6, 7)} == {STOPPED}
@@ -99,7 +99,7 @@ def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(
             bus.drives[3].status = state
 
     bus.on_sync = happen
-    with pytest.raises(DriveLeft, match="joint 3: the drive is in"):
+    with pytest.raises(DriveDropout, match="joint 3: the drive is in"):
         arm.take_control()
     heard = [word for word, _, _ in bus.drives[3].heard]
     assert heard[: heard.index(0x0F)] == [0x06, 0x07]
@@ -128,10 +128,10 @@ def test_an_old_answer_that_comes_late_is_no_leaving(arm: CanopenArm, bus: FakeA
 def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmBus) -> None:
     driven.capture(20)
     drop(bus, 3)
-    with pytest.raises(DriveLeft):
+    with pytest.raises(DriveDropout):
         capture_for_ever(driven)
     for refused in (driven.take_control, lambda: driven.move({5: 0.1}, speed_rad_per_s=0.5)):
-        with pytest.raises((DriveLeft, CommandRefused)):
+        with pytest.raises((DriveDropout, CommandRefused)):
             refused()
     assert ENABLED not in {drive.status for drive in bus.drives.values()}
     driven.reset_stop()
@@ -155,7 +155,7 @@ def test_it_stays_off_though_nobody_asks_for_anything(bus: FakeArmBus) -> None:
     wait_for(lambda: {d.status for j, d in bus.drives.items() if j != 3} == {STOPPED})
     (fault,) = arm.snapshot().faults
     assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in switched on")
-    with pytest.raises(DriveLeft, match="joint 3"):
+    with pytest.raises(DriveDropout, match="joint 3"):
         arm.capture(1)
     assert arm.close()
     assert bus.drives[3].status == OFF
@@ -183,7 +183,7 @@ def test_a_drive_that_says_no_more_that_it_follows_is_named(
 ) -> None:
     driven.capture(20)
     bus.deaf = {5}
-    with pytest.raises(DriveLeft, match=r"joint 5: .* no more that it follows .*bit 12"):
+    with pytest.raises(DriveDropout, match=r"joint 5: .* no more that it follows .*bit 12"):
         capture_for_ever(driven)
     bus.deaf = set()
     driven.reset_stop()
@@ -198,7 +198,7 @@ def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(
     driven.capture(20)
     bus.deaf = {5}
     bus.drives[5].noise = lambda _sync: 1600
-    with pytest.raises(DriveAstray, match=r"joint 5 is \+1600 counts from where it was told"):
+    with pytest.raises(DriveDiverged, match=r"joint 5 is \+1600 counts from where it was told"):
         capture_for_ever(driven)
     assert bus.drives[5].status == OFF
 

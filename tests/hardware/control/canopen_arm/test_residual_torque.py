@@ -6,7 +6,7 @@ import struct
 
 import pytest
 
-from hardware.errors import MappingDiffers
+from hardware.errors import MappingMismatch
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
 
@@ -18,7 +18,7 @@ def test_what_a_drive_would_add_is_refused_by_name(
     bus: FakeArmBus, index: int, form: str, value: int
 ) -> None:
     bus.objects[3, index, 0] = struct.pack(form, value)
-    with pytest.raises(MappingDiffers) as refused:
+    with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
     assert refused.value.differences == (f"node 3, {index:04X}h: expected 0, found {value}",)
     said = str(refused.value)

@@ -7,7 +7,7 @@ shows. Knows results and words; computes no estimate.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -23,37 +23,25 @@ from operator_app.units.figure import (
 from operator_app.units.numbers import plural
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
-from solver.diagnostics.diagnosis import Trial
+from solver.diagnostics.diagnosis import Diagnosis
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import Test
+from solver.diagnostics.limits import (
+    CHI2_PER_DOF_REFUSED,
+    COARSE_SIGMA_M,
+    COARSE_SIGMA_RAD,
+    FEW_DOF,
+    MOST_CAUSES_REPORTED,
+    POSSIBLE_CAUSE_PROBABILITY,
+    REFUSED_DOF,
+    REFUSING_SHIFT_SIGMAS,
+    USELESS_SIGMA_M,
+    USELESS_SIGMA_RAD,
+)
 from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate
 
-IMPACT = 2.0
-"""An explanation that moves a parameter by more of its sigmas than this shows that they do not hold."""
-
-POSSIBLE = 0.1
-"""Least probability of an explanation whose truth the sigmas have to cover as well."""
-
-MOST_BELIEVED = 4.0
-"""chi2/dof at stated variances beyond which no sigma is believed: readings that scatter twice as much as
-the files state leave another calibration when what is wrong with them is mended, named or not."""
-
-WORTHLESS_RAD, WORTHLESS_M = np.deg2rad(10.0), 0.03
-"""How well a tape measure and a protractor know a parameter: a sigma beyond this is of no use."""
-
 NOTHING_KNOWN: Mapping[str, float] = {}
-
-COARSE_RAD, COARSE_M = np.deg2rad(1.0), 0.01
-"""A sigma beyond this is named."""
-
-MOST_NAMED = 5
-"""Nobody looks for more causes than these at once; one that refuses is named beyond them as well."""
-
-
-FEW_DOF, LEAST_DOF = 30, 10
-"""With fewer degrees of freedom no test can tell much; with fewer than the second not even the sigmas
-hold: 82 % of the 95 % intervals of four poses, measured on sound arms."""
 
 
 class Verdict(Enum):
@@ -88,7 +76,7 @@ class Judgement:
     causes: tuple[NamedCause, ...] = ()
     tests: tuple[Test, ...] = ()
     stated_chi2_per_dof: float | None = None
-    astray: bool = False
+    diverged: bool = field(default=False, metadata={"record": "astray"})
 
     @property
     def verdict(self) -> Verdict:
@@ -104,7 +92,7 @@ class Judgement:
 
 
 def causes_of(
-    trial: Trial, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
+    diagnosis: Diagnosis, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
 ) -> tuple[NamedCause, ...]:
     """Name what the tests found.
 
@@ -115,20 +103,20 @@ def causes_of(
     labels
         Of the poses in the order in which they were taken.
     """
-    if estimate.dof < LEAST_DOF:
+    if estimate.dof < REFUSED_DOF:
         # Refused for that, and whatever else is read into so few poses may be chance.
         return ()
     names = [p.name for p in estimate.parameters]
     here = [names.index(name) for name in judged]
     sd = estimate.standard_deviation[here]
-    moved = trial.apart[here].copy()
+    moved = diagnosis.parameter_shift[here].copy()
     found: list[NamedCause] = []
-    for competing in trial.rounds:
+    for competing in diagnosis.rounds:
         # What may well have happened counts, and not only what is likeliest: their truths differ.
         possible = [
             np.abs((moved + x.evidence.moved[here]) / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0)
             for x in competing
-            if x.evidence is not None and x.probability >= POSSIBLE
+            if x.evidence is not None and x.probability >= POSSIBLE_CAUSE_PROBABILITY
         ]
         impact = float(max(possible, default=0.0))
         best = competing[0]
@@ -137,7 +125,7 @@ def causes_of(
         for x in competing:
             if x.candidate is None or x.evidence is None:
                 continue
-            code, text, remedy = in_words(x.candidate, x.evidence, trial.scene, labels)
+            code, text, remedy = in_words(x.candidate, x.evidence, diagnosis.scene, labels)
             found.append(
                 NamedCause(
                     code=code,
@@ -147,17 +135,17 @@ def causes_of(
                     refuses=_refuses(x.candidate, x.evidence, estimate, impact),
                 )
             )
-    found.extend(_unnamed(trial))
-    found.extend(_doubted(trial, labels))
+    found.extend(_unnamed(diagnosis))
+    found.extend(_suspected_entries(diagnosis, labels))
     once = each_once(found)
-    return tuple(c for k, c in enumerate(once) if k < MOST_NAMED or c.refuses)
+    return tuple(c for k, c in enumerate(once) if k < MOST_CAUSES_REPORTED or c.refuses)
 
 
-def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:
+def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterable[NamedCause]:
     """Say which entries may be off their file; that they are is not sure enough to refuse anything."""
-    for x in trial.doubts:
+    for x in diagnosis.suspected_entries:
         if x.candidate is not None and x.evidence is not None:
-            code, text, remedy = in_words(x.candidate, x.evidence, trial.scene, labels)
+            code, text, remedy = in_words(x.candidate, x.evidence, diagnosis.scene, labels)
             yield NamedCause(
                 code=code,
                 probability=x.probability,
@@ -169,7 +157,7 @@ def _doubted(trial: Trial, labels: tuple[str, ...]) -> Iterable[NamedCause]:
 
 def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
     """Whether parameters may be wrong by more than their sigmas say, if this is what happened."""
-    if cause.cause is Cause.FROZEN or impact > IMPACT:
+    if cause.cause is Cause.FROZEN or impact > REFUSING_SHIFT_SIGMAS:
         return True
     # What was one value before and is another after: both have to be within what is claimed.
     names = [p.name for p in estimate.parameters]
@@ -179,23 +167,23 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
         float(estimate.standard_deviation[names.index(n)]) if n in names else np.inf
         for n in changed
     ]
-    return any(abs(b) > IMPACT * s for b, s in zip(found.b, sd, strict=False))
+    return any(abs(b) > REFUSING_SHIFT_SIGMAS * s for b, s in zip(found.b, sd, strict=False))
 
 
-def _unnamed(trial: Trial) -> Iterable[NamedCause]:
+def _unnamed(diagnosis: Diagnosis) -> Iterable[NamedCause]:
     """Something is wrong that nothing here explains."""
-    if not trial.fires:
+    if not diagnosis.fires:
         return
-    last = trial.rounds[-1][0] if trial.rounds else None
+    last = diagnosis.rounds[-1][0] if diagnosis.rounds else None
     if last is not None and last.evidence is not None:
         ratio = last.evidence.chi2 / max(last.evidence.dof, 1)
-        if ratio <= MOST_BELIEVED:
+        if ratio <= CHI2_PER_DOF_REFUSED:
             return
-        probability = 1.0 - sum(x.probability for x in trial.rounds[-1] if x.candidate)
+        probability = 1.0 - sum(x.probability for x in diagnosis.rounds[-1] if x.candidate)
     else:
-        ratio = trial.stated_chi2_per_dof
+        ratio = diagnosis.stated_chi2_per_dof
         probability = 1.0 if last is None else last.probability
-    fired = ", ".join(test.code for test in trial.tests if test.fires)
+    fired = ", ".join(test.code for test in diagnosis.tests if test.fires)
     yield NamedCause(
         code="UNNAMED",
         probability=max(0.0, probability),
@@ -206,7 +194,7 @@ def _unnamed(trial: Trial) -> Iterable[NamedCause]:
         "and no single fault explains it",
         remedy="check that arm file, fixture file and poses belong together, and what was done "
         "between the poses; try --global-start",
-        refuses=ratio > MOST_BELIEVED,
+        refuses=ratio > CHI2_PER_DOF_REFUSED,
     )
 
 
@@ -223,7 +211,7 @@ def each_once(causes: Iterable[NamedCause]) -> tuple[NamedCause, ...]:
     return tuple(found.values())
 
 
-def too_few(estimate: Estimate) -> tuple[NamedCause, ...]:
+def too_few_poses(estimate: Estimate) -> tuple[NamedCause, ...]:
     """Say that so few poses cannot show what is wrong: whatever else is said of them may be chance."""
     if estimate.dof >= FEW_DOF:
         return ()
@@ -234,12 +222,12 @@ def too_few(estimate: Estimate) -> tuple[NamedCause, ...]:
             text=f"{plural(estimate.dof, 'degree')} of freedom {'is' if estimate.dof == 1 else 'are'} too few to "
             "tell whether anything is wrong",
             remedy="take at least 20 poses",
-            refuses=estimate.dof < LEAST_DOF,
+            refuses=estimate.dof < REFUSED_DOF,
         ),
     )
 
 
-def of_the_fit(
+def fit_causes(
     estimate: Estimate,
     judged: tuple[str, ...],
     known: Mapping[str, float] = NOTHING_KNOWN,
@@ -286,15 +274,15 @@ def little_motion(
         if p.name not in judged:
             continue
         size = f"{p.name} ({_with_unit(float(sd), angle=p.is_angle)})"
-        worthless = WORTHLESS_RAD if p.is_angle else WORTHLESS_M
+        worthless = USELESS_SIGMA_RAD if p.is_angle else USELESS_SIGMA_M
         if not sd <= min(worthless, known.get(p.name, np.inf)):
             wide.append(size)
             refuses |= not sd <= worthless
-        elif sd > (COARSE_RAD if p.is_angle else COARSE_M):
+        elif sd > (COARSE_SIGMA_RAD if p.is_angle else COARSE_SIGMA_M):
             coarse.append(size)
         else:
             continue
-        over = sd / (COARSE_RAD if p.is_angle else COARSE_M)
+        over = sd / (COARSE_SIGMA_RAD if p.is_angle else COARSE_SIGMA_M)
         if not over <= farthest:
             worst, farthest = p.name, over
     if not wide and not coarse:
@@ -333,12 +321,12 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[Test, tuple[NamedCa
     if not test.fires:
         return test, ()
     p = paper.parameters[worst]
-    apart = abs(float(paper.x[worst]) - implicit.value(p.name))
+    parameter_shift = abs(float(paper.x[worst]) - implicit.value(p.name))
     return test, (
         NamedCause(
             code="PAPER_OFF",
             probability=1.0,
-            text=f"{p.name} by the paper's estimator is {_with_unit(apart, angle=p.is_angle)} "
+            text=f"{p.name} by the paper's estimator is {_with_unit(parameter_shift, angle=p.is_angle)} "
             f"({MANY_TIMES(float(z[worst])).shown} sigmas) from what weighing every reading by its noise gives",
             remedy="use --estimator implicit",
             refuses=True,
@@ -350,8 +338,10 @@ def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
     """Distance of every parameter of `one` from `two`, in sigmas of the difference (P,)."""
     names = [p.name for p in two.parameters]
     here = [names.index(p.name) for p in one.parameters]
-    apart = one.x - two.x[here]
+    parameter_shift = one.x - two.x[here]
     angles = np.array([p.is_angle for p in one.parameters])
-    apart = np.where(angles, np.arctan2(np.sin(apart), np.cos(apart)), apart)
+    parameter_shift = np.where(
+        angles, np.arctan2(np.sin(parameter_shift), np.cos(parameter_shift)), parameter_shift
+    )
     sd = np.hypot(one.standard_deviation, two.standard_deviation[here])
-    return np.asarray(np.abs(apart) / np.where(sd > 0.0, sd, 1e-300))
+    return np.asarray(np.abs(parameter_shift) / np.where(sd > 0.0, sd, 1e-300))

@@ -20,6 +20,11 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
+from solver.diagnostics.limits import (
+    ALTERNATIVE_CLOSURE_M,
+    ALTERNATIVE_CLOSURE_RATIO,
+    ALTERNATIVE_FIXTURE_POSES,
+)
 from solver.errors import SolverError
 from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.layout import Layout
@@ -29,11 +34,6 @@ from solver.estimators.paper import ClosureProblem
 
 _T = TypeVar("_T")
 
-CLOSED_M, MANY = 2e-3, 20
-"""Loops of so many poses that close to this (rms) close as those of the fixture they are thought to be."""
-
-TILTS = 30.0
-"""And so many times less is left of the closure (rms, m and rad alike) than in the fixture of the file."""
 
 ITERATIONS = 15
 """A rival that is right is near its solution by then."""
@@ -98,7 +98,11 @@ def closes(arm: ArmModel, rival: Rival, *, far: float) -> bool:
     more where rotations count as well, a hand that tilts a hundred times more.
     """
     cost = cost_of(arm, rival)
-    return len(rival.poses) >= MANY and cost < CLOSED_M**2 and cost * TILTS**2 < far
+    return (
+        len(rival.poses) >= ALTERNATIVE_FIXTURE_POSES
+        and cost < ALTERNATIVE_CLOSURE_M**2
+        and cost * ALTERNATIVE_CLOSURE_RATIO**2 < far
+    )
 
 
 def cost_of(arm: ArmModel, rival: Rival) -> float:

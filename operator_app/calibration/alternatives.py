@@ -15,7 +15,6 @@ import numpy as np
 from fixtures.ball import Ball
 from fixtures.base import Fixture
 from operator_app.calibration.alternative import (
-    MANY,
     Rival,
     closes,
     cost_of,
@@ -38,15 +37,15 @@ from operator_app.calibration.step_change import shift_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.diagnostics.fault_models import still_runs
-from solver.diagnostics.model_selection import LEAST_SCALE, probabilities
+from solver.diagnostics.fault_models import constant_reading_runs
+from solver.diagnostics.limits import (
+    ALTERNATIVE_CHI2_RATIO,
+    ALTERNATIVE_FIXTURE_POSES,
+    CHI2_PER_DOF_ALTERNATIVE,
+    SMALLEST_NOISE_SCALE,
+)
+from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import makes_sense, mistakes
-
-FITS = 3.0
-"""chi2/dof at stated variances up to which a rival is an explanation."""
-
-BETTER = 10.0
-"""And by so much it has to be smaller than without it."""
 
 PROMISING = 0.3
 """A rival is solved to the end when it leaves less than this share of the squared closure error."""
@@ -120,8 +119,10 @@ def named_rivals(
             ratio, left = solved(arm, rival)
             if rival.fixture is not fixture and closes(arm, rival, far=as_it_is):
                 # So few equations close by chance nowhere, however good the statements are.
-                ratio = min(ratio, 0.99 * FITS)
-            if ratio < FITS and (near or BETTER * ratio < scale):
+                ratio = min(ratio, 0.99 * CHI2_PER_DOF_ALTERNATIVE)
+            if ratio < CHI2_PER_DOF_ALTERNATIVE and (
+                near or ALTERNATIVE_CHI2_RATIO * ratio < scale
+            ):
                 found.append((rival, _weight(ratio, left, dof)))
         if found:
             break
@@ -129,7 +130,7 @@ def named_rivals(
         found += [
             (shift, _weight(ratio, left, dof))
             for shift, ratio, left in _shifted(arm, rival, unsensed)
-            if ratio < FITS
+            if ratio < CHI2_PER_DOF_ALTERNATIVE
         ]
     return _named(found)
 
@@ -141,12 +142,12 @@ def named_hinge(
 
     A ball closes wherever a hinge does, with a centre that may be anywhere along its axis.
     """
-    if not isinstance(fixture, Ball) or len(poses) < MANY:
+    if not isinstance(fixture, Ball) or len(poses) < ALTERNATIVE_FIXTURE_POSES:
         return ()
     other = hinge_instead(arm, fixture, poses)
     rival = Rival(words=other.words, poses=poses, fixture=other.fixture, unsensed=unsensed)
     ratio, left = solved(arm, rival)
-    return _named([(rival, _weight(ratio, left, left))]) if ratio < FITS else ()
+    return _named([(rival, _weight(ratio, left, left))]) if ratio < CHI2_PER_DOF_ALTERNATIVE else ()
 
 
 def named_shift(
@@ -163,12 +164,18 @@ def named_shift(
         words=wrong_reading(joint, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, joint)
     )
     found = _shifted(arm, blind, unsensed)
-    return _named([(s, 0.0) for s, ratio, _ in found if ratio < FITS and BETTER * ratio < scale])
+    return _named(
+        [
+            (s, 0.0)
+            for s, ratio, _ in found
+            if ratio < CHI2_PER_DOF_ALTERNATIVE and ALTERNATIVE_CHI2_RATIO * ratio < scale
+        ]
+    )
 
 
 def _weight(ratio: float, left: int, dof: int) -> float:
     """Log-weight of a rival that leaves chi2/dof `ratio` of `left` degrees of freedom."""
-    fits = -0.5 * dof * np.log(max(ratio, LEAST_SCALE))
+    fits = -0.5 * dof * np.log(max(ratio, SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - left))
 
 
@@ -234,7 +241,7 @@ def _frozen(
     """A sensor that reads the same in a run of poses: the loops close without that run."""
     sigma = arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
-        for first, last in still_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
+        for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
             rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
             if len(rest) >= 4 and j not in unsensed:
                 yield Rival(

@@ -14,7 +14,7 @@ from fixtures.base import Fixture
 from operator_app.calibration.alternatives import named_rivals
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
-from operator_app.calibration.diagnosis import PriorInformation, weigh
+from operator_app.calibration.diagnosis import PriorInformation, adjudicate
 from operator_app.calibration.distances import distances
 from operator_app.calibration.error_model import (
     error_model,
@@ -29,7 +29,7 @@ from operator_app.calibration.failure_analysis import (
 )
 from operator_app.calibration.instrument_registration import as_seen
 from operator_app.calibration.local_minima import best_about_nominal
-from operator_app.calibration.multistart import FEW, GROSS, evenly, fitted, gross_misfit
+from operator_app.calibration.multistart import FEW, evenly, fitted, gross_misfit
 from operator_app.calibration.observations import seen_loops
 from operator_app.calibration.placements import alike
 from operator_app.calibration.refusals import (
@@ -51,8 +51,13 @@ from solver.diagnostics.identifiability import (
     Identifiability,
     condition_at_readings,
     identifiability,
-    plainly_seen,
-    seen_by_fit,
+    identifiability_of_fit,
+    well_conditioned_at_readings,
+)
+from solver.diagnostics.limits import (
+    CHI2_PER_DOF_GROSS,
+    LEAST_INFORMATION_SHARE,
+    OUTLIER_NOTICE_PROBABILITY,
 )
 from solver.diagnostics.range_checks import range_findings
 from solver.errors import PosesDoNotFitError, UnidentifiableError
@@ -67,12 +72,6 @@ ESTIMATORS = ("implicit", "paper")
 
 JUDGED = 2000
 """Poses, evenly among all, that tests and the verdict on RVDTs look at: more tell them nothing."""
-
-LEAST_SHARE = 0.5
-"""Of what is known of a parameter the poses bring at least this share, or it is the files that tell it."""
-
-OUTLIER_LEVEL = 0.01
-"""Chance of naming any pose of a pose set in which all are sound."""
 
 
 def calibrate(
@@ -151,7 +150,7 @@ def calibrate(
     prior = stated_priors(hard, arm, fixture)
     by_arm = set(prior) - {*hard.ground_side, *hard.hand_side}
     # Before anything is weighted: along a direction that neither poses nor files tell no estimate is worth anything.
-    if paper is not None and (estimator == "paper" or not plainly_seen(paper, q)):
+    if paper is not None and (estimator == "paper" or not well_conditioned_at_readings(paper, q)):
         seen = require(identifiability(alone, paper.x, q, sigma_rad=sigma))
     x0 = loops.x0 if paper is None else paper.x
     # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
@@ -204,7 +203,7 @@ def calibrate(
     if len(which) != len(distinct):
         estimate, components = estimate.at_poses(which), components.at_poses(which)
     judged, some = whole.few(JUDGED)
-    closes = gross_misfit(whole) < GROSS
+    closes = gross_misfit(whole) < CHI2_PER_DOF_GROSS
     same = alike(model, whole.estimate) if closes else ()
     unknowns, seeable = (tuple(p.name for p in m.parameters) for m in (hard, alone))
     outliers = _outliers(whole, distinct)
@@ -216,7 +215,7 @@ def calibrate(
     else:
         # Where there was a first estimate the fit ended at loops that close.
         seen = require(
-            seen_by_fit(judged.linear, seeable, taken=judged.order)
+            identifiability_of_fit(judged.linear, seeable, taken=judged.order)
             if paper is not None
             else identifiability(alone, in_order(alone, model, estimate.x), q, sigma_rad=sigma)
         )
@@ -236,7 +235,7 @@ def calibrate(
         else ()
     )
     shares = {} if judged_paper is not None else shares_of_poses(whole.linear)
-    by_files = tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_SHARE)
+    by_files = tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE)
     known = PriorInformation(
         out_of_range=out_of_range,
         flipped=flipped,
@@ -248,7 +247,7 @@ def calibrate(
         ),
         by_files=by_files,
     )
-    judgement = weigh(
+    judgement = adjudicate(
         judged,
         arm,
         fixture,
@@ -311,5 +310,7 @@ def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
 
     chi2, dof = found.linear.left_out_chi2()
     chances = chdtrc(np.maximum(dof, 1), chi2)
-    named = [k for k in np.argsort(chances) if chances[k] < OUTLIER_LEVEL / len(chances)]
+    named = [
+        k for k in np.argsort(chances) if chances[k] < OUTLIER_NOTICE_PROBABILITY / len(chances)
+    ]
     return tuple(int(of_each[found.order[k]]) for k in named)

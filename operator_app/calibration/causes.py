@@ -32,9 +32,9 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
 from solver.diagnostics.fault_candidate import Candidate, Cause
-from solver.diagnostics.fault_models import Scene
+from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.model_selection import Evidence
-from solver.diagnostics.stated_sizes import Larger
+from solver.diagnostics.stated_sizes import ExceededSpecification
 from solver.estimators.effects import LinearModel
 
 NAMED = 5
@@ -73,7 +73,9 @@ class NamedCause:
     refuses: bool
 
 
-def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[str, ...]) -> Words:
+def in_words(
+    candidate: Candidate, found: Evidence, scene: FaultModels, labels: tuple[str, ...]
+) -> Words:
     """Return code, text and remedy; `labels` name the poses in the order in which they were taken."""
     subject = candidate.subject
     match candidate.cause:
@@ -89,7 +91,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
                 f"{subject} changed by {GREW.not_zero(float(found.b[0])).with_unit} {_between(candidate, labels)}",
                 f"look for a loose joint or link at {subject}, then take all poses again",
             )
-        case Cause.ODD_POSES:
+        case Cause.OUTLIERS:
             several = len(candidate.poses) > 1
             return Words(
                 "OUTLIERS",
@@ -138,7 +140,7 @@ def in_words(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[
             return _smooth(int(subject), candidate, found, scene)
 
 
-def larger_in_words(found: Larger, design: LinearModel) -> Words:
+def larger_in_words(found: ExceededSpecification, design: LinearModel) -> Words:
     """Say that a source of error is larger than its statement, one of several that are."""
     kind, _, which = found.component.partition("_")
     times = TIMES(found.times).shown
@@ -232,7 +234,9 @@ def _between(candidate: Candidate, labels: tuple[str, ...]) -> str:
     return f"between pose {labels[first - 1]} and pose {labels[first]}"
 
 
-def _slipped(candidate: Candidate, found: Evidence, scene: Scene, labels: tuple[str, ...]) -> Words:
+def _slipped(
+    candidate: Candidate, found: Evidence, scene: FaultModels, labels: tuple[str, ...]
+) -> Words:
     side = candidate.subject
     size = _displacement(_rms_displacement(candidate, found, scene))
     where = "on the table" if side == "table" else "on the hand"
@@ -269,7 +273,7 @@ def shift_in_words(
     )
 
 
-def _reading(joint: int, found: Evidence, scene: Scene) -> Words:
+def _reading(joint: int, found: Evidence, scene: FaultModels) -> Words:
     """Say how much a joint's readings, which are means of samples, scatter from pose to pose."""
     arm, sd = scene.arm, _rms(found.b)
     shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
@@ -300,7 +304,7 @@ def _scatter(candidate: Candidate, found: Evidence) -> Words:
     )
 
 
-def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
+def _entry(candidate: Candidate, found: Evidence, scene: FaultModels) -> Words:
     design, name = scene.design, candidate.subject
     k = [p.name for p in design.model.parameters].index(name)
     stated = float(design.soft_sd[list(design.soft_index).index(k)])
@@ -316,13 +320,13 @@ def _entry(candidate: Candidate, found: Evidence, scene: Scene) -> Words:
     )
 
 
-def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> Words:
+def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> Words:
     size = SCATTER.not_zero(_rms_along(joint, candidate, found, scene)).with_unit
     match candidate.cause:
         case Cause.CURVE:
             sensor = scene.arm.joints[joint - 1].sensor
             share = ""
-            peak, sd, from_line = candidate.stray(found.b, found.covariance)
+            peak, sd, from_line = candidate.deviation(found.b, found.covariance)
             if isinstance(sensor, Rvdt):
                 of_scale = [OF_FULL_SCALE(x / sensor.full_scale_rad).with_unit for x in (peak, sd)]
                 share = (
@@ -351,14 +355,16 @@ def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> 
             )
 
 
-def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: Scene) -> float:
+def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> float:
     """Size (rms, rad) of columns that act along one joint."""
     B = scene.system.B[:, :, joint - 1]
     moved = candidate.moves(found.b, len(B))
     return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
 
 
-def _rms_displacement(candidate: Candidate, found: Evidence, scene: Scene) -> tuple[float, float]:
+def _rms_displacement(
+    candidate: Candidate, found: Evidence, scene: FaultModels
+) -> tuple[float, float]:
     """Size of a displacement of the fixture: rad and m, largest over the poses it is about."""
     moved = candidate.moves(found.b, len(scene.system.w))
     whole = (scene.system.E @ moved[..., None])[..., 0]

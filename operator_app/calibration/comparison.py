@@ -22,11 +22,9 @@ from operator_app.calibration.notices import Notice
 from operator_app.config.parameters import ParametersDocument
 from operator_app.errors import SessionError
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
+from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
-
-DEFAULT_LEVEL = 0.01
-"""How often two calibrations of an arm that did not change may be said to differ."""
 
 
 class IncomparableError(SessionError):
@@ -130,7 +128,7 @@ def compare(
     before: ParametersDocument,
     after: ParametersDocument,
     *,
-    level: float = DEFAULT_LEVEL,
+    level: float = DRIFT_FALSE_ALARM_PROBABILITY,
     remounted: bool = False,
 ) -> CalibrationComparison:
     """Compare two calibrations.

@@ -12,47 +12,46 @@ import numpy as np
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from operator_app.calibration.acceptance import (
-    MOST_BELIEVED,
     Judgement,
     causes_of,
+    fit_causes,
     little_motion,
-    of_the_fit,
     paper_test,
-    too_few,
+    too_few_poses,
 )
 from operator_app.calibration.alternatives import named_hinge, named_rivals, named_shift
 from operator_app.calibration.causes import NamedCause, larger_in_words
 from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.divergence import led_astray
+from operator_app.calibration.divergence import has_diverged
 from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
 from operator_app.calibration.local_minima import other_basin
-from operator_app.calibration.motion_during_sampling import unsteady
+from operator_app.calibration.motion_during_sampling import motion_causes
 from operator_app.calibration.notices import range_text
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
 from operator_app.calibration.repeat_measurement import Repeat, Reread
-from operator_app.calibration.rvdt_causes import measured_strays, of_rvdts
+from operator_app.calibration.rvdt_causes import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import remedy_beside_poses
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.diagnostics.diagnosis import PARTLY, Trial, judge
+from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_candidate import Cause
+from solver.diagnostics.limits import (
+    CHI2_PER_DOF_EXPLAINED,
+    CHI2_PER_DOF_REFUSED,
+    FLIPPED_SHARE_REFUSED,
+    MOST_SOURCES_REPORTED,
+)
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.diagnostics.rvdt import RvdtVerdict
-from solver.diagnostics.stated_sizes import larger_than_stated
+from solver.diagnostics.stated_sizes import exceeded_specifications
 from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
 from solver.search.global_start import GlobalStart
-
-FLIPPED_SHARE = 0.25
-"""With more of the poses on the other branch nobody knows which branch is meant."""
-
-MOST_SEVERAL = 3
-"""So many sources larger than stated are worth a sentence."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +83,7 @@ class PriorInformation:
     by_files: tuple[str, ...] = ()
 
 
-def weigh(
+def adjudicate(
     found: Calibrated,
     arm: ArmModel,
     fixture: Fixture,
@@ -108,21 +107,23 @@ def weigh(
     """
     judging = found.estimate if paper is None else paper
     used = pick(poses, distinct)
-    trial = judge(found.linear, arm, taken=found.order, measured=measured_strays(known.rvdt, arm))
+    diagnosis = diagnose(
+        found.linear, arm, taken=found.order, measured=measured_deviations(known.rvdt, arm)
+    )
     design = found.linear.design
     model = design.model
     unsensed = model.unsensed_joints
-    scale = trial.stated_chi2_per_dof
-    gross = _left(trial) > MOST_BELIEVED
-    by_tests = causes_of(trial, found.estimate, judged, _labels(used))
+    scale = diagnosis.stated_chi2_per_dof
+    gross = _unexplained_chi2_per_dof(diagnosis) > CHI2_PER_DOF_REFUSED
+    by_tests = causes_of(diagnosis, found.estimate, judged, _labels(used))
     rivals: tuple[NamedCause, ...] = ()
     if gross:
         # Linear explanations end where nothing is near the truth any more.
         rivals = named_rivals(
-            arm, fixture, used, unsensed=unsensed, scale=scale, dof=trial.left.dof
+            arm, fixture, used, unsensed=unsensed, scale=scale, dof=diagnosis.left.dof
         )
         by_tests = rivals or by_tests
-    elif scale > MOST_BELIEVED and _of_metal(trial):
+    elif scale > CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
         # A fixture that gives, or a length that is off, by so much may as well be a file that is wrong.
         rivals = named_rivals(
             arm,
@@ -130,19 +131,19 @@ def weigh(
             used,
             unsensed=unsensed,
             scale=scale,
-            dof=trial.left.dof,
+            dof=diagnosis.left.dof,
             of_files=True,
         )
         by_tests = rivals or by_tests
-    elif joint := _seems_wrong(trial):
+    elif joint := _suspected_reading(diagnosis):
         by_tests = (
             named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
         )
     elif not by_tests:
-        by_tests = of_rvdts(known.rvdt, arm)
-    if by_tests and not rivals and not gross and not _one_story(trial):
-        by_tests = (*_several(found.linear, trial), *by_tests)
-    if scale > MOST_BELIEVED and by_tests:
+        by_tests = rvdt_causes(known.rvdt, arm)
+    if by_tests and not rivals and not gross and not _single_cause(diagnosis):
+        by_tests = (*_exceeded_specifications(found.linear, diagnosis), *by_tests)
+    if scale > CHI2_PER_DOF_REFUSED and by_tests:
         # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
         by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
     far = (
@@ -154,40 +155,46 @@ def weigh(
         # It fits, but is it the arm of the files? A mistake that fits as well and is near them is likelier.
         far = (
             *named_rivals(
-                arm, fixture, used, unsensed=unsensed, scale=scale, dof=trial.left.dof, near=True
+                arm,
+                fixture,
+                used,
+                unsensed=unsensed,
+                scale=scale,
+                dof=diagnosis.left.dof,
+                near=True,
             ),
             *far,
         )
-    astray = led_astray((*far, *by_tests), scale, judging, judged)
-    lost = _hardly_seen(found, used, fixture, arm, judged) if far or gross or astray else ()
+    diverged = has_diverged((*far, *by_tests), scale, judging, judged)
+    lost = _poorly_determined(found, used, fixture, arm, judged) if far or gross or diverged else ()
     of_returns, since = return_tests(known.returned, found.estimate)
-    tests = (*trial.tests, *of_returns)
+    tests = (*diagnosis.tests, *of_returns)
     of_paper: tuple[NamedCause, ...] = ()
     if paper is not None:
         test, of_paper = paper_test(paper, found.estimate)
         tests = (*tests, test)
     # What files tell of a parameter is no fault of the poses, nor what follows from it of others.
-    of_fit = of_the_fit(
+    of_fit = fit_causes(
         judging.given(known.by_files),
         judged,
-        known_beforehand(model.parameters, arm, fixture),
+        stated_by_fixture(model.parameters, arm, fixture),
         partial(remedy_beside_poses, found),
     )
-    if lost or astray:
+    if lost or diverged:
         # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
         of_fit = tuple(cause for cause in of_fit if cause.code != "LITTLE_MOTION")
     if far or any(cause.refuses for cause in of_fit):
         of_fit = (*named_hinge(arm, fixture, used, unsensed=unsensed), *of_fit)
     first = (
-        *_beforehand(arm, poses, known),
-        *too_few(judging),
+        *_screening_causes(arm, poses, known),
+        *too_few_poses(judging),
         *lost,
-        *(() if gross or astray else _of_geometry(known.checks)),
+        *(() if gross or diverged else _geometry_causes(known.checks)),
         *(() if gross else far),
     )
-    shaken = unsteady(arm, used, unsensed, _labels(used))
+    shaken = motion_causes(arm, used, unsensed, _labels(used))
     if not judging.converged:
-        by_tests, shaken = _to_be_mended(by_tests), _to_be_mended(shaken)
+        by_tests, shaken = _refusing_when_likely(by_tests), _refusing_when_likely(shaken)
     slipped, by_tests = proven_by_return(since, by_tests)
     if not any(cause.refuses for cause in first):
         first, slipped = (*slipped, *first), ()
@@ -204,11 +211,11 @@ def weigh(
         ),
         tests=tests,
         stated_chi2_per_dof=scale,
-        astray=astray,
+        diverged=diverged,
     )
 
 
-def known_beforehand(
+def stated_by_fixture(
     parameters: tuple[Parameter, ...], arm: ArmModel, fixture: Fixture
 ) -> dict[str, float]:
     """How well (rad, m) the fixture's file states each of its own entries, by name.
@@ -224,7 +231,7 @@ def known_beforehand(
     }
 
 
-def _hardly_seen(
+def _poorly_determined(
     found: Calibrated, used: PoseSet, fixture: Fixture, arm: ArmModel, judged: tuple[str, ...]
 ) -> tuple[NamedCause, ...]:
     """What such poses hardly tell wherever the solution lies, so that it may have ended anywhere.
@@ -236,7 +243,7 @@ def _hardly_seen(
     model = design.model
     nominal = nominal_vector(model.parameters)
     checks = placement_checks(fixture, arm, model, nominal)
-    if _of_geometry(checks):
+    if _geometry_causes(checks):
         return ()
     expected = expected_fit(
         model, design.q, design.errors, nominal, group=used.placement[found.order]
@@ -257,41 +264,43 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
     )
 
 
-def _one_story(trial: Trial) -> bool:
+def _single_cause(diagnosis: Diagnosis) -> bool:
     """Whether one cause explains it, likelier than all others together."""
-    if not trial.rounds:
+    if not diagnosis.rounds:
         return True
-    best = trial.rounds[0][0]
+    best = diagnosis.rounds[0][0]
     if best.candidate is None or best.evidence is None:
         return False
-    return best.probability > 0.5 and best.evidence.chi2 <= PARTLY * max(best.evidence.dof, 1)
+    return best.probability > 0.5 and best.evidence.chi2 <= CHI2_PER_DOF_EXPLAINED * max(
+        best.evidence.dof, 1
+    )
 
 
-def _seems_wrong(trial: Trial) -> int:
+def _suspected_reading(diagnosis: Diagnosis) -> int:
     """Joint (1-based) whose reading explains it best if it is wrong in every pose in its own way; 0 if none."""
-    best = trial.rounds[0][0].candidate if trial.rounds else None
+    best = diagnosis.rounds[0][0].candidate if diagnosis.rounds else None
     return 0 if best is None or best.cause is not Cause.READING else int(best.subject)
 
 
-def _of_metal(trial: Trial) -> bool:
+def _geometry_suspected(diagnosis: Diagnosis) -> bool:
     """Whether a fixture that gives, or an entry of the arm's table, explains it best."""
-    best = trial.rounds[0][0].candidate if trial.rounds else None
+    best = diagnosis.rounds[0][0].candidate if diagnosis.rounds else None
     return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
 
 
-def _to_be_mended(causes: tuple[NamedCause, ...]) -> tuple[NamedCause, ...]:
+def _refusing_when_likely(causes: tuple[NamedCause, ...]) -> tuple[NamedCause, ...]:
     """What is likely wrong is why the iteration did not settle: that it did not is no help."""
     return tuple(replace(c, refuses=c.refuses or c.probability > 0.5) for c in causes)
 
 
-def _several(fit: LinearFit, trial: Trial) -> tuple[NamedCause, ...]:
+def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[NamedCause, ...]:
     """Sources that are larger than stated when all are fitted at once: the sigmas count that in.
 
     Of curves those that a test has found beyond their linearity: one within it is no fault.
     """
     found: dict[str, NamedCause] = {}
-    fired = {test.code for test in trial.tests if test.fires}
-    for larger in larger_than_stated(fit):
+    fired = {test.code for test in diagnosis.tests if test.fires}
+    for larger in exceeded_specifications(fit):
         code = f"VARIANCE_{larger.component.upper()}"
         if larger.component.startswith("curve_") and code not in fired:
             continue
@@ -301,23 +310,25 @@ def _several(fit: LinearFit, trial: Trial) -> tuple[NamedCause, ...]:
             code=words.code, probability=chance, text=words.text, remedy=words.remedy, refuses=False
         )
         found.setdefault(words.code, cause)
-    return tuple(found.values())[:MOST_SEVERAL]
+    return tuple(found.values())[:MOST_SOURCES_REPORTED]
 
 
-def _left(trial: Trial) -> float:
+def _unexplained_chi2_per_dof(diagnosis: Diagnosis) -> float:
     """chi2/dof that the best single explanation leaves."""
-    if not trial.rounds or trial.rounds[0][0].evidence is None:
-        return trial.stated_chi2_per_dof
-    found = trial.rounds[0][0].evidence
+    if not diagnosis.rounds or diagnosis.rounds[0][0].evidence is None:
+        return diagnosis.stated_chi2_per_dof
+    found = diagnosis.rounds[0][0].evidence
     return found.chi2 / max(found.dof, 1)
 
 
-def _beforehand(arm: ArmModel, poses: PoseSet, known: PriorInformation) -> tuple[NamedCause, ...]:
+def _screening_causes(
+    arm: ArmModel, poses: PoseSet, known: PriorInformation
+) -> tuple[NamedCause, ...]:
     """What needs no test: it was read off the file, or off the geometry."""
-    many = len(known.flipped) > FLIPPED_SHARE * len(poses)
-    left_out = (known.flipped, known.out_of_range, arm, poses)
-    found = [_certain(*words, refuses=many) for words in left_out_in_words(*left_out)]
-    for f in out_of_range_besides(*left_out):
+    many = len(known.flipped) > FLIPPED_SHARE_REFUSED * len(poses)
+    leave_one_out_chi2 = (known.flipped, known.out_of_range, arm, poses)
+    found = [_certain(*words, refuses=many) for words in left_out_in_words(*leave_one_out_chi2)]
+    for f in out_of_range_besides(*leave_one_out_chi2):
         saturated = f.fault is ReadingFault.SATURATED
         text, remedy = range_text(f, poses.label)
         code = f"{'SATURATED' if saturated else 'RANGE'}_{f.joint}"
@@ -334,7 +345,7 @@ def _beforehand(arm: ArmModel, poses: PoseSet, known: PriorInformation) -> tuple
     return tuple(found)
 
 
-def _of_geometry(checks: tuple[SetupCheck, ...]) -> tuple[NamedCause, ...]:
+def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[NamedCause, ...]:
     """A fixture so mounted that its entries have hardly any unique values (Hayati)."""
     return tuple(
         _certain("PARALLEL_AXES", c.text, c.remedy, refuses=c.severity is Severity.REFUSED)

@@ -9,17 +9,17 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from operator_app.calibration.acceptance import MOST_BELIEVED, WORTHLESS_M, WORTHLESS_RAD
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.local_minima import far_from_nominal
 from solver.arrays import FloatArray
+from solver.diagnostics.limits import CHI2_PER_DOF_REFUSED, USELESS_SIGMA_M, USELESS_SIGMA_RAD
 from solver.estimators.estimate import Estimate
 
 OF_THE_SOLUTION = ("LITTLE_MOTION", "FAR_FROM_NOMINAL", "PARALLEL_AXES", "NOT_CONVERGED")
 """Causes that are read off the solution itself: they lead nothing astray."""
 
 
-def led_astray(
+def has_diverged(
     causes: Iterable[NamedCause], scale: float, estimate: Estimate, judged: tuple[str, ...]
 ) -> bool:
     """Whether a gross cause refuses, and the solution is where no file would have it or known to nobody's use.
@@ -34,7 +34,7 @@ def led_astray(
     # A local optimum is astray however well it fits.
     if not any(
         c.refuses
-        and (c.code == "OTHER_SOLUTION" or scale > MOST_BELIEVED)
+        and (c.code == "OTHER_SOLUTION" or scale > CHI2_PER_DOF_REFUSED)
         and c.code not in OF_THE_SOLUTION
         for c in causes
     ):
@@ -43,5 +43,5 @@ def led_astray(
     here = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
     chosen = tuple(p for p, yes in zip(estimate.parameters, here, strict=True) if yes)
     sd: FloatArray = estimate.standard_deviation[here]
-    worthless = np.where([p.is_angle for p in chosen], WORTHLESS_RAD, WORTHLESS_M)
+    worthless = np.where([p.is_angle for p in chosen], USELESS_SIGMA_RAD, USELESS_SIGMA_M)
     return bool((~(sd <= worthless)).any()) or bool(far_from_nominal(chosen, estimate.x[here], sd))

@@ -18,12 +18,10 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics.identifiability import identifiability
+from solver.diagnostics.limits import NO_CLOSURE_M, NO_CLOSURE_RAD
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
-
-NO_CLOSURE_M, NO_CLOSURE_RAD = 0.01, 0.03
-"""Closure error (rms) of loops that were not closed at all."""
 
 
 def why_blind(

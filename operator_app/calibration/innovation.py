@@ -18,7 +18,7 @@ from operator_app.calibration.prediction import fit_as_stated, together
 from operator_app.calibration.prior import fitted
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.diagnostics.prediction import foretold
+from solver.diagnostics.prediction import predicted_residuals
 from solver.errors import PosesDoNotFitError
 
 NEAREST = 60
@@ -85,8 +85,8 @@ def innovation(
         found = fit_as_stated(by.model, both, errors, by.fit.x, old=count)
         old = np.arange(count)  # by themselves: a reading that is off would bend what is linearised
         own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
-        left = foretold(found.fit, np.arange(count + 1) == count)
-        usual = [foretold(own, old == k).chi2 for k in range(count)]
+        left = predicted_residuals(found.fit, np.arange(count + 1) == count)
+        usual = [predicted_residuals(own, old == k).chi2 for k in range(count)]
     except (PosesDoNotFitError, np.linalg.LinAlgError):
         return None
     system = found.fit.whole.at_poses(np.array([count]))

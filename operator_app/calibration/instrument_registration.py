@@ -16,13 +16,13 @@ import numpy as np
 from fixtures.base import Fixture
 from fixtures.measured import Measured
 from operator_app.calibration.closed_loops import EndpointMissingError, loop_of_poses
-from operator_app.calibration.local_minima import FAR_M, FAR_RAD
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.parameters import DhEntry
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix, rotation_vector, skew
+from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
@@ -40,7 +40,7 @@ def as_seen(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Fixture:
         return fixture
     fixture = replace(fixture, full_pose=fixture.full_pose and poses.endpoint.shape[1] == 6)
     stated = fixture.tolerance
-    if stated.position_m <= FAR_M and stated.orientation_rad <= FAR_RAD:
+    if stated.position_m <= FAR_FROM_NOMINAL_M and stated.orientation_rad <= FAR_FROM_NOMINAL_RAD:
         return fixture
     return _refined(arm, placed_by_poses(arm, fixture, poses, {}), poses)
 

@@ -14,19 +14,10 @@ from operator_app.calibration.prior import Fitted, fitted, noise_of
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import verify
+from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNPREDICTED
 
 LEAST, AT_MOST = 10, 60
 """Poses before it from which it is asked, and on which it is looked back: what it costs stays the same."""
-
-UNLIKELY = 20.0
-"""chi2 of a pose that an arm does not give which is as its files state: the largest of 3,000 was 10."""
-
-TIMES_WORSE = 6.0
-"""Times the worst of the poses before: where an arm is not as its files state, theirs are large as well.
-
-Planned poses lie farther from those before: with errors three times as large as stated 4 sound sessions in 100 go
-back to their first pose for nothing; of arms as stated, none.
-"""
 
 
 def out_of_line(
@@ -66,4 +57,6 @@ def is_off(
         last.q_rad,
         noise_of(arm, fixture, last, unsensed_joints),
     )
-    return float(found.pose_chi2[0]) > max(UNLIKELY, TIMES_WORSE * float(by.fit.pose_chi2.max()))
+    return float(found.pose_chi2[0]) > max(
+        POSE_CHI2_UNPREDICTED, POSE_CHI2_RATIO_UNPREDICTED * float(by.fit.pose_chi2.max())
+    )

@@ -12,18 +12,18 @@ from operator_app.calibration.causes import NamedCause
 from operator_app.units.figure import FAR_ANGLE, FAR_LENGTH, MANY_TIMES
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
+from solver.diagnostics.limits import (
+    FAR_FROM_NOMINAL_M,
+    FAR_FROM_NOMINAL_RAD,
+    OTHER_SOLUTION_COST_SHARE,
+)
 from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import Fit, solve_damped
 from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel
 
-FAR_RAD, FAR_M = np.deg2rad(20.0), 0.06
-"""Nobody mounts a fixture or notes an offset so far from what the files say."""
-
 STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
 ITERATIONS = 25
-BETTER = 0.5
-"""Another solution is better when it leaves less than this share of the squared closure error."""
 
 
 def far_from_nominal(
@@ -42,7 +42,7 @@ def far_from_nominal(
     return [
         (p, change)
         for (p, change), more in zip(changes, spread, strict=True)
-        if abs(change) > (FAR_RAD if p.is_angle else FAR_M) + more
+        if abs(change) > (FAR_FROM_NOMINAL_RAD if p.is_angle else FAR_FROM_NOMINAL_M) + more
     ]
 
 
@@ -73,9 +73,14 @@ def other_basin(
     here = np.array([known[p.name] for p in hard.parameters])
     own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
     best = _best(hard, problem).cost
-    p, change = max(far, key=lambda item: abs(item[1]) / (FAR_RAD if item[0].is_angle else FAR_M))
+    p, change = max(
+        far,
+        key=lambda item: (
+            abs(item[1]) / (FAR_FROM_NOMINAL_RAD if item[0].is_angle else FAR_FROM_NOMINAL_M)
+        ),
+    )
     size = (FAR_ANGLE if p.is_angle else FAR_LENGTH)(change).with_unit
-    if best < BETTER * own:
+    if best < OTHER_SOLUTION_COST_SHARE * own:
         return (
             NamedCause(
                 code="OTHER_SOLUTION",

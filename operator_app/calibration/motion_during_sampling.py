@@ -10,15 +10,10 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder, Rvdt
-
-SIGMAS = 6.0
-"""A spread by so many times the noise of a single reading is no noise."""
-
-LEAST_RAD = np.deg2rad(0.05)
-"""And a smaller one averages out to what encoders are off anyway."""
+from solver.diagnostics.limits import MOTION_SPREAD_RAD, MOTION_SPREAD_SIGMAS
 
 
-def unsteady(
+def motion_causes(
     arm: ArmModel, poses: PoseSet, unsensed: tuple[int, ...], labels: tuple[str, ...]
 ) -> tuple[NamedCause, ...]:
     """Name the joints whose readings spread within poses by more than their sensor's noise, in the poses' own words.
@@ -59,4 +54,4 @@ def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArra
     noise = sensor.sigma_rad
     if isinstance(sensor, Rvdt):
         noise = max(noise, float(np.median(spread_rad)))
-    return np.asarray(spread_rad > max(SIGMAS * noise, LEAST_RAD))
+    return np.asarray(spread_rad > max(MOTION_SPREAD_SIGMAS * noise, MOTION_SPREAD_RAD))

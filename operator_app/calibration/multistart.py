@@ -12,24 +12,18 @@ from itertools import islice
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
+from solver.diagnostics.limits import (
+    CHI2_PER_DOF_SECOND_START,
+    OTHER_START_MISFIT_SHARE,
+)
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.least_squares import Progress
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from solver.loops.closure import ClosureModel
 
-GROSS = 30.0
-"""chi2/dof at stated variances of a fit that says nothing about its readings."""
-
 FEW = 600
 """Poses, evenly among all, that tell which of several starts is the best one."""
-
-BETTER = 0.5
-"""Share of the misfit that another start has to leave at most to be gone to with all poses."""
-
-SUSPECT = 2.0
-"""And beyond which another start is tried: an optimum that is only local leaves as little as this where
-poses differ little."""
 
 
 def fitted(
@@ -51,7 +45,7 @@ def fitted(
     starts, several = iter(starts), len(q) > 2 * FEW
     first = islice(starts, 1) if several else starts
     found, least = _best(model, q, errors, first, group=group, progress=progress)
-    if several and not least < SUSPECT:
+    if several and not least < CHI2_PER_DOF_SECOND_START:
         some = evenly(len(q), FEW)
         few, misfit = _best(
             model.at_poses(some),
@@ -61,7 +55,7 @@ def fitted(
             group=group[some],
             progress=None,
         )
-        if few is not None and misfit < BETTER * least:
+        if few is not None and misfit < OTHER_START_MISFIT_SHARE * least:
             again = (few.estimate.x,)
             other, left = _best(model, q, errors, again, group=group, progress=progress)
             found = other if left < least else found
@@ -98,7 +92,7 @@ def _best(
             continue
         if misfit < least:
             best, least = found, misfit
-        if least < SUSPECT:
+        if least < CHI2_PER_DOF_SECOND_START:
             break
     return best, least
 

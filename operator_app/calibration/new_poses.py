@@ -12,15 +12,11 @@ from operator_app.calibration.verification import VerificationResult, fixed_by, 
 from solver.arrays import BoolArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-
-SAME_RAD = 1e-5
-"""Readings that differ by less in every joint are one reading, written with three decimals of a degree."""
+from solver.diagnostics.limits import SAME_POINT_M, SAME_READING_RAD
 
 HUNDREDTH_RAD = np.deg2rad(0.01)
 """Readings that are all whole multiples of this were written with two decimals: no arm comes back so closely."""
 
-SAME_M = 1e-6
-"""Measured points that differ by less in every coordinate are one, written with three decimals of a mm."""
 
 NAMED = 5
 """Poses named one by one."""
@@ -99,11 +95,11 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: Fixture) -> None:
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
     """Whether each of the new poses is one of the others to the decimals that are written: (m,)."""
     rounded = any(_in_hundredths(p) for p in (new, made_from))
-    same_rad = 0.5 * HUNDREDTH_RAD + SAME_RAD if rounded else SAME_RAD
+    same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]
     if measured and new.endpoint is not None and made_from.endpoint is not None:
         columns = min(new.endpoint.shape[1], made_from.endpoint.shape[1])
-        size = np.repeat((SAME_M, SAME_RAD), 3)[:columns]
+        size = np.repeat((SAME_POINT_M, SAME_READING_RAD), 3)[:columns]
         ends = [p.endpoint[:, :columns] / size for p in (new, made_from) if p.endpoint is not None]
         both = [np.hstack(pair) for pair in zip(both, ends, strict=True)]
     from scipy.spatial import KDTree

@@ -32,14 +32,12 @@ from operator_app.units.numbers import significant
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.identifiability import Identifiability
+from solver.diagnostics.limits import CHI2_NOTICE_PROBABILITY
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.search.global_start import GlobalStart
-
-CHI2_LEVEL = 0.01
-"""Noise models that give so large a chi2 less often than this are said to be wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,7 +100,7 @@ def noise_notices(chi2: float, dof: int) -> tuple[Notice, ...]:
     """Say so when noise as the files state it cannot have left this misfit: `chi2` is at stated variances."""
     from scipy.special import chdtrc
 
-    if dof <= 0 or float(chdtrc(dof, chi2)) >= CHI2_LEVEL:
+    if dof <= 0 or float(chdtrc(dof, chi2)) >= CHI2_NOTICE_PROBABILITY:
         return ()
     return (
         Notice(

@@ -18,10 +18,8 @@ from operator_app.calibration.result import Solution
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.poses import PoseSet
+from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from solver.diagnostics.statistics import Chi2Test, chi2_test
-
-LEVEL = 0.01
-"""How often calibrations of an arm that agree may be said to disagree."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +111,7 @@ def check_open_loop(
     sigma = np.sqrt(np.diagonal(covariance))
     from scipy.special import ndtri
 
-    threshold = float(-ndtri(0.5 * LEVEL / max(len(shared), 1)))
+    threshold = float(-ndtri(0.5 * DRIFT_FALSE_ALARM_PROBABILITY / max(len(shared), 1)))
     scaled = covariance / np.outer(sigma, sigma)
     z = change / sigma
     return OpenLoopCheck(

@@ -15,12 +15,10 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, wrap_angle
+from solver.diagnostics.limits import REMOUNT_FALSE_ALARM_PROBABILITY
 from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
-
-UNLIKELY = 1e-6
-"""Differences as large by chance, of a fixture that was not touched, are this rare: beyond, it was mounted anew."""
 
 SINGULAR = 1e-10
 """Directions of a correlation matrix in which nothing is known of a difference."""
@@ -78,7 +76,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Alike]:
         C = estimate.covariance
         there = C[np.ix_(a, a)] + C[np.ix_(b, b)] - C[np.ix_(a, b)] - C[np.ix_(b, a)]
         sigmas, chi2 = _in_sigmas(difference, there)
-        if chi2 < chdtri(len(a), UNLIKELY):
+        if chi2 < chdtri(len(a), REMOUNT_FALSE_ALARM_PROBABILITY):
             k = int(np.argmax(sigmas))
             yield Alike(
                 numbers=(one, other),

@@ -25,9 +25,15 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.poses import PoseSet, canonical_order
-from solver.diagnostics.prediction import NOT_KNOWN, CommonShift, Given, foretold
+from solver.diagnostics.limits import STATED_VARIANCE_SHARE
+from solver.diagnostics.prediction import (
+    NOT_KNOWN,
+    CommonShift,
+    FixedParameters,
+    predicted_residuals,
+)
 from solver.diagnostics.statistics import Chi2Test, chi2_test
-from solver.diagnostics.whitened_residuals import LeftOver
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
@@ -75,24 +81,24 @@ class MadeFrom:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Foretold:
+class PredictedPoses:
     """What is left of new poses, in their order, and by what columns a shift would show in them.
 
     `left` judges by what is stated at least; `chi2` predicts with the sizes of errors as the calibration learned them.
     """
 
-    left: LeftOver
+    left: WhitenedResiduals
     subjects: Mapping[str, FloatArray]
     chi2: Chi2Test
 
 
-def foretell(
+def predict_new_poses(
     arm: ArmModel,
     fixture: Fixture,
     made: MadeFrom,
     new: PoseSet,
     start: Mapping[str, float],
-) -> Foretold | None:
+) -> PredictedPoses | None:
     """Judge new poses by what the calibration's own poses foretell; None where no model fits both.
 
     Parameters
@@ -138,8 +144,8 @@ def foretell(
         at = here.state.x if isinstance(here, Linearisation) else found.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
-        given = Given(x=(x0 - at)[hard], covariance=covariance)
-    left = foretold(fit, later, given)
+        given = FixedParameters(x=(x0 - at)[hard], covariance=covariance)
+    left = predicted_residuals(fit, later, given)
     unknown = len([p for p in model.parameters if p.name in start])
     if not np.isfinite(left.chi2):
         return None
@@ -154,15 +160,11 @@ def foretell(
     if ground:
         subjects[FIXTURE] = system.A[..., ground]
     dof = max(left.dof - unknown, 1)
-    return Foretold(
+    return PredictedPoses(
         left=replace(left, dof=dof),
         subjects=subjects,
-        chi2=chi2_test(foretold(sharp, later, given).chi2, dof),
+        chi2=chi2_test(predicted_residuals(sharp, later, given).chi2, dof),
     )
-
-
-FROM_FILES = 0.1
-"""Share of a stated variance that stays where poses found less: of places where no pose was taken they know little."""
 
 
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
@@ -177,9 +179,9 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
         if found is None or not c.scaled:
             continue
         if k in design.noise_components:
-            v[k] = min(max(found, FROM_FILES * v[k]), v[k])
+            v[k] = min(max(found, STATED_VARIANCE_SHARE * v[k]), v[k])
         else:
-            v[k] = max(found, found + FROM_FILES * (v[k] - found))
+            v[k] = max(found, found + STATED_VARIANCE_SHARE * (v[k] - found))
     return v
 
 

@@ -9,11 +9,11 @@ from collections.abc import Collection
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.errors import FixtureError
-from operator_app.calibration.acceptance import FEW_DOF
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.diagnostics.identifiability import Identifiability
+from solver.diagnostics.limits import FEW_DOF
 from solver.errors import UnidentifiableError
 from solver.loops.closure import ClosureModel
 

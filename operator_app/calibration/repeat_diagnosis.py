@@ -7,18 +7,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from operator_app.calibration.acceptance import IMPACT
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.diagnostics.diagnosis import PRIORS
 from solver.diagnostics.fault_candidate import Cause
-from solver.diagnostics.hypothesis_tests import FALSE_ALARM, Test
+from solver.diagnostics.hypothesis_tests import Test
+from solver.diagnostics.limits import (
+    FALSE_ALARM_PROBABILITY,
+    REFUSING_SHIFT_SIGMAS,
+    REPEAT_REFUSAL_PROBABILITY,
+)
 from solver.estimators.estimate import Estimate
-
-PROVEN = 1e-4
-"""Chance of a return below which what slipped refuses, however wide the sigmas are: the slip itself may have
-made them so."""
 
 OF_A_READING = ("STEP_JOINT_", "DRIFT_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
 """Codes of causes that are one joint's reading."""
@@ -35,7 +35,7 @@ def return_tests(
         test = Test(
             code=f"RETURN_{read.after}",
             statistic=found.chi2,
-            threshold=float(chdtri(found.dof, FALSE_ALARM / len(returned))),
+            threshold=float(chdtri(found.dof, FALSE_ALARM_PROBABILITY / len(returned))),
         )
         tests.append(test)
         if test.fires:
@@ -112,5 +112,6 @@ def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCaus
         f"(sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) {where}",
         remedy=f"check the coupling and cable of joint {found.joint}'s sensor (lost counts, a slipped "
         "coupling), home the joint and take all poses again",
-        refuses=abs(found.size_rad) > IMPACT * sd or found.chi2 > float(chdtri(found.dof, PROVEN)),
+        refuses=abs(found.size_rad) > REFUSING_SHIFT_SIGMAS * sd
+        or found.chi2 > float(chdtri(found.dof, REPEAT_REFUSAL_PROBABILITY)),
     )

@@ -20,10 +20,10 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.poses import PoseSet, back_to_caller
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.identifiability import seen_by_fit
+from solver.diagnostics.identifiability import identifiability_of_fit
 from solver.diagnostics.rvdt import RvdtVerdict, rvdt_verdicts, undecided
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
-from solver.diagnostics.stated_sizes import noise_beside_quiet
+from solver.diagnostics.stated_sizes import sensor_noise_with_found_motion
 from solver.estimators.component_report import Component, interval
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import Calibrated
@@ -66,7 +66,9 @@ def judge_rvdts(
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return none_decided(f"{without} these poses are too few: take more")
     names = tuple(p.name for p in model.parameters)
-    unseen = seen_by_fit(whole.linear, names, taken=whole.order, without=tuple(sensors)).directions
+    unseen = identifiability_of_fit(
+        whole.linear, names, taken=whole.order, without=tuple(sensors)
+    ).directions
     if unseen:
         blurred = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
         return none_decided(f"{without} these poses leave {blurred} open: judge it in the hinge")
@@ -147,7 +149,7 @@ def _noise_of_rvdts(
 
 def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
     """Components of a fit with fixture and joints as quiet as they were found, by name; of noise only."""
-    v, error = noise_beside_quiet(whole.linear)
+    v, error = sensor_noise_with_found_motion(whole.linear)
     names = [c.name for c in whole.linear.design.components]
     found = {}
     for c in whole.components.components:

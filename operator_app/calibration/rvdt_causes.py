@@ -5,20 +5,22 @@ from __future__ import annotations
 from operator_app.calibration.causes import NamedCause
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.fault_candidate import Stray
-from solver.diagnostics.rvdt import RvdtVerdict, Soundness, stray_of
+from solver.diagnostics.fault_candidate import LinearityDeviation
+from solver.diagnostics.rvdt import RvdtVerdict, Soundness, linearity_deviation
 
 
-def measured_strays(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> dict[int, Stray]:
+def measured_deviations(
+    verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
+) -> dict[int, LinearityDeviation]:
     """How far RVDTs stray from their best lines, by joint, where the loop could measure it."""
     return {
-        v.joint: stray_of(v.figures, sensor)
+        v.joint: linearity_deviation(v.figures, sensor)
         for v in verdicts
         if v.figures is not None and isinstance(sensor := arm.joints[v.joint - 1].sensor, Rvdt)
     }
 
 
-def of_rvdts(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[NamedCause, ...]:
+def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[NamedCause, ...]:
     """RVDTs out of specification where nothing else is wrong: the sigmas count their curves in."""
     return tuple(
         NamedCause(
@@ -35,9 +37,13 @@ def of_rvdts(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[NamedCau
 
 def _remedy_of(verdict: RvdtVerdict, arm: ArmModel) -> str:
     """What to do about an RVDT out of specification: its text says what to do about noise."""
-    stray = measured_strays((verdict,), arm).get(verdict.joint)
+    deviation = measured_deviations((verdict,), arm).get(verdict.joint)
     sensor = arm.joints[verdict.joint - 1].sensor
-    if stray is not None and isinstance(sensor, Rvdt) and stray.beyond(sensor.linearity_rad):
+    if (
+        deviation is not None
+        and isinstance(sensor, Rvdt)
+        and deviation.beyond(sensor.linearity_rad)
+    ):
         return "have it replaced or linearised"
     if verdict.noise is not None and verdict.noise.from_spread:
         return f"see whether the spread of its readings is as recorded (sd{verdict.joint}_deg)"

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from operator_app.calibration.acceptance import COARSE_M, COARSE_RAD
 from operator_app.calibration.result import Solution
 from solver.chain.parameters import Parameter
-from solver.diagnostics.stated_sizes import larger_than_stated
+from solver.diagnostics.limits import COARSE_SIGMA_M, COARSE_SIGMA_RAD
+from solver.diagnostics.stated_sizes import exceeded_specifications
 from solver.estimators.variance_components import Calibrated
 
 WORST = 3
@@ -54,7 +54,7 @@ def halvings(solution: Solution) -> tuple[Halving, ...]:
 
     So it is where the solution is astray: stiffer fixtures and longer samples lead nothing back.
     """
-    if solution.components is None or solution.judgement.astray:
+    if solution.components is None or solution.judgement.diverged:
         return ()
     budget, estimate = solution.components.budget, solution.estimate
     found = []
@@ -75,7 +75,9 @@ def halvings(solution: Solution) -> tuple[Halving, ...]:
                 remedy=remedy_of(source),
             )
         )
-    found.sort(key=lambda h: -h.sigma / (COARSE_RAD if h.parameter.is_angle else COARSE_M))
+    found.sort(
+        key=lambda h: -h.sigma / (COARSE_SIGMA_RAD if h.parameter.is_angle else COARSE_SIGMA_M)
+    )
     return tuple(found[:WORST])
 
 
@@ -91,7 +93,7 @@ def remedy_beside_poses(found: Calibrated, name: str) -> str:
     source = max(budget, key=lambda s: float(budget[s][k]))
     if not 2.0 * float(budget[source][k]) > float(found.estimate.covariance[k, k]):
         return ""
-    larger = {x.component for x in larger_than_stated(found.linear)}
+    larger = {x.component for x in exceeded_specifications(found.linear)}
     sources = {c.source for c in found.linear.design.components if c.name in larger}
     return remedy_of(source) if source in sources else ""
 

@@ -66,7 +66,7 @@ def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
 
 
 def _encoded_fields(value: object) -> dict[str, Any]:
-    return {f.name: _encoded(getattr(value, f.name)) for f in _kept(type(value))}
+    return {_key(f): _encoded(getattr(value, f.name)) for f in _kept(type(value))}
 
 
 def _encoded(value: object) -> Any:
@@ -123,7 +123,11 @@ def _decoded(hint: Any, data: Any) -> Any:
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         hints = _hints(hint)
         return hint(
-            **{f.name: _decoded(hints[f.name], data[f.name]) for f in _kept(hint) if f.name in data}
+            **{
+                f.name: _decoded(hints[f.name], data[_key(f)])
+                for f in _kept(hint)
+                if _key(f) in data
+            }
         )
     return hint[data] if issubclass(hint, Enum) else hint(data)
 
@@ -131,6 +135,11 @@ def _decoded(hint: Any, data: Any) -> Any:
 @cache
 def _hints(of: type) -> dict[str, Any]:
     return get_type_hints(of)
+
+
+def _key(field: dataclasses.Field[Any]) -> str:
+    """Name of a field in records: its own, or the one it had in earlier versions."""
+    return str(field.metadata.get("record", field.name))
 
 
 def _kept(of: type) -> list[dataclasses.Field[Any]]:

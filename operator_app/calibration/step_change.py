@@ -13,13 +13,10 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.parameters import wrap_angle
-from solver.diagnostics.change_points import EDGE
+from solver.diagnostics.limits import STEP_EDGE_POSES, STEP_RESIDUAL_SHARE
 
 BENDS = 3
 """Degree of the curve that a sensor has besides."""
-
-LEFT = 0.25
-"""A shift leaves less than this share of the squares that a curve alone leaves."""
 
 
 class ReadingStep(NamedTuple):
@@ -35,18 +32,18 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | No
     Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
     """
     m = len(reading_rad)
-    if m < 2 * (EDGE + BENDS):
+    if m < 2 * (STEP_EDGE_POSES + BENDS):
         return None
     off = wrap_angle(reading_rad - angle_rad)
     off = wrap_angle(off - off[0])
     x = angle_rad - angle_rad.mean()
     curve = np.linalg.qr(np.polynomial.polynomial.polyvander(x / np.abs(x).max(), BENDS))[0]
     left = off - curve @ (curve.T @ off)
-    steps = np.tril(np.ones((m, m)))[:, EDGE : m - EDGE + 1]
+    steps = np.tril(np.ones((m, m)))[:, STEP_EDGE_POSES : m - STEP_EDGE_POSES + 1]
     free = steps - curve @ (curve.T @ steps)
     square = np.maximum((free**2).sum(axis=0), 1e-12)
     along = left @ free
     k = int(np.argmax(along**2 / square))
-    if float(left @ left - along[k] ** 2 / square[k]) > LEFT * float(left @ left):
+    if float(left @ left - along[k] ** 2 / square[k]) > STEP_RESIDUAL_SHARE * float(left @ left):
         return None
-    return ReadingStep(first=k + EDGE, size_rad=float(along[k] / square[k]))
+    return ReadingStep(first=k + STEP_EDGE_POSES, size_rad=float(along[k] / square[k]))

@@ -15,24 +15,18 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import close_loops
+from solver.diagnostics.limits import (
+    STUCK_JOINT_CORRECTION_RAD,
+    STUCK_JOINT_CORRECTION_RATIO,
+    STUCK_JOINT_MOTION_SHARE,
+    STUCK_JOINT_TURN_RAD,
+)
 from solver.errors import SolverError, UnidentifiableError
 from solver.estimators.implicit import fit_implicit
 from solver.loops.closure import ClosureModel
 
-MOVED_RAD = np.deg2rad(3.0)
-"""A joint that the loop says has turned by this has not stood still."""
-
-CLOSES_RAD = np.deg2rad(0.5)
-"""The loop says so only if it closes without the joint's reading, with other corrections this small."""
-
 LEAST_NOISE_RAD = 1e-4
 
-TELLING = 4.0
-TOLD = 0.1
-"""A joint has turned unread where the others fit so many times better to that than to its standing still, and
-where standing asks for corrections of this share of the motion: the placement is known roughly, and four
-drives of a ball hardly overdetermine a turn.
-"""
 
 LOOSE = 100.0
 """Standard deviation of a joint that may be anywhere, beside the others' 1."""
@@ -77,8 +71,8 @@ def turned_unread(
             turn = float(found[joint - 1])
             found[joint - 1] = 0.0
             best = min(filter(None, (best, (float(np.linalg.norm(found)), joint, turn))))
-    least = TOLD * float(np.linalg.norm(after_rad - before_rad))
-    if best is None or asked < max(TELLING * best[0], least):
+    least = STUCK_JOINT_MOTION_SHARE * float(np.linalg.norm(after_rad - before_rad))
+    if best is None or asked < max(STUCK_JOINT_CORRECTION_RATIO * best[0], least):
         return None
     return best[1:]
 
@@ -98,7 +92,7 @@ def explained(
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         moved = _moved(arm, fixture, poses, joint)
-        if moved > MOVED_RAD:
+        if moved > STUCK_JOINT_TURN_RAD:
             return UnidentifiableError(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
@@ -124,7 +118,10 @@ def _moved(arm: ArmModel, fixture: Fixture, poses: PoseSet, joint: int) -> float
             )
     except (SolverError, np.linalg.LinAlgError):
         return 0.0
-    if not fit.converged or float(np.sqrt(np.mean(fit.corrections**2))) > CLOSES_RAD:
+    if (
+        not fit.converged
+        or float(np.sqrt(np.mean(fit.corrections**2))) > STUCK_JOINT_CORRECTION_RAD
+    ):
         return 0.0
     first = fit.unsensed.shape[-1] - len(unsensed)
     return float(np.ptp(fit.unsensed[:, first + unsensed.index(joint)]))

@@ -13,7 +13,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import freed, noise_model
-from operator_app.calibration.prediction import MadeFrom, foretell, shift_in_words
+from operator_app.calibration.prediction import MadeFrom, predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -21,7 +21,8 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import reduced_equations
 from solver.diagnostics.cross_validation import HeldOutPoses, verify
-from solver.diagnostics.outliers import FALSE_ALARM, left_out, odd_poses
+from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, LEARNED_VARIANCE_FACTOR
+from solver.diagnostics.outliers import find_outliers, leave_one_out_chi2
 from solver.diagnostics.prediction import CommonShift, shifted
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.component_report import Component
@@ -34,8 +35,6 @@ from solver.loops.placements import Placements
 STEPS = 3
 """Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
 
-LEARNED = 2.0
-"""Sizes of errors that were learned elsewhere are known to this factor, in variances."""
 
 NOT_KNOWN = 0.1
 """Standard deviation (m) of what is not known beside what poses tell."""
@@ -187,7 +186,7 @@ def judge_poses(
         left = chi2.dof - len(unknown)
         found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
-    improbable = (found.pose_probability < FALSE_ALARM / len(poses)) | ~found.closed
+    improbable = (found.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~found.closed
     odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
     shift: CommonShift | None = None
     stated = found.chi2
@@ -219,21 +218,25 @@ def _as_foretold(
     """
     from scipy.special import chdtrc
 
-    told = foretell(arm, fixture, made, poses, start)
+    told = predict_new_poses(arm, fixture, made, poses, start)
     if told is None:
         return found, odd, None, found.chi2
-    named = odd_poses(told.left)
+    named = find_outliers(told.left)
     # A shift is one only if it is there without the poses that are wrong by themselves.
     shift = shifted(named.rest, told.subjects)
     left = told.left
     if shift is not None:
-        left = left.also(told.subjects[shift.subject])
-        named = odd_poses(left)
-    chi2, dof = left_out(left)
+        left = left.with_columns(told.subjects[shift.subject])
+        named = find_outliers(left)
+    chi2, dof = leave_one_out_chi2(left)
     return (
         replace(
             found,
-            chi2=replace(told.chi2, low=told.chi2.low / LEARNED, high=told.chi2.high * LEARNED),
+            chi2=replace(
+                told.chi2,
+                low=told.chi2.low / LEARNED_VARIANCE_FACTOR,
+                high=told.chi2.high * LEARNED_VARIANCE_FACTOR,
+            ),
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),

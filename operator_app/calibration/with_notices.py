@@ -68,7 +68,7 @@ def with_notices(
     not_sought = tuple(
         j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held
     )
-    astray = judgement.astray
+    astray = judgement.diverged
     left_out = (solution.dropped_flipped, known.out_of_range, arm, poses)
     return replace(
         solution,

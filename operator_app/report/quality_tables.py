@@ -45,7 +45,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     )
     freedom = f"{plural(solution.model.equations_per_pose, 'equation')} a pose, less parameters"
     ended = "converged" if estimate.converged else "did not converge"
-    if solution.judgement.astray and estimate.converged:
+    if solution.judgement.diverged and estimate.converged:
         ended += ", astray"
 
     def key(figure: Figure, *key: str) -> Figure:

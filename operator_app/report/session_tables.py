@@ -159,7 +159,7 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
     day = f", {min(days)}" if len(days) == 1 and all(days) else ""
     row_of = {p.number: k for k, p in enumerate(subject.used)}
 
-    def left_over(k: int | None) -> tuple[Cell, ...]:
+    def fit_residuals(k: int | None) -> tuple[Cell, ...]:
         if estimate is None or k is None:
             return NOT_KNOWN, NOT_KNOWN, NOT_KNOWN
         split = estimate.rotation_rows
@@ -189,7 +189,7 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
                 pose.utc[11 if day else 0 : 19].replace("T", " "),
                 *(Figure(v, ANGLE, places=3) for v in pose.mean_rad.tolist()),
                 Figure(float(pose.sd_rad.max()), NOISE_ANGLE, places=1),
-                *left_over(row_of.get(pose.number)),
+                *fit_residuals(row_of.get(pose.number)),
                 _remark(subject, pose.number, pose.note, pose.excluded),
             )
             for pose in subject.poses

@@ -24,7 +24,7 @@ from solver.design.manifold import Manifold, Ranges, candidate_poses
 from solver.design.paths import MotionLimits, PathGraph
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.design.stop_rule import standard_deviations
-from solver.diagnostics.identifiability import Identifiability, judge_jacobian
+from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 
@@ -190,7 +190,7 @@ def make_plan(
         ranked=ranked,
         predicted_sigma=standard_deviations(total),
         log_det=log_det(total),
-        design=judge_jacobian(
+        design=identifiability_of_jacobian(
             J.reshape(-1, J.shape[-1]),
             tuple(p.name for p in task.model.parameters),
             poses=len(visits),

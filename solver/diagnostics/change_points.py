@@ -15,13 +15,8 @@ from functools import lru_cache
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.diagnostics.whitened_residuals import LeftOver
-
-FALSE_ALARM = 1e-3
-"""Chance that a sound pose set shows a step of anything anywhere."""
-
-EDGE = 3
-"""Poses on either side of a step: fewer are odd poses, which another test names."""
+from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, STEP_EDGE_POSES
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 AT_POSES = 0.4
 """Share of the continuous statistic's alarms that steps at poses show, by simulation of 10 to 300 poses."""
@@ -64,7 +59,7 @@ class ChangePoint:
     chi2, dof
         How far chi2 falls when the step is fitted, and with how many unknowns.
     threshold
-        What `chi2` exceeds in `FALSE_ALARM` of sound pose sets, over all poses and suspects.
+        What `chi2` exceeds in `FALSE_ALARM_PROBABILITY` of sound pose sets, over all poses and suspects.
     """
 
     suspect: str
@@ -82,12 +77,12 @@ class ChangePoint:
 
 
 def steps(
-    left: LeftOver,
+    left: WhitenedResiduals,
     suspects: Sequence[Suspect],
     *,
-    quiet: LeftOver | None = None,
+    quiet: WhitenedResiduals | None = None,
     scale: float = 1.0,
-    false_alarm: float = FALSE_ALARM,
+    false_alarm: float = FALSE_ALARM_PROBABILITY,
 ) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
@@ -101,7 +96,7 @@ def steps(
         By how much variances are smaller than those of the fit.
     """
     m = len(left.white)
-    if m < 2 * EDGE or not suspects:
+    if m < 2 * STEP_EDGE_POSES or not suspects:
         return ()
     level = false_alarm / sum(s.share for s in suspects)
     found: list[ChangePoint] = []
@@ -117,7 +112,7 @@ def steps(
 
 
 def _largest(
-    left: LeftOver, suspects: Sequence[Suspect], scale: float, level: float
+    left: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
 ) -> Iterator[ChangePoint]:
     """Largest step of each of some suspects (S) with as many columns (d) each.
 
@@ -135,7 +130,7 @@ def _largest(
     # Scaled, so that metres and radians are seen alike.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
     unit = np.where(size > 0.0, size, 1.0)
-    places = slice(EDGE, m - EDGE + 1)
+    places = slice(STEP_EDGE_POSES, m - STEP_EDGE_POSES + 1)
     values, vectors = np.linalg.eigh(C[places] / (unit[:, :, None] * unit[:, None, :]))
     free = values > FREE
     along = (np.swapaxes(vectors, -1, -2) @ (s[places] / unit)[..., None])[..., 0]
@@ -149,7 +144,7 @@ def _largest(
         dof = int(free[here].sum())
         yield ChangePoint(
             suspect=suspects[k].name,
-            pose=best + EDGE,
+            pose=best + STEP_EDGE_POSES,
             size=(vectors[here] @ (inverse[here] * along[here])) / size[k],
             sd=np.sqrt(scale * np.diagonal(spread)) / size[k],
             chi2=float(chi2[here]) / scale,
@@ -181,7 +176,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     """
     from scipy.special import chdtri, gammaln
 
-    h = EDGE / poses
+    h = STEP_EDGE_POSES / poses
     span = 2.0 * math.log((1.0 - h) / h)
 
     def log_tail(x: float) -> float:

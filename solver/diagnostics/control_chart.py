@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
+from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 BASELINE = 4
 """Sessions before the first that is judged."""
@@ -27,8 +28,6 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
 PRIOR_DOF = 12.0
-LEVEL = 0.0025
-"""Chance that a session raises a false alarm in any quantity by either chart: some 4 % over 12 sessions."""
 
 LEAST_RATIO = 0.1
 """Scatter between sessions is never taken to be less than this share of the stated repeatability."""
@@ -105,7 +104,7 @@ def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
             recent = values[last : t + 1, j]
             weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(len(recent))[::-1]
             weights /= weights.sum()
-            limit = -float(stdtrit(nu, 0.5 * LEVEL / len(judged)))
+            limit = -float(stdtrit(nu, 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / len(judged)))
             centre[t, j], between[t, j] = mean, np.sqrt(var)
             shewhart[t, j] = limit * np.sqrt(var * (1.0 + 1.0 / size))
             ewma[t, j] = weights @ recent
@@ -139,7 +138,9 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
     weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)
     weights /= weights.sum()
     dof = PRIOR_DOF + sessions - 1
-    needed = -float(stdtrit(dof, 0.5 * LEVEL / quantities)) - float(stdtrit(dof, 0.1))
+    needed = -float(stdtrit(dof, 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / quantities)) - float(
+        stdtrit(dof, 0.1)
+    )
     return np.asarray(needed * between * np.sqrt(weights @ weights + 1.0 / sessions))
 
 

@@ -16,17 +16,23 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics.change_points import ChangePoint, steps
-from solver.diagnostics.fault_candidate import NONE_MEASURED, Candidate, Cause, Stray
-from solver.diagnostics.fault_models import Scene
+from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, LinearityDeviation
+from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.hypothesis_tests import (
-    DOUBT,
     Test,
-    but_curves_as_stated,
     chi2_test,
     prediction_test,
     pull_tests,
     scale_tests,
     variance_tests,
+    without_curves_in_specification,
+)
+from solver.diagnostics.limits import (
+    CHI2_PER_DOF_EXPLAINED,
+    CHI2_PER_DOF_GROSS,
+    ENTRY_SUSPICION_PROBABILITY,
+    LEAST_REPORTED_CAUSE_PROBABILITY,
+    MOST_CAUSES_FITTED,
 )
 from solver.diagnostics.model_selection import (
     Evidence,
@@ -34,30 +40,18 @@ from solver.diagnostics.model_selection import (
     evidence_of_own,
     noise_scale,
     probabilities,
-    sound,
-    unnamed,
+    sound_log_likelihood,
+    unexplained_log_likelihood,
 )
-from solver.diagnostics.outliers import OddPoses, odd_poses, pose_columns
-from solver.diagnostics.stated_sizes import as_quiet_as_found
-from solver.diagnostics.whitened_residuals import LeftOver, OwnColumns
+from solver.diagnostics.outliers import Outliers, find_outliers, pose_columns
+from solver.diagnostics.stated_sizes import with_found_motion_noise
+from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
-
-MOST_CAUSES = 4
-"""Causes taken in one after the other; a set with more is no calibration."""
-
-GROSS = 30.0
-"""chi2/dof that the best explanation leaves beyond which no second one is asked for."""
-
-PARTLY = 2.0
-"""chi2/dof that an explanation may leave and still be the whole story."""
-
-LIKELY = 0.02
-"""Least probability of a cause worth naming."""
 
 PRIORS = {
     Cause.SLIPPED: 0.02,
     Cause.LOST_COUNTS: 0.02,
-    Cause.ODD_POSES: 0.02,
+    Cause.OUTLIERS: 0.02,
     Cause.FROZEN: 0.01,
     Cause.READING: 0.01,
     Cause.CURVE: 0.02,
@@ -87,7 +81,7 @@ class Explanation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Trial:
+class Diagnosis:
     """What the tests say.
 
     Attributes
@@ -114,13 +108,13 @@ class Trial:
 
     tests: tuple[Test, ...]
     rounds: tuple[tuple[Explanation, ...], ...]
-    doubts: tuple[Explanation, ...]
-    odd: OddPoses
+    suspected_entries: tuple[Explanation, ...]
+    odd: Outliers
     step: ChangePoint | None
-    left: LeftOver
+    left: WhitenedResiduals
     stated_chi2_per_dof: float
-    apart: FloatArray
-    scene: Scene
+    parameter_shift: FloatArray
+    scene: FaultModels
 
     @property
     def fires(self) -> bool:
@@ -128,13 +122,13 @@ class Trial:
         return any(test.fires for test in self.tests)
 
 
-def judge(
+def diagnose(
     fit: LinearFit,
     arm: ArmModel,
     *,
     taken: IntArray,
-    measured: Mapping[int, Stray] = NONE_MEASURED,
-) -> Trial:
+    measured: Mapping[int, LinearityDeviation] = NO_DEVIATIONS,
+) -> Diagnosis:
     """Test a fit.
 
     Parameters
@@ -149,32 +143,34 @@ def judge(
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
-    scene = Scene.in_time(arm, stated.design, stated.whole, order)
-    left = left_over_of(fit.believed, order)
-    quiet = left_over_of(as_quiet_as_found(fit), order)
+    scene = FaultModels.in_time(arm, stated.design, stated.whole, order)
+    left = residuals_of_fit(fit.believed, order)
+    quiet = residuals_of_fit(with_found_motion_noise(fit), order)
     tests = [chi2_test(stated.chi2, stated.dof)]
-    odd, largest, more = _look(scene, left, quiet)
+    odd, largest, more = _residual_tests(scene, left, quiet)
     tests += more
     tests += pull_tests(stated)
-    tests += but_curves_as_stated(variance_tests(stated), scene, left, measured)
+    tests += without_curves_in_specification(variance_tests(stated), scene, left, measured)
     tests.append(prediction_test(stated))
     tests += scale_tests(scene, left)
     fires = any(test.fires for test in tests)
-    doubtful = not fires and any(test.fires for test in pull_tests(stated, DOUBT))
-    return Trial(
+    doubtful = not fires and any(
+        test.fires for test in pull_tests(stated, ENTRY_SUSPICION_PROBABILITY)
+    )
+    return Diagnosis(
         tests=tuple(tests),
-        rounds=tuple(_explain(scene, left, odd, measured)) if fires else (),
-        doubts=_doubted(scene, left, odd, measured) if doubtful else (),
+        rounds=tuple(_explanations(scene, left, odd, measured)) if fires else (),
+        suspected_entries=_suspected_entries(scene, left, odd, measured) if doubtful else (),
         odd=odd,
         step=largest,
         left=left,
         stated_chi2_per_dof=stated.chi2 / max(stated.dof, 1),
-        apart=_apart(fit, stated),
+        parameter_shift=_parameter_shift(fit, stated),
         scene=scene,
     )
 
 
-def _apart(fit: LinearFit, stated: LinearFit) -> FloatArray:
+def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
     """Estimate at stated variances less the estimate (P,)."""
     design = fit.design
     out = np.zeros(len(design.nominal))
@@ -184,9 +180,9 @@ def _apart(fit: LinearFit, stated: LinearFit) -> FloatArray:
     return out
 
 
-def _look(
-    scene: Scene, left: LeftOver, quiet: LeftOver
-) -> tuple[OddPoses, ChangePoint | None, list[Test]]:
+def _residual_tests(
+    scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
+) -> tuple[Outliers, ChangePoint | None, list[Test]]:
     """Look for odd poses and for steps with noise as believed; for those of a reading with `quiet` noise.
 
     At no smaller scale however little is left: where most of the noise is quieter than believed, that of
@@ -194,7 +190,7 @@ def _look(
     pose nor quite the smooth function that it is taken for passes for a change of the geometry, and
     hardly for one of a single reading.
     """
-    odd = odd_poses(left)
+    odd = find_outliers(left)
     tests = [Test(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
     found = steps(left, scene.suspects(), quiet=quiet)
     if found:
@@ -202,60 +198,66 @@ def _look(
     return odd, found[0] if found else None, tests
 
 
-def _explain(
-    scene: Scene, left: LeftOver, odd: OddPoses, measured: Mapping[int, Stray]
+def _explanations(
+    scene: FaultModels,
+    left: WhitenedResiduals,
+    odd: Outliers,
+    measured: Mapping[int, LinearityDeviation],
 ) -> Iterable[tuple[Explanation, ...]]:
     """Take in the best explanation of what is left over, until nothing fires any more."""
-    standing = tuple(scene.standing(measured))
-    for _ in range(MOST_CAUSES):
-        found = _weighed(left, (*_changes(scene, left, odd), *standing))
+    persistent_faults = tuple(scene.persistent_faults(measured))
+    for _ in range(MOST_CAUSES_FITTED):
+        found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))
         yield found
         best = found[0]
         if best.candidate is None or best.evidence is None:
             return
-        if best.evidence.chi2 > GROSS * max(best.evidence.dof, 1):
+        if best.evidence.chi2 > CHI2_PER_DOF_GROSS * max(best.evidence.dof, 1):
             # Nothing linear explains this.
             return
         size = best.evidence.size * best.candidate.natural
-        left = _taken_in(left, best.candidate, size)
-        odd, _, tests = _look(scene, left, left)
+        left = _with_cause(left, best.candidate, size)
+        odd, _, tests = _residual_tests(scene, left, left)
         if left.dof <= 0 or not any(t.fires for t in (chi2_test(left.chi2, left.dof), *tests)):
             return
 
 
-def _taken_in(left: LeftOver, cause: Candidate, sd: FloatArray) -> LeftOver:
+def _with_cause(left: WhitenedResiduals, cause: Candidate, sd: FloatArray) -> WhitenedResiduals:
     """Return what is left over when a cause is believed, its coefficients of known size `sd`."""
     if cause.own is None:
-        return left.also_drawn(cause.columns, sd)
+        return left.with_drawn(cause.columns, sd)
     return OwnColumns.of(left, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)).drawn(
         left
     )
 
 
-def _doubted(
-    scene: Scene, left: LeftOver, odd: OddPoses, measured: Mapping[int, Stray]
+def _suspected_entries(
+    scene: FaultModels,
+    left: WhitenedResiduals,
+    odd: Outliers,
+    measured: Mapping[int, LinearityDeviation],
 ) -> tuple[Explanation, ...]:
     """Toleranced entries that may well be off their file, where no test is sure that anything is wrong."""
-    found = _weighed(left, (*_changes(scene, left, odd), *scene.standing(measured)))
+    found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))
     return tuple(
         x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
     )
 
 
-def _changes(scene: Scene, left: LeftOver, odd: OddPoses) -> Iterable[Candidate]:
+def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
     """Steps and odd poses: candidates that are looked for in what is left; `odd` are those with noise as believed."""
     scale = noise_scale(left.chi2, left.dof)
     suspects = {s.name: s for s in scene.suspects()}
     for step in steps(left, tuple(suspects.values()), scale=scale):
         yield scene.of_suspect(suspects[step.suspect], step.pose)
-    found = odd if scale == 1.0 else odd_poses(left, scale=scale)
+    found = odd if scale == 1.0 else find_outliers(left, scale=scale)
     poses = tuple(pose.pose for pose in found.odd)
     m = len(left.white)
     for count in range(1, len(poses) + 1):
         if count in (1, 2, 3, len(poses)):
             own = np.array(poses[:count])
             yield Candidate(
-                cause=Cause.ODD_POSES,
+                cause=Cause.OUTLIERS,
                 subject="",
                 columns=pose_columns(left, own),
                 own=own,
@@ -265,19 +267,19 @@ def _changes(scene: Scene, left: LeftOver, odd: OddPoses) -> Iterable[Candidate]
             )
 
 
-def _evidence(left: LeftOver, c: Candidate) -> Evidence | None:
+def _evidence(left: WhitenedResiduals, c: Candidate) -> Evidence | None:
     if c.own is None:
         return evidence(left, c.columns, c.natural, most=c.most)
     return evidence_of_own(left, c.own, c.columns, c.natural, most=c.most)
 
 
-def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
+def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
     """Probabilities of all candidates, of nothing wrong and of something without a name."""
     listed = [
         (c, e)
         for c in candidates
         if (e := _evidence(left, c)) is not None
-        and not c.is_stated(e.b, e.covariance)
+        and not c.within_specification(e.b, e.covariance)
         and float(np.sqrt(np.mean((e.b / c.natural) ** 2))) <= c.most
     ]
     counts: dict[Cause, int] = {}
@@ -288,10 +290,13 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
         + np.log(PRIORS[c.cause] / counts[c.cause])
         - log(c.places)
         # What leaves the rest larger than stated needs a second cause, and that one has no name.
-        + (np.log(UNNAMED) if e.chi2 > PARTLY * max(e.dof, 1) else 0.0)
+        + (np.log(UNNAMED) if e.chi2 > CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
         for c, e in listed
     ]
-    weights += [sound(left) + np.log(1.0 - sum(PRIORS.values())), unnamed(left) + np.log(UNNAMED)]
+    weights += [
+        sound_log_likelihood(left) + np.log(1.0 - sum(PRIORS.values())),
+        unexplained_log_likelihood(left) + np.log(UNNAMED),
+    ]
     chance = probabilities(np.array(weights))
     found = [
         Explanation(candidate=c, evidence=e, probability=float(p))
@@ -299,10 +304,14 @@ def _weighed(left: LeftOver, candidates: Iterable[Candidate]) -> tuple[Explanati
     ]
     found.append(Explanation(candidate=None, evidence=None, probability=float(chance[-1])))
     found.sort(key=lambda explanation: -explanation.probability)
-    return tuple(x for k, x in enumerate(found) if k == 0 or x.probability >= LIKELY)
+    return tuple(
+        x
+        for k, x in enumerate(found)
+        if k == 0 or x.probability >= LEAST_REPORTED_CAUSE_PROBABILITY
+    )
 
 
-def left_over_of(fit: LinearFit, order: IntArray) -> LeftOver:
+def residuals_of_fit(fit: LinearFit, order: IntArray) -> WhitenedResiduals:
     """Return what a mixed model left over, its poses in the `order` (m,) given."""
     design, half = fit.design, fit.half
     size = np.ones(design.hard + len(design.soft_index))
@@ -316,7 +325,7 @@ def left_over_of(fit: LinearFit, order: IntArray) -> LeftOver:
         whitener[here] = part.L_inverse
         U[here] = part.times(half)
         white[here] = part.w + part.times(fit.coefficients)
-    return LeftOver(
+    return WhitenedResiduals(
         whitener=whitener,
         U=U,
         white=white,

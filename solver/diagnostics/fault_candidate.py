@@ -13,9 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-
-CERTAIN = 3.0
-"""Nothing is out of specification that is within so many of its own sigmas of it."""
+from solver.diagnostics.limits import CERTAIN_SIGMAS
 
 
 class Cause(Enum):
@@ -24,7 +22,7 @@ class Cause(Enum):
     SLIPPED = "slipped"
     LOST_COUNTS = "lost counts"
     LENGTH_CHANGED = "length changed"
-    ODD_POSES = "odd poses"
+    OUTLIERS = "odd poses"
     FROZEN = "frozen"
     READING = "reading"
     SCATTER = "scatter of all readings"
@@ -38,7 +36,7 @@ class Cause(Enum):
     GIVES = "gives"
 
 
-class Stray(NamedTuple):
+class LinearityDeviation(NamedTuple):
     """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is from."""
 
     peak: float
@@ -47,10 +45,10 @@ class Stray(NamedTuple):
 
     def beyond(self, stated: float) -> bool:
         """Whether it exceeds what is stated, and not by chance."""
-        return self.peak - CERTAIN * self.sd > stated
+        return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
-NONE_MEASURED: Mapping[int, Stray] = {}
+NO_DEVIATIONS: Mapping[int, LinearityDeviation] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,7 +75,7 @@ class Candidate:
         larger (rms) than `least`.
     most_stated
         Where the files state the largest deviation of all: a cause is only what exceeds that by
-        `CERTAIN` of its own sigmas.
+        `CERTAIN_SIGMAS` of its own sigmas.
     measured
         Its stray from the best line as the loop measures it without these readings, which knows it better
         than they do; None where it cannot.
@@ -98,15 +96,15 @@ class Candidate:
     shapes: FloatArray | None = None
     least: float = 0.0
     most_stated: float = 0.0
-    measured: Stray | None = None
+    measured: LinearityDeviation | None = None
     lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
 
-    def is_stated(self, b: FloatArray, covariance: FloatArray) -> bool:
+    def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
         """Whether coefficients b (c,) amount to no more than what the files state anyway."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
-            return not self.stray(b, covariance).beyond(self.most_stated)
+            return not self.deviation(b, covariance).beyond(self.most_stated)
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
@@ -117,7 +115,7 @@ class Candidate:
         out[self.own] = (self.columns @ b.reshape(len(self.own), -1, 1))[..., 0]
         return out
 
-    def stray(self, b: FloatArray, covariance: FloatArray) -> Stray:
+    def deviation(self, b: FloatArray, covariance: FloatArray) -> LinearityDeviation:
         """Largest deviation over the poses, gain and all or from its best line: the more certain one.
 
         The loop sees how a sensor bends far better than its gain.
@@ -133,7 +131,10 @@ class Candidate:
             size = np.abs(columns @ b)
             k = int(np.argmax(size))
             sd = float(np.sqrt(max(float(columns[k] @ covariance @ columns[k]), 0.0)))
-            found.append(Stray(peak=float(size[k]), sd=sd, from_line=of_line))
+            found.append(LinearityDeviation(peak=float(size[k]), sd=sd, from_line=of_line))
         if self.measured is not None:
             found.append(self.measured)
-        return max(found, key=lambda stray: (stray.peak - self.most_stated) / max(stray.sd, 1e-12))
+        return max(
+            found,
+            key=lambda deviation: (deviation.peak - self.most_stated) / max(deviation.sd, 1e-12),
+        )

@@ -15,7 +15,8 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt, SensorCurve
 from solver.diagnostics.change_points import Suspect
-from solver.diagnostics.fault_candidate import NONE_MEASURED, Candidate, Cause, Stray
+from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, LinearityDeviation
+from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
 from solver.estimators.effects import LinearModel, System
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
@@ -24,17 +25,13 @@ ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
 SCALE = 1e-2
 """Natural size of what a scale is off by."""
 
-STILL_POSES = 4
-"""So many readings in a row that agree within noise, while others move, may be a frozen sensor."""
 
 LENGTHS_SHARE = 0.1
 """Of the false alarms: a metal link hardly ever changes its length in mid-session."""
 
-MOVES_RAD = np.deg2rad(1.0)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scene:
+class FaultModels:
     """A fit as the candidates see it: its system with poses in the order in which they were taken.
 
     `readings` (m, n) are in that order too.
@@ -47,7 +44,9 @@ class Scene:
     order: IntArray
 
     @classmethod
-    def in_time(cls, arm: ArmModel, design: LinearModel, system: System, order: IntArray) -> Scene:
+    def in_time(
+        cls, arm: ArmModel, design: LinearModel, system: System, order: IntArray
+    ) -> FaultModels:
         """Return the scene with row k the pose that was taken k-th; `order` (m,) picks it."""
         return cls(
             arm=arm,
@@ -125,7 +124,9 @@ class Scene:
             entries=entries,
         )
 
-    def standing(self, measured: Mapping[int, Stray] = NONE_MEASURED) -> Iterator[Candidate]:
+    def persistent_faults(
+        self, measured: Mapping[int, LinearityDeviation] = NO_DEVIATIONS
+    ) -> Iterator[Candidate]:
         """Causes that are there in all poses, or in a run of them.
 
         `measured` is how far sensors stray from their best lines, by joint (1-based), where the loop
@@ -193,7 +194,7 @@ class Scene:
     def _frozen(self) -> Iterator[Candidate]:
         """Runs of poses in which one joint reads the same while others move."""
         for j in self.sensed:
-            for first, last in still_runs(self.readings, j, 3.0 * self._noise(j)):
+            for first, last in constant_reading_runs(self.readings, j, 3.0 * self._noise(j)):
                 poses = np.arange(first + 1, last)
                 yield Candidate(
                     cause=Cause.FROZEN,
@@ -204,7 +205,9 @@ class Scene:
                     poses=tuple(range(first, last)),
                 )
 
-    def curve(self, j: int, measured: Stray | None = None) -> Candidate | None:
+    def linearity_curve(
+        self, j: int, measured: LinearityDeviation | None = None
+    ) -> Candidate | None:
         """Line and curve of joint j's sensor; None where it has none."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
@@ -227,14 +230,14 @@ class Scene:
             lines=_lines(turn),
         )
 
-    def _smooth(self, measured: Mapping[int, Stray]) -> Iterator[Candidate]:
+    def _smooth(self, measured: Mapping[int, LinearityDeviation]) -> Iterator[Candidate]:
         """Every joint's reading off by a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
             B = self.joint(j)
-            curve = self.curve(j, measured.get(j))
-            if curve is not None:
-                yield curve
+            linearity_curve = self.linearity_curve(j, measured.get(j))
+            if linearity_curve is not None:
+                yield linearity_curve
             elif isinstance(sensor, Encoder):
                 shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
                 yield Candidate(
@@ -316,7 +319,7 @@ def _lines(angle: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.qr(both)[0])
 
 
-def still_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
+def constant_reading_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[int, int]]:
     """Runs [first, last) of poses in which a joint reads the same although most others move."""
     m = len(q)
     reading = q[:, joint - 1]
@@ -325,8 +328,8 @@ def still_runs(q: FloatArray, joint: int, tolerance_rad: float) -> list[tuple[in
     for k in range(1, m + 1):
         if k < m and abs(reading[k] - reading[first]) <= tolerance_rad:
             continue
-        moved = np.ptp(others[first:k], axis=0) > MOVES_RAD
-        if k - first >= STILL_POSES and 2 * int(moved.sum()) >= others.shape[1]:
+        moved = np.ptp(others[first:k], axis=0) > OTHERS_MOVED_RAD
+        if k - first >= FROZEN_POSES and 2 * int(moved.sum()) >= others.shape[1]:
             runs.append((first, k))
         first = k
     return runs

@@ -11,18 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.diagnostics.cross_validation import far_block, fold_poses
-from solver.diagnostics.fault_candidate import Stray
-from solver.diagnostics.fault_models import Scene
+from solver.diagnostics.fault_candidate import LinearityDeviation
+from solver.diagnostics.fault_models import FaultModels
+from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.model_selection import evidence
-from solver.diagnostics.whitened_residuals import LeftOver
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
-
-FALSE_ALARM = 1e-3
-"""Chance of each test to fire on a sound pose set."""
-
-DOUBT = 0.1
-"""Chance of the pulls of a sound arm's lengths and twists to be worth a word, which refuses nothing: lengths
-that are wrong by a few tolerances spoil a calibration before any test is sure of them."""
 
 ENTRIES = ("lengths", "twists")
 """Sources that are entries of the maker's table."""
@@ -41,7 +35,7 @@ class Test:
     code: str
     statistic: float
     threshold: float
-    false_alarm: float = FALSE_ALARM
+    false_alarm: float = FALSE_ALARM_PROBABILITY
 
     @property
     def fires(self) -> bool:
@@ -53,10 +47,12 @@ def chi2_test(chi2: float, dof: int) -> Test:
     """Test chi2 at the stated variances."""
     from scipy.special import chdtri
 
-    return Test(code="CHI2_STATED", statistic=chi2, threshold=float(chdtri(dof, FALSE_ALARM)))
+    return Test(
+        code="CHI2_STATED", statistic=chi2, threshold=float(chdtri(dof, FALSE_ALARM_PROBABILITY))
+    )
 
 
-def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test]:
+def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY) -> list[Test]:
     """Test the largest pull of a toleranced entry, and their sum of squares."""
     from scipy.special import chdtri, ndtri
 
@@ -82,7 +78,7 @@ def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM) -> list[Test
     ]
 
 
-def scale_tests(scene: Scene, left: LeftOver) -> list[Test]:
+def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[Test]:
     """Test the scale of every encoder: the loops see a hundredth of it, and no other test asks."""
     from scipy.special import ndtri
 
@@ -94,7 +90,7 @@ def scale_tests(scene: Scene, left: LeftOver) -> list[Test]:
         z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * whole else 0.0)
     if not z:
         return []
-    threshold = float(-ndtri(0.5 * FALSE_ALARM / len(z)))
+    threshold = float(-ndtri(0.5 * FALSE_ALARM_PROBABILITY / len(z)))
     return [Test(code="SCALE", statistic=float(max(z)), threshold=threshold)]
 
 
@@ -107,7 +103,7 @@ def prediction_test(stated: LinearFit) -> Test:
     worst = Test(code="PREDICTION", statistic=0.0, threshold=np.inf)
     for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
-            threshold = float(chdtri(dof, FALSE_ALARM / len(parts)))
+            threshold = float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(parts)))
             if chi2 / threshold > worst.statistic / worst.threshold:
                 worst = Test(code="PREDICTION", statistic=chi2, threshold=threshold)
     return worst
@@ -126,7 +122,7 @@ def variance_tests(stated: LinearFit) -> list[Test]:
     names = [c.name for c in stated.design.components]
     information = np.maximum(np.diagonal(found.information), 1e-300)
     dof = np.maximum(0.5 * found.expected**2 / information, 1e-3)
-    largest = (chdtri(dof, FALSE_ALARM / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
+    largest = (chdtri(dof, FALSE_ALARM_PROBABILITY / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
     z = found.score / np.sqrt(information)
     return [
         Test(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
@@ -135,8 +131,11 @@ def variance_tests(stated: LinearFit) -> list[Test]:
     ]
 
 
-def but_curves_as_stated(
-    tests: Iterable[Test], scene: Scene, left: LeftOver, measured: Mapping[int, Stray]
+def without_curves_in_specification(
+    tests: Iterable[Test],
+    scene: FaultModels,
+    left: WhitenedResiduals,
+    measured: Mapping[int, LinearityDeviation],
 ) -> Iterable[Test]:
     """Tests but for those of curves that stray no further than stated: that bound is all that is stated.
 
@@ -148,12 +147,16 @@ def but_curves_as_stated(
             yield test
 
 
-def _as_stated(j: int, scene: Scene, left: LeftOver, measured: Mapping[int, Stray]) -> bool:
+def _as_stated(
+    j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, LinearityDeviation]
+) -> bool:
     """Whether the curve of joint j is within its linearity but for chance, by the loop if that measured it."""
-    curve = scene.curve(j)
-    if curve is None:
+    linearity_curve = scene.linearity_curve(j)
+    if linearity_curve is None:
         return False
     if j in measured:
-        return not measured[j].beyond(curve.most_stated)
-    found = evidence(left, curve.columns, curve.natural, most=curve.most)
-    return found is not None and curve.is_stated(found.b, found.covariance)
+        return not measured[j].beyond(linearity_curve.most_stated)
+    found = evidence(
+        left, linearity_curve.columns, linearity_curve.natural, most=linearity_curve.most
+    )
+    return found is not None and linearity_curve.within_specification(found.b, found.covariance)

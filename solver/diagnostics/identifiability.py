@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops, left_null_space, reduced_jacobian
+from solver.diagnostics.limits import IMMOBILE_RAD, WELL_CONDITIONED
 from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import column_scale, stacked_triangle
@@ -27,12 +28,6 @@ out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 CLOSED = 1e-9
 """Closure (rad, m) at which a loop is judged: what is left of a zero is far below the tolerance still."""
 
-PLAIN = 100.0
-"""Scaled condition number at the readings (the paper's, acceptable below this) with which nothing is blind:
-noise does not make up a hundredth of a direction that no pose sees."""
-
-IMMOBILE_RAD = np.deg2rad(1.0)
-"""A joint whose readings span less than this over the whole pose set does not move."""
 
 NOT_AT_ALL_DEG = 0.05
 """Less than this is noise and what gives way, and no motion to be told."""
@@ -91,7 +86,7 @@ def identifiability(
         [_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
     )
     names = tuple(p.name for p in model.parameters)
-    return judge_jacobian(
+    return identifiability_of_jacobian(
         A.reshape(-1, A.shape[-1]), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
     )
 
@@ -108,11 +103,11 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
     parts = [rows.reshape(-1, P) for rows in np.split(J, counts)[:-1]]
     N = np.cumsum([rows.T @ rows for rows in parts], axis=0)
     size = np.sqrt(np.diagonal(N, axis1=-2, axis2=-1))
-    told = (size > 0.0).all(-1)
-    values = np.linalg.eigvalsh(N[told] / (size[told, :, None] * size[told, None, :]))
+    seen = (size > 0.0).all(-1)
+    values = np.linalg.eigvalsh(N[seen] / (size[seen, :, None] * size[seen, None, :]))
     return tuple(
         (int(count), float(np.sqrt(v[-1] / v[0])))
-        for count, v in zip(counts[told], values, strict=True)
+        for count, v in zip(counts[seen], values, strict=True)
         if v[0] > TREND_FLOOR * v[-1]
     )
 
@@ -130,18 +125,18 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
     return float(s[0] / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
 
 
-def plainly_seen(paper: Estimate, q: FloatArray) -> bool:
+def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) as they are show that nothing is blind, with no loop closed.
 
     By the paper's estimate from them: its covariance is the inverse of the normal equations, but for a factor.
     """
     sd = paper.standard_deviation
-    if not (sd > 0.0).all() or _still(np.ptp(q, axis=0)):
+    if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
         return False
     normal = np.linalg.pinv(paper.covariance / np.outer(sd, sd), hermitian=True)
     size = np.sqrt(np.diagonal(normal))
     least, *_, most = np.linalg.eigvalsh(normal / np.outer(size, size))
-    return bool(most < PLAIN**2 * least)
+    return bool(most < WELL_CONDITIONED**2 * least)
 
 
 def _at_closed(
@@ -156,7 +151,7 @@ def _at_closed(
     return reduced_jacobian(model, x, judged, u)[0]
 
 
-def judge_jacobian(
+def identifiability_of_jacobian(
     J: FloatArray,
     names: tuple[str, ...],
     *,
@@ -219,7 +214,7 @@ def _sparse_basis(null: FloatArray) -> FloatArray:
     return np.asarray(basis / np.where(norms > 0.0, norms, 1.0))
 
 
-def _still(spans_rad: FloatArray | None) -> tuple[int, ...]:
+def _immobile(spans_rad: FloatArray | None) -> tuple[int, ...]:
     if spans_rad is None:
         return ()
     return tuple(j + 1 for j, span in enumerate(spans_rad) if span < IMMOBILE_RAD)
@@ -241,10 +236,10 @@ def _immobile_offsets(
         UnidentifiableDirection(
             parameters=(f"theta_off_{joint}",),
             weights=(1.0,),
-            reason=_standing_words((joint,), spans_rad),
+            reason=_immobile_words((joint,), spans_rad),
             immobile_joints=(joint,),
         )
-        for joint in _still(spans_rad)
+        for joint in _immobile(spans_rad)
         if f"theta_off_{joint}" in names and f"theta_off_{joint}" not in named
     )
 
@@ -259,10 +254,10 @@ def _direction(
     share = np.round(size / size.max(), 6)
     order = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > 0.05]
     parameters = tuple(names[k] for k in order)
-    immobile = tuple(j for j in _still(spans_rad) if f"theta_off_{j}" in parameters)
+    immobile = tuple(j for j in _immobile(spans_rad) if f"theta_off_{j}" in parameters)
     reason = ""
     if immobile and spans_rad is not None:
-        reason = _standing_words(immobile, spans_rad)
+        reason = _immobile_words(immobile, spans_rad)
         # The joint that does not move is what the operator can act on: it comes first.
         lead = [f"theta_off_{j}" for j in immobile]
         order.sort(key=lambda k: names[k] not in lead)
@@ -275,7 +270,7 @@ def _direction(
     )
 
 
-def _standing_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
+def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
     """Say that joints stand, or by how little they move."""
     several = len(joints) > 1
     which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
@@ -285,7 +280,7 @@ def _standing_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
     return f"{which} move{'s' * (not several)} by no more than {most:.2g} deg"
 
 
-def seen_by_fit(
+def identifiability_of_fit(
     fit: LinearFit,
     names: tuple[str, ...],
     *,
@@ -308,6 +303,6 @@ def seen_by_fit(
     if lost:
         J = np.swapaxes(left_null_space(system.B[..., lost]), -1, -2) @ J
     J = J[np.argsort(taken, kind="stable")]
-    return judge_jacobian(
+    return identifiability_of_jacobian(
         J.reshape(-1, len(names)), names, poses=len(q), spans_rad=np.ptp(q, axis=0)
     )

@@ -15,10 +15,8 @@ from functools import cache
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.diagnostics.whitened_residuals import LeftOver, OwnColumns, SolvedColumns
-
-LEAST_SCALE = 0.25
-"""Stated errors are upper figures: chi2/dof of sound sets lies below 1, but below this nothing is believed."""
+from solver.diagnostics.limits import SMALLEST_NOISE_SCALE
+from solver.diagnostics.whitened_residuals import OwnColumns, SolvedColumns, WhitenedResiduals
 
 SIZES = np.logspace(-2.0, 3.0, 21)
 """Sizes of an explanation that are tried, in units of its natural one."""
@@ -61,21 +59,23 @@ class Evidence:
 
 def noise_scale(chi2: float, dof: int) -> float:
     """By how much variances are smaller than stated, 1 where they are not."""
-    return min(1.0, max(LEAST_SCALE, chi2 / max(dof, 1)))
+    return min(1.0, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
-def sound(left: LeftOver) -> float:
+def sound_log_likelihood(left: WhitenedResiduals) -> float:
     """Log-likelihood of nothing being wrong: noise as stated or less."""
     return _log_likelihood(left.chi2, left.dof, noise_scale(left.chi2, left.dof))
 
 
-def unnamed(left: LeftOver) -> float:
+def unexplained_log_likelihood(left: WhitenedResiduals) -> float:
     """Log-likelihood of all errors being larger than stated, whatever their cause."""
-    return _log_likelihood(left.chi2, left.dof, max(LEAST_SCALE, left.chi2 / max(left.dof, 1)))
+    return _log_likelihood(
+        left.chi2, left.dof, max(SMALLEST_NOISE_SCALE, left.chi2 / max(left.dof, 1))
+    )
 
 
 def evidence(
-    left: LeftOver, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+    left: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
     """Weigh columns G (m, r, c) whose coefficients have natural sizes (c,), up to `most` times these.
 
@@ -95,7 +95,7 @@ def evidence(
     shrunk = v / (1.0 + v * values)
     chi2 = np.maximum(left.chi2 - (shrunk * along**2).sum(-1), 1e-12)
     dof = max(left.dof, 1)
-    f = np.maximum(LEAST_SCALE, chi2 / dof)
+    f = np.maximum(SMALLEST_NOISE_SCALE, chi2 / dof)
     gain = -0.5 * np.log1p(v * values).sum(-1) - 0.5 * (dof * np.log(f) + chi2 / f)
     best = int(np.argmax(gain))
     b = natural * (vectors @ (shrunk[best] * along))
@@ -111,7 +111,12 @@ def evidence(
 
 
 def evidence_of_own(
-    left: LeftOver, own: IntArray, G: FloatArray, natural: FloatArray, *, most: float = np.inf
+    left: WhitenedResiduals,
+    own: IntArray,
+    G: FloatArray,
+    natural: FloatArray,
+    *,
+    most: float = np.inf,
 ) -> Evidence | None:
     """Weigh columns G (p, r, c) that poses (p,) have each of their own; otherwise as `evidence`."""
     p, _, c = G.shape
@@ -125,7 +130,7 @@ def evidence_of_own(
         """Log-likelihood at a size, and the coefficients."""
         there = columns.solved(float(sizes[k]) ** 2)
         chi2 = max(left.chi2 - there.drop, 1e-12)
-        f = max(LEAST_SCALE, chi2 / dof)
+        f = max(SMALLEST_NOISE_SCALE, chi2 / dof)
         return -0.5 * there.logdet - 0.5 * (dof * float(np.log(f)) + chi2 / f), there
 
     def best_of(some: range) -> int:

@@ -13,13 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.diagnostics.whitened_residuals import LeftOver
-
-FALSE_ALARM = 1e-3
-"""Chance of naming any pose of a pose set in which all are sound."""
-
-MOST = 0.3
-"""Share of the poses that can be odd; beyond it is not the poses."""
+from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_SHARE
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 ROUNDS = 100
 """Of setting aside, at most about so many."""
@@ -31,7 +26,7 @@ FREE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OddPose:
+class Outlier:
     """One pose against the prediction from the poses that are not named.
 
     Attributes
@@ -41,7 +36,7 @@ class OddPose:
     chi2, dof
         Its misfit.
     threshold
-        What the largest of all poses exceeds in `FALSE_ALARM` of sound sets.
+        What the largest of all poses exceeds in `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     pose: int
@@ -51,32 +46,32 @@ class OddPose:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class OddPoses:
+class Outliers:
     """The worst pose, all poses beyond the threshold (worst first), and what the rest leave over."""
 
-    worst: OddPose
-    odd: tuple[OddPose, ...]
-    rest: LeftOver
+    worst: Outlier
+    odd: tuple[Outlier, ...]
+    rest: WhitenedResiduals
 
 
-def odd_poses(left: LeftOver, *, scale: float = 1.0) -> OddPoses:
+def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
     """Judge every pose by the others; `scale` is that of the variances (see `noise_scale`)."""
     from scipy.special import chdtri
 
     m = len(left.U)
-    most = int(np.ceil(MOST * m))
+    most = int(np.ceil(OUTLIER_LARGEST_SHARE * m))
     at_once = -(-most // ROUNDS)
     kept = np.ones(m, dtype=np.bool_)
-    odd: list[OddPose] = []
-    first: OddPose | None = None
+    odd: list[Outlier] = []
+    first: Outlier | None = None
     rest = left
     while True:
         chi2, dof = _misfits(rest, kept)
-        limit = chdtri(np.maximum(dof, 1), FALSE_ALARM / m)
+        limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
         excess = np.where(kept & (dof > 0), chi2 / scale - limit, -np.inf)
         worst = np.argsort(-excess, kind="stable")[:at_once]
         found = [
-            OddPose(
+            Outlier(
                 pose=int(k), chi2=float(chi2[k]) / scale, dof=int(dof[k]), threshold=float(limit[k])
             )
             for k in worst
@@ -90,20 +85,20 @@ def odd_poses(left: LeftOver, *, scale: float = 1.0) -> OddPoses:
         kept[some] = False
         rest = rest.without(some)
     odd.sort(key=lambda pose: -pose.chi2)
-    return OddPoses(worst=first, odd=tuple(odd), rest=rest)
+    return Outliers(worst=first, odd=tuple(odd), rest=rest)
 
 
-def pose_columns(left: LeftOver, poses: IntArray) -> FloatArray:
+def pose_columns(left: WhitenedResiduals, poses: IntArray) -> FloatArray:
     """Columns (p, r, r) of their own that free all equations of poses (p,), in units of their noise."""
     return np.asarray(np.linalg.inv(left.whitener[poses]))
 
 
-def left_out(left: LeftOver) -> tuple[FloatArray, FloatArray]:
+def leave_one_out_chi2(left: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
     """Misfit of every pose to the prediction by all others, and its degrees of freedom, (m,) each."""
     return _misfits(left, np.ones(len(left.U), dtype=np.bool_))
 
 
-def _misfits(left: LeftOver, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
+def _misfits(left: WhitenedResiduals, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
     r = left.U.shape[1]
     H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)

@@ -13,7 +13,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops, reduced_jacobian
-from solver.diagnostics.identifiability import judge_jacobian
+from solver.diagnostics.identifiability import identifiability_of_jacobian
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale, solve_damped
 from solver.estimators.paper import ClosureProblem
@@ -47,7 +47,7 @@ def drop_unidentifiable(
     The loop with fewer unknowns, and the names of those now held at their nominal values. The others
     have to be estimated again: `x` belongs to other values of the held ones.
     """
-    x = judging_point(model, q) if x is None else x
+    x = nearly_closing_parameters(model, q) if x is None else x
     poses = close_loops(model, x, q, sigma_rad=sigma_rad)
     A, _ = reduced_jacobian(model, x, poses.q, poses.u)
     J = A.reshape(-1, A.shape[-1])
@@ -57,7 +57,7 @@ def drop_unidentifiable(
     left = list(range(len(names)))
     while left:
         here = [names[k] for k in left]
-        found = judge_jacobian(J[:, left], tuple(here), poses=len(q), spans_rad=spans)
+        found = identifiability_of_jacobian(J[:, left], tuple(here), poses=len(q), spans_rad=spans)
         if not found.directions:
             break
         del left[_choose(J[:, left], here, found.directions, fixture)]
@@ -66,7 +66,7 @@ def drop_unidentifiable(
     return (model.without(dropped) if dropped else model), dropped
 
 
-def judging_point(model: ClosureModel, q: FloatArray) -> FloatArray:
+def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
     """Parameters (P,) that nearly close the loops: offsets and fixture fitted, the rest nominal."""
     names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}

@@ -14,21 +14,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.diagnostics.whitened_residuals import LeftOver
+from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
 NOT_KNOWN = 0.1
 """Standard deviation (rad, m) of parameters of which nothing is known beside what poses tell."""
 
-FALSE_ALARM = 1e-3
-"""Chance of naming any shift where nothing has shifted."""
 
 SEEN = 1e-9
 """Share of the largest information below which a direction is not seen at all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Given:
+class FixedParameters:
     """Parameters without a prior of their own, as they were fixed: values (P,) and covariance (P, P)."""
 
     x: FloatArray
@@ -46,7 +45,7 @@ class CommonShift:
     size, sigma
         How far, where it is one number.
     chi2, threshold
-        What it explains, and what chance alone reaches in `FALSE_ALARM` of sound sets.
+        What it explains, and what chance alone reaches in `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     subject: str
@@ -56,7 +55,9 @@ class CommonShift:
     threshold: float
 
 
-def foretold(fit: LinearFit, later: BoolArray, given: Given | None = None) -> LeftOver:
+def predicted_residuals(
+    fit: LinearFit, later: BoolArray, given: FixedParameters | None = None
+) -> WhitenedResiduals:
     """Return what the other poses of `fit` leave unexplained of the `later` ones (m,).
 
     Parameters
@@ -91,7 +92,7 @@ def foretold(fit: LinearFit, later: BoolArray, given: Given | None = None) -> Le
     # (I + N N')^-1 = I - U U'
     U = N @ _root_of_inverse(np.eye(width) + N.T @ N)
     white = y - U @ (U.T @ y)
-    return LeftOver(
+    return WhitenedResiduals(
         whitener=np.concatenate(whitener),
         U=U.reshape(m, r, width),
         white=white.reshape(m, r),
@@ -101,7 +102,7 @@ def foretold(fit: LinearFit, later: BoolArray, given: Given | None = None) -> Le
     )
 
 
-def shifted(left: LeftOver, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
+def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
     """Which of the columns (m, r, c), common to all poses, explains most; None where none is beyond chance."""
     from scipy.special import chdtri
 
@@ -112,7 +113,7 @@ def shifted(left: LeftOver, subjects: Mapping[str, FloatArray]) -> CommonShift |
         seen = values > SEEN * max(float(values[-1]), 1e-300)
         chi2 = float(((vectors.T @ s)[seen] ** 2 / values[seen]).sum())
         single = columns.shape[-1] == 1 and bool(seen.all())
-        threshold = float(chdtri(max(int(seen.sum()), 1), FALSE_ALARM / len(subjects)))
+        threshold = float(chdtri(max(int(seen.sum()), 1), FALSE_ALARM_PROBABILITY / len(subjects)))
         found.append(
             CommonShift(
                 subject=name,

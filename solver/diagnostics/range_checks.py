@@ -17,24 +17,15 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor, Rvdt
+from solver.diagnostics.limits import (
+    FAR_OUT_OF_RANGE_SHARE,
+    RADIANS_SPAN_RAD,
+    RANGE_SLACK_RAD,
+    RANGE_SLACK_SIGMAS,
+    SATURATED_POSES,
+    SATURATED_SIGMAS,
+)
 from solver.errors import SolverError
-
-SIGMAS = 6.0
-"""A reading may be outside by this much of its sensor's noise."""
-
-STOP_RAD = np.deg2rad(1.0)
-"""And by this much, since nobody knows an arm's stops better."""
-
-FAR = 0.1
-"""Share of its range by which a reading lies outside that this arm cannot have read."""
-
-PINNED_SIGMAS = 3.0
-PINNED_POSES = 3
-"""So many poses within the noise of one end of full scale are no coincidence."""
-
-
-LEAST_MOTION_RAD = np.deg2rad(5.0)
-"""A joint whose readings would span less than this as radians stands still in either unit."""
 
 
 class ReadingFault(Enum):
@@ -182,7 +173,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
-    moved = np.ptp(as_degrees, axis=0) > LEAST_MOTION_RAD
+    moved = np.ptp(as_degrees, axis=0) > RADIANS_SPAN_RAD
     return [int(j) for j in np.flatnonzero(inside & small & moved)]
 
 
@@ -253,7 +244,7 @@ def range_findings(
 
 def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
     """How far each reading (m, n) is beyond its range and what its sensor may add to that, rad."""
-    slack = STOP_RAD + SIGMAS * arm.sigma_rad() + arm.linearity_rad()
+    slack = RANGE_SLACK_RAD + RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
     beyond = np.maximum(arm.lower_rad - q, q - arm.upper_rad) - slack
     for j in arm.unsensed_joints:
         beyond[:, j - 1] = 0.0
@@ -274,10 +265,10 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, ...]:
     """Poses in which an RVDT sits at an end of full scale: more than one reads the very same there."""
     end = 0.5 * sensor.full_scale_rad
-    near = PINNED_SIGMAS * sensor.sigma_rad
+    near = SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):
         there = np.flatnonzero(np.abs(reading - (middle_rad + side * end)) <= near)
-        if len(there) >= PINNED_POSES:
+        if len(there) >= SATURATED_POSES:
             return tuple(int(k) for k in there)
     return ()
 
@@ -289,7 +280,7 @@ def _refuse(
     if not refused:
         return
     turned = [f.joint - 1 for f in findings if f.fault is ReadingFault.WHOLE_TURN]
-    far = outside > FAR * (arm.upper_rad - arm.lower_rad)
+    far = outside > FAR_OUT_OF_RANGE_SHARE * (arm.upper_rad - arm.lower_rad)
     far[:, turned] = False
     if 2 * int(far.any(axis=1).sum()) < len(poses):
         return

@@ -18,7 +18,14 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.fault_candidate import Stray
+from solver.diagnostics.fault_candidate import LinearityDeviation
+from solver.diagnostics.limits import (
+    CURVATURE_FALSE_ALARM_PROBABILITY,
+    RVDT_HARMFUL_RATIO,
+    RVDT_LEAST_POSES,
+    RVDT_LEAST_SPAN,
+    RVDT_NOISE_RATIO,
+)
 from solver.diagnostics.pose_adjustment import loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
 from solver.diagnostics.smooth_curve import Scatter
@@ -29,22 +36,7 @@ from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import noise_left, settle
 from solver.loops.closure import ClosureModel
 
-MIN_POSES = 15
-MIN_SPAN = 0.15
-"""Fraction of full scale that poses must cover before a curve can be told from a line."""
-
-LEVEL = 0.01
-"""Chance of calling a straight sensor curved."""
-
-NOISE_MARGIN = 1.25
-"""Noise is out of specification when it is above it by more than this for certain: a specification in
-whole LSB means no more.
-"""
-
 NOISY = "check its plug, screen and excitation, or average more samples a pose"
-
-HARMFUL = 3.0
-"""A curve this many times the sensor's noise spoils what the other joints' encoders know."""
 
 
 class Soundness(Enum):
@@ -192,13 +184,13 @@ def rvdt_verdicts(
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
     """Why these poses cannot tell; empty when they can."""
-    if len(reading) < MIN_POSES:
-        return f"{len(reading)} poses are too few, {MIN_POSES} are needed"
+    if len(reading) < RVDT_LEAST_POSES:
+        return f"{len(reading)} poses are too few, {RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)
-    if span < MIN_SPAN:
+    if span < RVDT_LEAST_SPAN:
         return (
             f"the joint turned through {100.0 * span:.0f} % of full scale only, "
-            f"{100.0 * MIN_SPAN:.0f} % are needed"
+            f"{100.0 * RVDT_LEAST_SPAN:.0f} % are needed"
         )
     sd = float(np.sqrt(np.mean(of_loops.variance)))
     if sd > 0.5 * sensor.linearity_rad:
@@ -229,22 +221,26 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
 
 def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
     """Whether a single reading is noisier than specified for certain."""
-    return noise.low > NOISE_MARGIN * sensor.noise_lsb
+    return noise.low > RVDT_NOISE_RATIO * sensor.noise_lsb
 
 
-def stray_of(figures: RvdtFigures, sensor: Rvdt) -> Stray:
+def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> LinearityDeviation:
     """How far a sensor strays from its best line over the poses."""
     scale = sensor.full_scale_rad
-    return Stray(peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True)
+    return LinearityDeviation(
+        peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True
+    )
 
 
 def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
-    curved = figures.line_probability < LEVEL
-    too_curved = stray_of(figures, sensor).beyond(sensor.linearity_rad)
+    curved = figures.line_probability < CURVATURE_FALSE_ALARM_PROBABILITY
+    too_curved = linearity_deviation(figures, sensor).beyond(sensor.linearity_rad)
     too_noisy = _too_noisy(figures.noise, sensor)
     rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
     # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
-    harmful = (curved or too_noisy) and rms > HARMFUL * max(sensor.sigma_rad, figures.loop_sd_rad)
+    harmful = (curved or too_noisy) and rms > RVDT_HARMFUL_RATIO * max(
+        sensor.sigma_rad, figures.loop_sd_rad
+    )
     if too_curved or too_noisy:
         verdict = Soundness.OUT_OF_SPECIFICATION
     elif curved:
@@ -303,7 +299,7 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
     most = f"below {noise.high:.1f} LSB ({allowed})"
     words = f"noise of a single reading: cannot be told from these poses, {most}"
     remedy = "record several samples a pose with their sd to measure it"
-    return [words, remedy] if noise.high > NOISE_MARGIN * sensor.noise_lsb else [words]
+    return [words, remedy] if noise.high > RVDT_NOISE_RATIO * sensor.noise_lsb else [words]
 
 
 def _share(

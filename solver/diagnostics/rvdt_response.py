@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.sensors import DITHER, Rvdt
+from solver.diagnostics.limits import NOISE_INTERVAL_RATIO
 from solver.diagnostics.pose_adjustment import LoopAngle
 from solver.diagnostics.smooth_curve import Scatter, SmoothCurve, fit_curve
 from solver.estimators.component_report import Component
@@ -186,9 +187,6 @@ def _table(curve: SmoothCurve, constant: float, of_points: Scatter) -> FloatArra
 TERMS = 200
 """Terms of the rounding series; what is left out is below 1e-3 LSB^2 where there is no noise at all."""
 
-TOLD = 4.0
-"""A 95 % interval whose ends are further apart than this factor is no figure, only a bound."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SingleNoise:
@@ -210,7 +208,7 @@ class SingleNoise:
     @property
     def told(self) -> bool:
         """Whether there is a figure; otherwise only `high` is known."""
-        return self.low > 0.0 and self.high <= TOLD * self.low
+        return self.low > 0.0 and self.high <= NOISE_INTERVAL_RATIO * self.low
 
 
 def single_noise(

@@ -10,19 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, MOTION_NOISE_LEAST_SHARE
 from solver.estimators.component_report import MOST_CERTAIN, standard_errors
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import with_priors
-
-LEAST = 0.2
-"""Share of its statement (standard deviation) below which no fixture and no joint is believed to be quiet:
-poses tell no better, and what repeats so well is hardly stated to give five times as much."""
 
 ROUNDS = 6
 """Scoring steps after which variances of noise have settled to a few per cent of themselves."""
 
 
-def as_quiet_as_found(fit: LinearFit) -> LinearFit:
+def with_found_motion_noise(fit: LinearFit) -> LinearFit:
     """Return `fit` as believed, with fixture and joints as quiet from pose to pose as they were found.
 
     Each of the two by the factor that the restricted likelihood's slope and information at the stated
@@ -39,12 +36,14 @@ def as_quiet_as_found(fit: LinearFit) -> LinearFit:
     information = way @ slope.information @ way.T
     found = 1.0 + np.linalg.lstsq(information, way @ slope.score, rcond=1e-9)[0]
     v = fit.believed.v.copy()
-    for components, share in zip(moving, np.clip(found, LEAST**2, 1.0), strict=True):
+    for components, share in zip(
+        moving, np.clip(found, MOTION_NOISE_LEAST_SHARE**2, 1.0), strict=True
+    ):
         v[components] = np.minimum(v[components], share * stated[components])
     return LinearFit(design, fit.system, v)
 
 
-def noise_beside_quiet(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
+def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     """Variances (K,) of `fit` and their standard errors, those of noise where nothing is held at its statement.
 
     Floors keep sigmas honest and take from a sensor's noise what they give to fixture and joints.
@@ -54,7 +53,7 @@ def noise_beside_quiet(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     least = design.floors.copy()
     moving = [*design.fixture_components.values()]
     moving += [] if design.play_component is None else [design.play_component]
-    least[moving] = LEAST**2 * design.stated_variances()[moving]
+    least[moving] = MOTION_NOISE_LEAST_SHARE**2 * design.stated_variances()[moving]
     for _ in range(ROUNDS):
         slope = LinearFit(design, fit.system, v).derivatives
         information = slope.information[np.ix_(noise, noise)]
@@ -67,12 +66,8 @@ def noise_beside_quiet(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
     return v, standard_errors(information, v, least)
 
 
-FALSE_ALARM = 1e-3
-"""Chance of naming any source of a set in which all are as stated."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Larger:
+class ExceededSpecification:
     """One source.
 
     Attributes
@@ -90,7 +85,7 @@ class Larger:
     log_chance: float
 
 
-def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
+def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
     """Name the sources found larger than stated for certain, the nearest to its statement first.
 
     A source twice as large as stated happens oftener than one that is ten times as large.
@@ -115,7 +110,9 @@ def larger_than_stated(fit: LinearFit) -> tuple[Larger, ...]:
         )
         log_chance = float(np.log(chance)) if chance > 1e-300 else float(-0.5 * cube**2)
         found.append(
-            Larger(component=c.name, times=float(np.sqrt(value / least)), log_chance=log_chance)
+            ExceededSpecification(
+                component=c.name, times=float(np.sqrt(value / least)), log_chance=log_chance
+            )
         )
-    level = np.log(FALSE_ALARM / max(len(design.components), 1))
+    level = np.log(FALSE_ALARM_PROBABILITY / max(len(design.components), 1))
     return tuple(sorted((x for x in found if x.log_chance < level), key=lambda x: x.times))

@@ -10,11 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.diagnostics.limits import CHI2_BAND_PROBABILITY
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.linear_fit import LinearFit
-
-BAND = 0.99
-"""chi2/dof outside this central band says that the noise model is wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +85,7 @@ def correlations(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.clip(out, -1.0, 1.0))
 
 
-def chi2_test(chi2: float, dof: int, *, band: float = BAND) -> Chi2Test:
+def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> Chi2Test:
     """Judge a weighted sum of squares by its degrees of freedom.
 
     Raises

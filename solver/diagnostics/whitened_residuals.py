@@ -26,7 +26,7 @@ FREE = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LeftOver:
+class WhitenedResiduals:
     """A linear system of m poses with r equations each, P parameters and K fitted columns in all.
 
     Attributes
@@ -70,7 +70,7 @@ class LeftOver:
         white = (self.whiten(G) @ b).reshape(-1)
         return np.asarray(self.to_x @ (self.U.reshape(len(white), -1).T @ white))
 
-    def also(self, G: FloatArray) -> LeftOver:
+    def with_columns(self, G: FloatArray) -> WhitenedResiduals:
         """Return what is left over when the columns G (m, r, c) are fitted as well."""
         m, r, K = self.U.shape
         white = self.whiten(G).reshape(m * r, -1)
@@ -84,7 +84,7 @@ class LeftOver:
         # In the metric of the prior's rows the new columns are orthogonal to the old ones.
         new = white @ root - U @ inside
         along = root.T @ s
-        return LeftOver(
+        return WhitenedResiduals(
             whitener=self.whitener,
             U=np.concatenate((U, new), axis=1).reshape(m, r, -1),
             white=self.white - (new @ along).reshape(m, r),
@@ -93,7 +93,7 @@ class LeftOver:
             dof=self.dof - int(free.sum()),
         )
 
-    def without(self, poses: IntArray) -> LeftOver:
+    def without(self, poses: IntArray) -> WhitenedResiduals:
         """Return what is left over when nothing is asked of some poses (p,): whitener and rows of theirs are zero.
 
         The same as to fit all of their equations with columns of their own, but nothing grows: the columns
@@ -112,7 +112,7 @@ class LeftOver:
         whitener, U = self.whitener.copy(), self.U + (self.U @ stretched) @ turned.T
         white = self.white + self.U @ (inside @ along)
         whitener[poses], U[poses], white[poses] = 0.0, 0.0, 0.0
-        return LeftOver(
+        return WhitenedResiduals(
             whitener=whitener,
             U=U,
             white=white,
@@ -121,7 +121,7 @@ class LeftOver:
             dof=self.dof - int(free.sum()),
         )
 
-    def also_drawn(self, G: FloatArray, sd: FloatArray) -> LeftOver:
+    def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
         """Return what is left over when G (m, r, c) has coefficients of known size `sd` (c,)."""
         m, r, K = self.U.shape
         s, C = self.score(G * sd)
@@ -131,7 +131,7 @@ class LeftOver:
         U = self.U.reshape(m * r, K)
         inside = U.T @ white
         new, along = white - U @ inside, root.T @ s
-        return LeftOver(
+        return WhitenedResiduals(
             whitener=self.whitener,
             U=np.concatenate((U, new), axis=1).reshape(m, r, -1),
             white=self.white - (new @ along).reshape(m, r),
@@ -141,14 +141,14 @@ class LeftOver:
         )
 
 
-def left_over(
+def fit_residuals(
     w: FloatArray,
     A: FloatArray,
     V: FloatArray,
     *,
     drawn: FloatArray | None = None,
     prior_sd: FloatArray | None = None,
-) -> LeftOver:
+) -> WhitenedResiduals:
     """Fit a linear system and return what is left.
 
     Parameters
@@ -178,7 +178,7 @@ def left_over(
     to_unknowns = (Wt[seen].T / s[seen]) / scale[:, None]
     along = U.T @ y
     left = y - U @ along
-    return LeftOver(
+    return WhitenedResiduals(
         whitener=whitener,
         U=U.reshape(m, r, -1),
         white=left.reshape(m, r),
@@ -217,7 +217,7 @@ class OwnColumns:
     inside: FloatArray
 
     @classmethod
-    def of(cls, left: LeftOver, poses: IntArray, columns: FloatArray) -> OwnColumns:
+    def of(cls, left: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
         """Look at the columns (p, r, c) of `poses`."""
         white = left.whitener[poses] @ columns
         own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
@@ -264,11 +264,11 @@ class OwnColumns:
         b = (self.turn @ solved.b.reshape(p, c, 1)).reshape(-1)
         return b, variance.reshape(-1)
 
-    def moved(self, left: LeftOver, solved: SolvedColumns) -> FloatArray:
+    def moved(self, left: WhitenedResiduals, solved: SolvedColumns) -> FloatArray:
         """By how much the parameters (P,) change when these are believed."""
         return np.asarray(left.to_x @ (self.inside.T @ solved.b))
 
-    def drawn(self, left: LeftOver) -> LeftOver:
+    def drawn(self, left: WhitenedResiduals) -> WhitenedResiduals:
         """Return what is left over when their coefficients are drawn with variance 1: noise of these poses."""
         solved = self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
@@ -282,7 +282,7 @@ class OwnColumns:
         whitener, U = left.whitener.copy(), left.U.copy()
         whitener[self.poses] = quiet @ whitener[self.poses]
         U[self.poses] = quiet @ U[self.poses]
-        return LeftOver(
+        return WhitenedResiduals(
             whitener=whitener,
             U=U @ solved.back.T,
             white=white,

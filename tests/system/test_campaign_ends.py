@@ -18,7 +18,7 @@ MARK = "SARCAL_CAMPAIGN"
 PATIENCE_S = 120.0
 
 
-def left_over(mark: str) -> list[int]:
+def fit_residuals(mark: str) -> list[int]:
     """Processes that were begun with this mark and do not end by themselves at once."""
     found = []
     for proc in Path("/proc").glob("[0-9]*"):
@@ -68,8 +68,8 @@ def test_it_ends_with_all_that_it_began(
         assert program.returncode == 130
         assert said.splitlines() == ["ended before its time; nothing of it goes on"]
         assert out == ""
-        assert left_over(mark) == []
+        assert fit_residuals(mark) == []
         assert list(tmp_path.iterdir()) == []
     finally:
-        for pid in left_over(mark):
+        for pid in fit_residuals(mark):
             os.kill(pid, signal.SIGKILL)

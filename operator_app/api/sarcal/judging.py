@@ -7,13 +7,13 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from operator_app.calibration.comparison import DEFAULT_LEVEL
 from operator_app.calibration.comparison import CalibrationComparison as Found
 from operator_app.calibration.comparison import compare as compared
 from operator_app.calibration.new_poses import judge_new
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
+from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 from .blas_threads import one_blas_thread
 from .given import number, shown
@@ -130,7 +130,7 @@ def compare(
     before: Result | str | PathLike[str],
     after: Result | str | PathLike[str],
     *,
-    level: float = DEFAULT_LEVEL,
+    level: float = DRIFT_FALSE_ALARM_PROBABILITY,
     remounted: bool = False,
 ) -> Comparison:
     """Compare two calibrations of one arm, as ``sarcal compare`` does.

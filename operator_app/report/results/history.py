@@ -13,14 +13,15 @@ from operator_app.report.text import paragraph, table_lines
 from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity
 from operator_app.units.numbers import places_to_show, plural
 from solver.chain.parameters import DhEntry
-from solver.diagnostics.control_chart import BASELINE, LEVEL, RECENT
+from solver.diagnostics.control_chart import BASELINE, RECENT
+from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 HOW = (
     f"Mean is that of the baseline. A session leaves mean +- limit (Shewhart), or the mean of the last {RECENT} "
-    f"its own limit (EWMA), by chance in {100.0 * LEVEL:g} % of sessions, all entries together. Limits are made "
-    "of the scatter between sessions, not of sigma: most of sigma is the same in every session. Type A is what the "
-    "same poses taken again would scatter; shift is what the next three sessions would show in 90 % of cases. "
-    "NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
+    f"its own limit (EWMA), by chance in {100.0 * CONTROL_CHART_FALSE_ALARM_PROBABILITY:g} % of sessions, all "
+    "entries together. Limits are made of the scatter between sessions, not of sigma: most of sigma is the same in "
+    "every session. Type A is what the same poses taken again would scatter; shift is what the next three sessions "
+    "would show in 90 % of cases. NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
 )
 
 
@@ -151,7 +152,7 @@ def history_json(found: ArmHistory) -> dict[str, Any]:
         "verdict": "shifted" if found.shifted else "in control",
         "due": _utc(found.due),
         "due_why": found.due_why,
-        "level": LEVEL,
+        "level": CONTROL_CHART_FALSE_ALARM_PROBABILITY,
         "parts": [_part_json(part) for part in found.parts],
         "verifications": [
             {

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from operator_app.calibration.open_loop import LEVEL, OpenLoopCheck, ParameterDifference
+from operator_app.calibration.open_loop import OpenLoopCheck, ParameterDifference
 from operator_app.report.table import FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines
 from operator_app.units.figure import ANGLE, CHI2, LENGTH, Figure, Quantity
 from operator_app.units.numbers import places_to_show
+from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 AGREES = "agrees"
 DISAGREES = "disagrees"
@@ -73,7 +74,8 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
             *table_lines(_table(found)),
             paragraph(
                 f"Change is open less closed. * marks what chance gives to any of "
-                f"{len(found.differences)} parameters in {100.0 * LEVEL:g} % of checks. All together: "
+                f"{len(found.differences)} parameters in "
+                f"{100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All together: "
                 f"chi2/dof {CHI2(chi2.per_dof).shown}, in 99 % at most {CHI2(chi2.high).shown}."
             ),
             *(

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from operator_app.calibration.acceptance import of_the_fit
+from operator_app.calibration.acceptance import fit_causes
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, soften
@@ -44,7 +44,7 @@ def poses_of(found: Session) -> PoseSet:
 
 
 @pytest.fixture(scope="module")
-def led_astray() -> Solution:
+def diverged_solution() -> Solution:
     return calibrate(ARM, HINGE, poses_of(hysteresis(session(7), 6, 4.0)))
 
 
@@ -58,20 +58,20 @@ def led_astray() -> Solution:
     ],
 )
 def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
-    led_astray: Solution, advice: str
+    diverged_solution: Solution, advice: str
 ) -> None:
-    assert led_astray.judgement.astray
-    assert led_astray.causes[0].code == "RVDT_6"
-    assert led_astray.causes[0].refuses
-    said = " ".join(facts_text(facts_of(led_astray)).split())
+    assert diverged_solution.judgement.diverged
+    assert diverged_solution.causes[0].code == "RVDT_6"
+    assert diverged_solution.causes[0].refuses
+    said = " ".join(facts_text(facts_of(diverged_solution)).split())
     assert advice not in said
     assert "Believe neither" in said
-    assert facts_of(led_astray).json["halved"] == {}
+    assert facts_of(diverged_solution).json["halved"] == {}
 
 
 def test_a_sound_solution_is_not_astray() -> None:
     found = calibrate(ARM, HINGE, poses_of(session(7)))
-    assert not found.judgement.astray
+    assert not found.judgement.diverged
     assert "Believe implicit" in facts_text(facts_of(found))
 
 
@@ -108,6 +108,6 @@ def remedy_for(name: str, found: Session) -> str:
     model, tolerance = soften(loop_of_poses(ARM, HINGE, poses), ARM)
     errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
     fit = estimate_with_errors(model, poses.q_rad, errors)
-    (cause,) = of_the_fit(fit.estimate, (name,), {name: 1e-9}, partial(remedy_beside_poses, fit))
+    (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(remedy_beside_poses, fit))
     assert cause.code == "LITTLE_MOTION"
     return cause.remedy

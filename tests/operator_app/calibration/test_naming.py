@@ -11,7 +11,7 @@ from operator_app.calibration.acceptance import NamedCause, causes_of, each_once
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, soften
 from operator_app.calibration.result import Solution
-from solver.diagnostics.diagnosis import Explanation, Trial, judge
+from solver.diagnostics.diagnosis import Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import Test as Trying
 from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
@@ -38,13 +38,13 @@ def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
     ]
 
 
-def tried(found: Session) -> tuple[Trial, Estimate]:
+def tried(found: Session) -> tuple[Diagnosis, Estimate]:
     """What the tests say of a session, and the estimate they judge."""
     poses = poses_of(found)
     model, tolerance = soften(loop_of_poses(ARM, HINGE, poses), ARM)
     errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
     made = estimate_with_errors(model, poses.q_rad, errors)
-    return judge(made.linear, ARM, taken=made.order), made.estimate
+    return diagnose(made.linear, ARM, taken=made.order), made.estimate
 
 
 def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
@@ -59,10 +59,12 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
     assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
 
 
-def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Solution) -> None:
+def test_a_cause_that_refuses_is_named_however_many_come_before_it(
+    sound: Solution,
+) -> None:
     """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
     trial = tried(session(SEED))[0]
-    some = [c for c in trial.scene.standing() if c.cause in (Cause.DRIFT, Cause.SCALE)]
+    some = [c for c in trial.scene.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
     drifts = [c for c in some if c.cause is Cause.DRIFT]
     slight = [
         Explanation(candidate=c, evidence=weighed(trial, c, b=0.0), probability=0.15)
@@ -111,7 +113,7 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
     trial = tried(session(SEED))[0]
     chosen = next(
         c
-        for c in trial.scene.standing()
+        for c in trial.scene.persistent_faults()
         if c.cause is kind and (not subject or str(c.subject) == subject)
     )
     for chance, words in ((0.04, may), (0.96, does)):
@@ -120,13 +122,16 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
         )
         labels = tuple(str(k) for k in range(40))
         (cause,) = causes_of(
-            replace(trial, rounds=((one,),)), sound.estimate, ("theta_off_2",), labels
+            replace(trial, rounds=((one,),)),
+            sound.estimate,
+            ("theta_off_2",),
+            labels,
         )
         assert words in cause.text, cause.text
         assert denied not in cause.text, cause.text
 
 
-def weighed(trial: Trial, candidate: Candidate, *, b: float) -> Evidence:
+def weighed(trial: Diagnosis, candidate: Candidate, *, b: float) -> Evidence:
     """Its evidence, had its coefficients come out as `b` and moved no parameter."""
     if candidate.own is None:
         found = evidence(trial.left, candidate.columns, candidate.natural)

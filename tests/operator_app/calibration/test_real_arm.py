@@ -102,12 +102,12 @@ def test_without_such_a_statement_it_is_an_error_that_names_them() -> None:
 def test_offsets_of_separate_pairs_agree_within_what_they_claim(
     of_pairs: tuple[Solution, ...],
 ) -> None:
-    apart = []
+    parameter_shift = []
     for one, two in combinations((s.estimate for s in of_pairs), 2):
         a, b = ([[p.name for p in e.parameters].index(n) for n in SEEN] for e in (one, two))
         sd = np.hypot(one.standard_deviation[a], two.standard_deviation[b])
-        apart.append((one.x[a] - two.x[b]) / sd)
-    assert np.mean(np.abs(apart) < 1.96) >= 0.9
+        parameter_shift.append((one.x[a] - two.x[b]) / sd)
+    assert np.mean(np.abs(parameter_shift) < 1.96) >= 0.9
 
 
 @pytest.mark.campaign

@@ -12,14 +12,14 @@ import sarcal
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.diagnosis import weigh
+from operator_app.calibration.diagnosis import adjudicate
 from operator_app.calibration.rvdt import judge_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.cli import main
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from solver.closing import close_loops, newton_step, unsensed_step
 from solver.diagnostics.cross_validation import hold_out
-from solver.diagnostics.diagnosis import judge
+from solver.diagnostics.diagnosis import diagnose
 from solver.diagnostics.identifiability import identifiability
 from solver.diagnostics.statistics import jackknife
 from solver.estimators.implicit import estimate_implicit, fit_implicit
@@ -31,8 +31,8 @@ from solver.search.global_start import global_start
 
 SOLVING = (
     calibrate, check, close_loops, estimate_implicit, estimate_paper, estimate_with_errors,
-    fit_implicit, fit_mixed, global_start, hold_out, identifiability, jackknife, judge, judge_rvdts,
-    newton_step, solve_damped, tip_sigma, unsensed_step, weigh,
+    fit_implicit, fit_mixed, global_start, hold_out, identifiability, jackknife, diagnose, judge_rvdts,
+    newton_step, solve_damped, tip_sigma, unsensed_step, adjudicate,
 )  # fmt: skip
 MADE = ("run", "paper", "app", "resumed")
 

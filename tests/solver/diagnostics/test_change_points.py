@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.diagnostics.change_points import EDGE, Suspect, step_threshold, steps
-from solver.diagnostics.whitened_residuals import LeftOver, left_over
+from solver.diagnostics.change_points import Suspect, step_threshold, steps
+from solver.diagnostics.limits import STEP_EDGE_POSES
+from solver.diagnostics.whitened_residuals import WhitenedResiduals, fit_residuals
 
 POSES, ROWS, UNKNOWNS = 40, 5, 14
 
@@ -17,15 +18,15 @@ def columns() -> tuple[np.ndarray, np.ndarray]:
     return rng.normal(size=(POSES, ROWS, UNKNOWNS)), rng.normal(size=(POSES, ROWS, 4))
 
 
-def fitted(A: np.ndarray, w: np.ndarray) -> LeftOver:
-    return left_over(w, A, np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
+def fitted(A: np.ndarray, w: np.ndarray) -> WhitenedResiduals:
+    return fit_residuals(w, A, np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
 
 
 def suspects(G: np.ndarray) -> tuple[Suspect, ...]:
     return (Suspect(name="one", columns=G[..., :1]), Suspect(name="three", columns=G[..., 1:]))
 
 
-@pytest.mark.parametrize("pose", [EDGE, 17, POSES - EDGE])
+@pytest.mark.parametrize("pose", [STEP_EDGE_POSES, 17, POSES - STEP_EDGE_POSES])
 def test_a_step_is_found_where_it_is_and_as_large_as_it_is(
     columns: tuple[np.ndarray, np.ndarray], pose: int
 ) -> None:
@@ -48,13 +49,13 @@ def test_all_steps_at_once_are_those_fitted_one_by_one(
     J, y = A.reshape(-1, UNKNOWNS), w.reshape(-1)
     without = float(np.linalg.lstsq(J, y)[1][0])
     gains = []
-    for pose in range(EDGE, POSES - EDGE + 1):
+    for pose in range(STEP_EDGE_POSES, POSES - STEP_EDGE_POSES + 1):
         late = G[..., 1:].copy()
         late[:pose] = 0.0
         with_step = np.concatenate((J, late.reshape(-1, 3)), axis=1)
         gains.append(without - float(np.linalg.lstsq(with_step, y)[1][0]))
     found = {step.suspect: step for step in steps(fitted(A, w), suspects(G))}["three"]
-    assert found.pose == EDGE + int(np.argmax(gains))
+    assert found.pose == STEP_EDGE_POSES + int(np.argmax(gains))
     assert found.chi2 == pytest.approx(max(gains), rel=1e-9)
     assert found.dof == 3
 
@@ -65,7 +66,7 @@ def test_what_the_fit_has_taken_up_already_is_no_step(
     A, G = columns
     everywhere = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * G[..., :1]
     w = np.random.default_rng(2).normal(size=(POSES, ROWS))
-    left = fitted(A, w).also(everywhere)
+    left = fitted(A, w).with_columns(everywhere)
     assert steps(left, suspects(G)[:1]) == ()
 
 
@@ -94,6 +95,6 @@ def test_more_poses_and_more_unknowns_need_more_evidence() -> None:
 
 def test_too_few_poses_show_no_step(columns: tuple[np.ndarray, np.ndarray]) -> None:
     A, G = columns
-    w = np.ones((2 * EDGE - 1, ROWS))
-    few = left_over(w, A[: len(w)], np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
+    w = np.ones((2 * STEP_EDGE_POSES - 1, ROWS))
+    few = fit_residuals(w, A[: len(w)], np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
     assert steps(few, (Suspect(name="one", columns=G[: len(w), :, :1]),)) == ()

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from solver.diagnostics.control_chart import LEVEL, ChartSignal, control_chart, smallest_shift
+from solver.diagnostics.control_chart import ChartSignal, control_chart, smallest_shift
+from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 SESSIONS, ENTRIES = 12, 5
 STATED_DEG = np.array([0.0091, 0.018, 0.013, 0.016, 0.012])
@@ -77,7 +78,7 @@ def test_limits_are_of_the_scatter_and_not_of_what_was_stated() -> None:
         assert found.between[-1].mean() == pytest.approx(0.01, rel=0.25)
     least = smallest_shift(found.between[-1], 37, 5)
     assert np.all((least > 2.5 * found.between[-1]) & (least / found.between[-1] < 4.5))
-    assert 0.0 < LEVEL < 0.05
+    assert 0.0 < CONTROL_CHART_FALSE_ALARM_PROBABILITY < 0.05
 
 
 def test_values_that_are_all_the_same_are_no_alarm() -> None:

@@ -14,9 +14,9 @@ from solver.diagnostics.identifiability import (
     Identifiability,
     condition_at_readings,
     identifiability,
-    judge_jacobian,
-    plainly_seen,
-    seen_by_fit,
+    identifiability_of_fit,
+    identifiability_of_jacobian,
+    well_conditioned_at_readings,
 )
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.mixed_fit import expected_fit
@@ -64,13 +64,13 @@ def test_noise_makes_nothing_plainly_seen_that_is_blind(truth: Truth) -> None:
     many = closed_poses(truth, random, 30)[:, 1:]
     again = many[np.arange(30) % 2] + random.normal(0.0, 10e-3, (30, 7))
     assert np.isfinite(condition_at_readings(model, x, again))
-    assert not plainly_seen(estimate_paper(model, again, x0=x), again)
+    assert not well_conditioned_at_readings(estimate_paper(model, again, x0=x), again)
     noisy = many + random.normal(0.0, 10e-3, many.shape)
-    assert plainly_seen(estimate_paper(model, noisy, x0=x), noisy)
+    assert well_conditioned_at_readings(estimate_paper(model, noisy, x0=x), noisy)
     still = many.copy()
     still[:, 2] = many[0, 2]
     assert condition_at_readings(model, x, still) < 100.0
-    assert not plainly_seen(estimate_paper(model, still, x0=x), still)
+    assert not well_conditioned_at_readings(estimate_paper(model, still, x0=x), still)
 
 
 def test_condition_and_observability_by_second_implementation(truth: Truth) -> None:
@@ -161,7 +161,7 @@ def test_separate_blind_directions_are_named_apart() -> None:
     J = np.random.default_rng(8).normal(size=(40, 5))
     J[:, 1] = 0.0
     J[:, 4] = 2.0 * J[:, 3]
-    found = judge_jacobian(J, ("p", "q", "r", "s", "t"), poses=8)
+    found = identifiability_of_jacobian(J, ("p", "q", "r", "s", "t"), poses=8)
     assert found.rank == 3
     assert found.scaled_condition_number == np.inf
     assert {frozenset(d.parameters) for d in found.directions} == {
@@ -173,7 +173,7 @@ def test_separate_blind_directions_are_named_apart() -> None:
 
 
 def test_fewer_rows_than_parameters() -> None:
-    found = judge_jacobian(np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1)
+    found = identifiability_of_jacobian(np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1)
     assert found.rank == 3
     assert {d.parameters for d in found.directions} == {("s",), ("t",)}
 
@@ -188,7 +188,7 @@ def test_the_same_as_on_closed_loops(
     errors = ErrorModel(joint_variance=np.full(q.shape, 1e-10))
     order = np.random.default_rng(1).permutation(len(q))
     fit = expected_fit(loop_of(truth), q[order], errors, x)
-    found = seen_by_fit(fit, names, taken=order, without=without)
+    found = identifiability_of_fit(fit, names, taken=order, without=without)
     blind = loop_of(truth, unsensed=without)
     there = identifiability(blind, np.array([x[NAMES.index(p.name)] for p in blind.parameters]), q)
     assert found.rank == there.rank == len(names)
@@ -209,8 +209,8 @@ def test_rows_triangularised_in_blocks_are_judged_as_the_whole() -> None:
     def named(found: Identifiability) -> set[frozenset[str]]:
         return {frozenset(d.parameters) for d in found.directions}
 
-    whole = judge_jacobian(J.reshape(-1, 6), names, poses=600)
-    parts = judge_jacobian(np.linalg.qr(J.reshape(-1, 6), mode="r"), names, poses=600)
+    whole = identifiability_of_jacobian(J.reshape(-1, 6), names, poses=600)
+    parts = identifiability_of_jacobian(np.linalg.qr(J.reshape(-1, 6), mode="r"), names, poses=600)
     assert parts.rank == whole.rank == 4
     assert named(parts) == named(whole)
     assert parts.observability == pytest.approx(whole.observability, rel=1e-9, abs=1e-12)

@@ -10,8 +10,8 @@ import pytest
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, soften
 from operator_app.config.poses_file import parse_poses
-from solver.diagnostics.diagnosis import Trial, judge
-from solver.diagnostics.stated_sizes import as_quiet_as_found
+from solver.diagnostics.diagnosis import Diagnosis, diagnose
+from solver.diagnostics.stated_sizes import with_found_motion_noise
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from tests.benchmarks.shop_floor_outcome import packaged
 from tests.oracles.shop_floor import SCATTER, Session, session
@@ -27,14 +27,14 @@ def fitted(taken: Session) -> Calibrated:
     return estimate_with_errors(model, poses.q_rad, errors)
 
 
-def judged(found: Calibrated) -> Trial:
-    return judge(found.linear, packaged()[0], taken=found.order)
+def judged(found: Calibrated) -> Diagnosis:
+    return diagnose(found.linear, packaged()[0], taken=found.order)
 
 
 def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
     """Standard deviations of all noise in those that are stated, and in those that were believed before."""
     fit = found.linear
-    quiet = as_quiet_as_found(fit)
+    quiet = with_found_motion_noise(fit)
     names = [c.name for c in fit.design.components]
     of_stated = np.sqrt(quiet.v / fit.design.stated_variances())
     of_believed = np.sqrt(quiet.v / fit.believed.v)

@@ -13,11 +13,11 @@ from solver.diagnostics.model_selection import (
     evidence_of_own,
     noise_scale,
     probabilities,
-    sound,
-    unnamed,
+    sound_log_likelihood,
+    unexplained_log_likelihood,
 )
-from solver.diagnostics.outliers import odd_poses, pose_columns
-from solver.diagnostics.whitened_residuals import LeftOver, OwnColumns, left_over
+from solver.diagnostics.outliers import find_outliers, pose_columns
+from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals, fit_residuals
 
 POSES, ROWS, UNKNOWNS = 30, 4, 6
 
@@ -47,7 +47,7 @@ def projector(V: np.ndarray, X: np.ndarray) -> np.ndarray:
 
 def test_scores_are_those_of_the_projector_multiplied_out() -> None:
     w, A, V, G = problem(1)
-    left = left_over(w, A, V)
+    left = fit_residuals(w, A, V)
     P = projector(dense(V), A.reshape(-1, UNKNOWNS))
     s, C = left.score(G)
     flat, y = G.reshape(-1, 3), w.reshape(-1)
@@ -63,7 +63,7 @@ def test_drawn_effects_and_priors_are_part_of_the_covariance() -> None:
     Z = rng.normal(size=(POSES, ROWS, 5))
     prior = np.full(UNKNOWNS, np.inf)
     prior[[1, 4]] = 0.3, 2.0
-    left = left_over(w, A, V, drawn=Z, prior_sd=prior)
+    left = fit_residuals(w, A, V, drawn=Z, prior_sd=prior)
     flat = Z.reshape(-1, 5)
     soft = A.reshape(-1, UNKNOWNS)[:, [1, 4]] * (0.3, 2.0)
     whole = dense(V) + flat @ flat.T + soft @ soft.T
@@ -71,16 +71,16 @@ def test_drawn_effects_and_priors_are_part_of_the_covariance() -> None:
     s, C = left.score(G)
     np.testing.assert_allclose(s, G.reshape(-1, 3).T @ P @ w.reshape(-1), rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(C, G.reshape(-1, 3).T @ P @ G.reshape(-1, 3), rtol=1e-8, atol=1e-9)
-    also = left_over(w, A, V, prior_sd=prior).also_drawn(Z, np.ones(5))
-    assert also.chi2 == pytest.approx(left.chi2)
-    np.testing.assert_allclose(also.covariance, left.covariance, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(also.score(G)[0], s, rtol=1e-8, atol=1e-9)
+    with_columns = fit_residuals(w, A, V, prior_sd=prior).with_drawn(Z, np.ones(5))
+    assert with_columns.chi2 == pytest.approx(left.chi2)
+    np.testing.assert_allclose(with_columns.covariance, left.covariance, rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(with_columns.score(G)[0], s, rtol=1e-8, atol=1e-9)
 
 
 def test_columns_taken_in_are_columns_fitted() -> None:
     w, A, V, G = problem(4)
-    once = left_over(w, np.concatenate((A, G), axis=-1), V)
-    later = left_over(w, A, V).also(G)
+    once = fit_residuals(w, np.concatenate((A, G), axis=-1), V)
+    later = fit_residuals(w, A, V).with_columns(G)
     assert later.chi2 == pytest.approx(once.chi2)
     assert later.dof == once.dof
     np.testing.assert_allclose(later.white, once.white, atol=1e-9)
@@ -98,18 +98,18 @@ def test_parameters_move_as_a_fit_with_the_columns_moves_them() -> None:
 
     before = solution(A.reshape(-1, UNKNOWNS))
     after = solution(np.concatenate((A, G), axis=-1).reshape(-1, UNKNOWNS + 3))
-    left = left_over(w, A, V)
+    left = fit_residuals(w, A, V)
     moved = left.moved(G, -after[UNKNOWNS:])
     np.testing.assert_allclose(moved, after[:UNKNOWNS] - before, rtol=1e-8, atol=1e-10)
 
 
 def test_odd_poses_do_not_hide_each_other() -> None:
     w, A, V, _ = problem(6)
-    assert odd_poses(left_over(w, A, V)).odd == ()
+    assert find_outliers(fit_residuals(w, A, V)).odd == ()
     for poses in ((7,), (3, 11, 20)):
         disturbed = w.copy()
         disturbed[list(poses)] += 9.0
-        found = odd_poses(left_over(disturbed, A, V))
+        found = find_outliers(fit_residuals(disturbed, A, V))
         assert sorted(p.pose for p in found.odd) == sorted(poses)
         assert all(p.chi2 > p.threshold for p in found.odd)
         assert found.rest.chi2 < found.rest.dof * 2.0
@@ -120,9 +120,9 @@ def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own() ->
     w, A, V, G = problem(10)
     A = np.concatenate((A, np.zeros((POSES, ROWS, 1))), axis=-1)
     A[9, :, -1] = 1.0
-    left = left_over(w, A, V)
+    left = fit_residuals(w, A, V)
     poses = np.array([4, 9])
-    there, fitted = left.without(poses), left.also(own_columns(left, poses))
+    there, fitted = left.without(poses), left.with_columns(own_columns(left, poses))
     assert there.U.shape == left.U.shape
     assert there.dof == fitted.dof
     assert there.chi2 == pytest.approx(fitted.chi2)
@@ -134,7 +134,7 @@ def test_poses_that_nothing_is_asked_of_are_poses_with_columns_of_their_own() ->
     np.testing.assert_allclose(one_by_one.white, there.white, atol=1e-9)
 
 
-def own_columns(left: LeftOver, poses: np.ndarray) -> np.ndarray:
+def own_columns(left: WhitenedResiduals, poses: np.ndarray) -> np.ndarray:
     """Columns that free all equations of some poses, written out."""
     out = np.zeros((POSES, ROWS, len(poses), ROWS))
     out[poses, :, np.arange(len(poses)), :] = pose_columns(left, poses)
@@ -148,24 +148,24 @@ def test_of_many_poses_the_odd_ones_are_found_in_few_rounds() -> None:
     A, w = rng.normal(size=(m, ROWS, UNKNOWNS)), rng.normal(size=(m, ROWS))
     poses = rng.permutation(m)[:250]
     w[poses] += 9.0 * (1.0 + rng.random((250, 1)))
-    left = left_over(w, A, np.tile(np.eye(ROWS), (m, 1, 1)))
+    left = fit_residuals(w, A, np.tile(np.eye(ROWS), (m, 1, 1)))
     counted = Counted.of(left)
-    found = odd_poses(counted)
+    found = find_outliers(counted)
     assert sorted(p.pose for p in found.odd) == sorted(poses)
     assert found.rest.U.shape == left.U.shape
     assert 80 <= len(Counted.rounds) <= 110
 
 
-class Counted(LeftOver):
+class Counted(WhitenedResiduals):
     """One that notes how many poses were set aside, and when."""
 
     rounds: ClassVar[list[int]] = []
 
     @classmethod
-    def of(cls, left: LeftOver) -> Counted:
-        return cls(**{f.name: getattr(left, f.name) for f in fields(LeftOver)})
+    def of(cls, left: WhitenedResiduals) -> Counted:
+        return cls(**{f.name: getattr(left, f.name) for f in fields(WhitenedResiduals)})
 
-    def without(self, poses: np.ndarray) -> LeftOver:
+    def without(self, poses: np.ndarray) -> WhitenedResiduals:
         self.rounds.append(len(poses))
         return Counted.of(super().without(poses))
 
@@ -177,7 +177,7 @@ def test_a_sound_pose_set_is_rarely_said_to_have_an_odd_pose() -> None:
     alarms = 0
     for _ in range(600):
         w = (root @ rng.normal(size=(POSES, ROWS, 1)))[..., 0]
-        found = odd_poses(left_over(w, A, V))
+        found = find_outliers(fit_residuals(w, A, V))
         alarms += bool(found.odd)
     assert alarms <= 5
 
@@ -187,42 +187,48 @@ def test_evidence_prefers_what_happened_to_what_could_explain_it_too() -> None:
     w, A, V, G = problem(9)
     one = G[..., :1]
     each = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * one
-    left = left_over(w + 3.0 * one[..., 0], A, V)
+    left = fit_residuals(w + 3.0 * one[..., 0], A, V)
     right, lavish = evidence(left, one, np.ones(1)), evidence(left, each, np.ones(POSES))
     assert right is not None
     assert lavish is not None
     assert right.log_likelihood > lavish.log_likelihood + 5.0
-    assert right.log_likelihood > max(sound(left), unnamed(left)) + 5.0
+    assert (
+        right.log_likelihood
+        > max(sound_log_likelihood(left), unexplained_log_likelihood(left)) + 5.0
+    )
     assert right.b[0] == pytest.approx(3.0, abs=5.0 * np.sqrt(right.covariance[0, 0]))
     np.testing.assert_allclose(probabilities(np.array([0.0, np.log(3.0)])), [0.25, 0.75])
 
 
 def test_nothing_wrong_is_the_best_explanation_of_nothing() -> None:
     w, A, V, G = problem(10)
-    left = left_over(w, A, V)
+    left = fit_residuals(w, A, V)
     found = evidence(left, G, np.ones(3))
     assert found is not None
-    assert max(sound(left), unnamed(left)) > found.log_likelihood - 1.0
+    assert (
+        max(sound_log_likelihood(left), unexplained_log_likelihood(left))
+        > found.log_likelihood - 1.0
+    )
     assert 0.25 <= noise_scale(left.chi2, left.dof) <= 1.0
 
 
 def test_columns_that_are_fitted_already_are_no_evidence() -> None:
     w, A, V, _ = problem(11)
-    assert evidence(left_over(w, A, V), A[..., :2], np.ones(2)) is None
+    assert evidence(fit_residuals(w, A, V), A[..., :2], np.ones(2)) is None
 
 
 MORE_POSES = 40
 
 
 @pytest.fixture(scope="module")
-def left() -> LeftOver:
+def left() -> WhitenedResiduals:
     rng = np.random.default_rng(12)
     A = rng.normal(size=(MORE_POSES, ROWS, UNKNOWNS))
     V = np.eye(ROWS) + np.full((ROWS, ROWS), 0.3)
     w = rng.normal(size=(MORE_POSES, ROWS))
     w[[3, 20]] += 6.0
     prior = np.where(np.arange(UNKNOWNS) == 2, 0.5, np.inf)
-    found = left_over(w, A, np.broadcast_to(V, (MORE_POSES, ROWS, ROWS)), prior_sd=prior)
+    found = fit_residuals(w, A, np.broadcast_to(V, (MORE_POSES, ROWS, ROWS)), prior_sd=prior)
     return replace(found, whitener=np.array(found.whitener))
 
 
@@ -255,7 +261,7 @@ def test_what_is_drawn_is_noise_of_its_poses(left) -> None:
     rng = np.random.default_rng(7)
     own, other = np.array([3, 20, 31]), rng.normal(size=(MORE_POSES, ROWS, 2))
     blocks = 5.0 * pose_columns(left, own)
-    there = left.also_drawn(written_out(own, blocks), np.ones(len(own) * ROWS))
+    there = left.with_drawn(written_out(own, blocks), np.ones(len(own) * ROWS))
     here = OwnColumns.of(left, own, blocks).drawn(left)
     assert here.U.shape == left.U.shape
     assert here.chi2 == pytest.approx(there.chi2)
@@ -274,7 +280,7 @@ def test_a_thousand_odd_poses_need_no_columns_of_all_poses() -> None:
     m, r = 3000, 5
     A, w = rng.normal(size=(m, r, 10)), rng.normal(size=(m, r))
     eye = np.broadcast_to(np.eye(r), (m, r, r))
-    left, own = left_over(w, A, eye), np.arange(0, m, 3)
+    left, own = fit_residuals(w, A, eye), np.arange(0, m, 3)
     tracemalloc.start()
     found = evidence_of_own(left, own, pose_columns(left, own), np.full(len(own) * r, 3.0))
     peak = tracemalloc.get_traced_memory()[1]

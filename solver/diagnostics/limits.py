@@ -1,0 +1,235 @@
+"""Every constant by which a calibration is judged, with its reason: probabilities, misfits, sigmas, poses, readings.
+
+Names say quantity and unit; angles in rad, lengths in m, shares of 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Probabilities of a false alarm, per test or family of tests
+
+FALSE_ALARM_PROBABILITY = 1e-3
+"""Chance that a test fires on a sound pose set; of a family of tests (all poses, joints, entries), of any of them."""
+
+ENTRY_SUSPICION_PROBABILITY = 0.1
+"""The same for lengths and twists that are reported and refuse nothing: an entry that is off by a few tolerances
+spoils a calibration before any test is sure of it."""
+
+CHI2_BAND_PROBABILITY = 0.99
+"""chi2/dof outside this central band contradicts the noise model."""
+
+CHI2_NOTICE_PROBABILITY = 0.01
+"""A chi2 at stated noise that is less likely than this is reported."""
+
+OUTLIER_NOTICE_PROBABILITY = 0.01
+"""Chance of reporting any pose of a sound pose set as an outlier."""
+
+DRIFT_FALSE_ALARM_PROBABILITY = 0.01
+"""Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""
+
+CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0025
+"""Chance that a session raises a false alarm in any quantity by either chart: 4 % over 12 sessions."""
+
+CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
+"""Chance of reporting a straight RVDT as curved."""
+
+REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
+"""Placements of an untouched fixture differ by more than this level with this chance: beyond, it was remounted."""
+
+REPEAT_REFUSAL_PROBABILITY = 1e-4
+"""A repeated pose that is less likely than this refuses the calibration however wide its sigmas are: the slip itself
+may have widened them."""
+
+# Probabilities of a cause
+
+LEAST_REPORTED_CAUSE_PROBABILITY = 0.02
+"""Causes that are less likely are not reported."""
+
+POSSIBLE_CAUSE_PROBABILITY = 0.1
+"""Causes at least this likely have to be covered by the sigmas, and not only the likeliest: their truths differ."""
+
+# Misfit: chi2/dof at stated variances, and ratios of it
+
+CHI2_PER_DOF_SECOND_START = 2.0
+"""Beyond this a fit is started once more elsewhere: where poses differ little, a local optimum leaves no more."""
+
+CHI2_PER_DOF_EXPLAINED = 2.0
+"""A cause that leaves no more is the whole explanation."""
+
+CHI2_PER_DOF_ALTERNATIVE = 3.0
+"""An alternative model that leaves no more is an explanation of a gross misfit."""
+
+CHI2_PER_DOF_REFUSED = 4.0
+"""Beyond this no sigma holds: readings that scatter twice as much as stated give another calibration once their
+fault is mended, reported or not."""
+
+CHI2_PER_DOF_GROSS = 30.0
+"""Beyond this a fit says nothing about its readings, and no second cause is looked for."""
+
+ALTERNATIVE_CHI2_RATIO = 10.0
+"""An alternative model has to reduce chi2/dof by at least this factor."""
+
+SMALLEST_NOISE_SCALE = 0.25
+"""Stated errors are upper limits and chi2/dof of sound sets lies below 1; variances are scaled down to this at most."""
+
+OTHER_START_MISFIT_SHARE = 0.5
+"""A second start replaces the first when it leaves less than this share of the misfit."""
+
+OTHER_SOLUTION_COST_SHARE = 0.5
+"""Another solution is better when it leaves less than this share of the squared closure error."""
+
+POSE_CHI2_UNPREDICTED = 20.0
+"""chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound ones was 10."""
+
+POSE_CHI2_RATIO_UNPREDICTED = 6.0
+"""And this many times the largest of the poses before, which is large where an arm is not as its files state. With
+errors three times as large as stated 4 sound planned sessions in 100 repeat their first pose; as stated, none."""
+
+# Sigmas and ratios of standard deviations
+
+CERTAIN_SIGMAS = 3.0
+"""A deviation exceeds a specification when it does so by more than this many of its own sigmas."""
+
+REFUSING_SHIFT_SIGMAS = 2.0
+"""A cause that moves a parameter by more than this many of its sigmas shows that these do not hold."""
+
+USELESS_SIGMA_RAD = np.deg2rad(10.0)
+USELESS_SIGMA_M = 0.03
+"""How well a protractor and a tape measure give a parameter: a wider sigma refuses."""
+
+COARSE_SIGMA_RAD = np.deg2rad(1.0)
+COARSE_SIGMA_M = 0.01
+"""A wider sigma is reported."""
+
+MOTION_NOISE_LEAST_SHARE = 0.2
+"""Motion noise of fixture and joints is taken to be at least this share of its statement (standard deviation): poses
+tell no better, and what repeats so well is hardly stated to move five times as much."""
+
+STATED_VARIANCE_SHARE = 0.1
+"""Share of a stated variance that stays where the poses found less: they tell little of places where no pose was
+taken."""
+
+LEARNED_VARIANCE_FACTOR = 2.0
+"""Variances that were learned in other poses are known to this factor."""
+
+# Parameters
+
+FAR_FROM_NOMINAL_RAD = np.deg2rad(20.0)
+FAR_FROM_NOMINAL_M = 0.06
+"""Nobody mounts a fixture, or notes an offset, so far from what the files state."""
+
+LEAST_INFORMATION_SHARE = 0.5
+"""A parameter of which the poses bring a smaller share of the information is known by the files."""
+
+WELL_CONDITIONED = 100.0
+"""Scaled condition number at the readings (the paper: acceptable below) with which no direction is unidentifiable:
+noise does not make up a hundredth of a direction that no pose sees."""
+
+# Poses
+
+FEW_DOF = 30
+"""With fewer degrees of freedom no test can tell much."""
+
+REFUSED_DOF = 10
+"""With fewer not even the sigmas hold: 82 % of the 95 % intervals of four poses, measured on sound arms."""
+
+FLIPPED_SHARE_REFUSED = 0.25
+"""With more of the poses on the other branch nobody knows which branch is meant."""
+
+OUTLIER_LARGEST_SHARE = 0.3
+"""Largest share of the poses that can be outliers; beyond it the poses are not the cause."""
+
+STEP_EDGE_POSES = 3
+"""Least number of poses on either side of a step: fewer are outliers, which another test reports."""
+
+FROZEN_POSES = 4
+"""So many consecutive readings that agree within noise, while other joints move, may be a frozen sensor."""
+
+OTHERS_MOVED_RAD = np.deg2rad(1.0)
+"""Spans of the other joints by which they have moved."""
+
+IMMOBILE_RAD = np.deg2rad(1.0)
+"""A joint whose readings span less over the whole pose set does not move."""
+
+MOST_CAUSES_FITTED = 4
+"""Causes fitted one after the other; a pose set with more is no calibration."""
+
+MOST_CAUSES_REPORTED = 5
+"""Causes reported at once; one that refuses is reported beyond them as well."""
+
+MOST_SOURCES_REPORTED = 3
+"""Sources that exceed their specification, reported at once."""
+
+# Readings
+
+RANGE_SLACK_RAD = np.deg2rad(1.0)
+"""How well the stops of an arm are known: readings may lie outside their range by this"""
+
+RANGE_SLACK_SIGMAS = 6.0
+"""and by this many sigmas of the sensor."""
+
+FAR_OUT_OF_RANGE_SHARE = 0.1
+"""A reading outside its range by more than this share of it is no reading of this arm."""
+
+SATURATED_SIGMAS = 3.0
+SATURATED_POSES = 3
+"""So many readings within so many sigmas of one end of full scale are saturated."""
+
+RADIANS_SPAN_RAD = np.deg2rad(5.0)
+"""A joint whose readings, taken as radians, would span less does not move in either unit."""
+
+MOTION_SPREAD_SIGMAS = 6.0
+MOTION_SPREAD_RAD = np.deg2rad(0.05)
+"""Samples of one pose that spread by more than both moved; less averages out below what encoders err anyway."""
+
+SAME_READING_RAD = 1e-5
+"""Readings that differ by less in every joint are one reading, written with three decimals of a degree."""
+
+SAME_POINT_M = 1e-6
+"""Measured points that differ by less in every coordinate are one, written with three decimals of a mm."""
+
+# RVDTs
+
+RVDT_LEAST_POSES = 15
+RVDT_LEAST_SPAN = 0.15
+"""Poses, and share of full scale that they have to cover, that tell a curve from a line."""
+
+RVDT_NOISE_RATIO = 1.25
+"""Noise certainly above this many times its specification exceeds it: a specification in whole LSB says no more."""
+
+RVDT_HARMFUL_RATIO = 3.0
+"""Deviations (rms) of this many times the sensor's noise spoil what the other encoders tell."""
+
+NOISE_INTERVAL_RATIO = 4.0
+"""A 95 % interval whose ends differ by more than this factor is a bound and no figure."""
+
+# Loops that do not close
+
+NO_CLOSURE_M = 0.01
+NO_CLOSURE_RAD = 0.03
+"""Closure error (rms) of loops that were not closed at all."""
+
+ALTERNATIVE_FIXTURE_POSES = 20
+ALTERNATIVE_CLOSURE_M = 2e-3
+"""So many poses that close to this (rms) in another fixture close in it,"""
+
+ALTERNATIVE_CLOSURE_RATIO = 30.0
+"""if the closure error (rms, m and rad alike) in the stated fixture is this many times as large."""
+
+STUCK_JOINT_TURN_RAD = np.deg2rad(3.0)
+"""A joint that has turned by this according to the loop did not stand still,"""
+
+STUCK_JOINT_CORRECTION_RAD = np.deg2rad(0.5)
+"""if the loop closes without its reading with corrections of the other joints (rms) this small."""
+
+STUCK_JOINT_CORRECTION_RATIO = 4.0
+"""A joint has turned without a reading where the loop closes with corrections this many times smaller than with the
+joint at rest,"""
+
+STUCK_JOINT_MOTION_SHARE = 0.1
+"""and where the joint at rest needs corrections of this share of the motion: the placement is known roughly, and
+four drives of a ball hardly overdetermine a turn."""
+
+STEP_RESIDUAL_SHARE = 0.25
+"""A step of a joint's reading leaves less than this share of the squares that a smooth curve leaves."""

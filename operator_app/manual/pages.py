@@ -19,6 +19,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "tutorial": "your first calibration, on the simulated arm",
         },
         "How to": {
+            "terminal-app": "work in the terminal app",
             "own-arm": "describe your own arm, plan, rehearse",
             "packaged-arms": "the arms that come with the program, and what was tried on real ones",
             "outside-arm": "bring in an arm that is not on CAN, as a package",
@@ -26,6 +27,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "own-poses": "calibrate from readings that you have",
             "recordings": "calibrate from a ROS 2 bag or a log over time",
             "real-can": "go on a real CAN bus, in a safe order",
+            "planned-poses": "have the poses chosen by what they tell",
             "wrist-repair": "see which offsets moved",
             "over-the-years": "follow an arm over the years: what shifted, when the next is due",
             "notebooks": "two notebooks, for readings of your own",
@@ -50,6 +52,9 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
         "Explanation": {
             "accepted": "what ACCEPTED means, and what it does not",
+            "accuracy": "how good the results are: measured figures, with date and command",
+            "simulated": "what is simulated, and what was tried on real arms",
+            "safety": "what is checked before and while the arm moves",
             "sign": "the sign of offsets, and the D-H convention",
             "mounting": "which offsets outlive a mounting",
             "error-model": "from the paper to the error model",

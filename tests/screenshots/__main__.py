@@ -3,7 +3,7 @@
 
 The app itself, without a terminal, on the virtual arm over its bus: keys are pressed from Connect to
 Results, and what the screen shows is written as SVG into the manual: every step as it is first seen,
-Capture in the middle of a planned move. Capture and Results are the README's, too, beside this file.
+Capture in the middle of a planned move.
 """
 
 from __future__ import annotations
@@ -26,9 +26,8 @@ from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
 from operator_app.tui.app import SarcalApp
 
-HERE = Path(__file__).parent
-PICTURES = HERE.parents[1] / "operator_app/manual/pages/pictures"
-README = ("capture", "results")
+ROOT = Path(__file__).parents[2]
+PICTURES = ROOT / "operator_app/manual/pages/pictures"
 SIZE = (120, 36)
 SEED = 1
 SPEED = 1.5
@@ -37,7 +36,7 @@ POSES_SHOWN = 12
 
 
 async def main() -> None:
-    """Walk through, and write the two pictures."""
+    """Walk through, and write the pictures."""
     with (
         TemporaryDirectory() as folder,
         chdir(folder),
@@ -120,10 +119,9 @@ def under_way(app: SarcalApp) -> bool:
 def write(app: SarcalApp, name: str) -> None:
     """Write what the screen shows, without fonts to be fetched from elsewhere."""
     svg = re.sub(r"@font-face\s*{[^}]*}\s*", "", app.export_screenshot(title="sarcal"))
-    for folder in (PICTURES, *([HERE] if name in README else ())):
-        path = folder / f"{name}.svg"
-        path.write_text(svg)
-        print(path.relative_to(HERE.parents[1]))
+    path = PICTURES / f"{name}.svg"
+    path.write_text(svg)
+    print(path.relative_to(ROOT))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,9 @@ from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import HoldOut, far_block, fold_poses, hold_out
 from solver.diagnostics.statistics import jackknife
 from solver.errors import SolverError
-from solver.estimators.variance_components import Calibrated, estimate_with_errors
+from solver.estimators.estimate import Estimate
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.variance_components import Settled, estimate_of, settle
 
 FOLDS = 5
 FAR_SHARE = 0.2
@@ -67,26 +69,32 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
         prior=stated_priors(model.without(solution.tolerated), arm, fixture),
     )
 
-    def estimated(rest: IntArray) -> Calibrated:
-        return estimate_with_errors(
+    def settled(rest: IntArray) -> Settled:
+        return settle(
             model.at_poses(rest),
             q[rest],
             errors.at_poses(rest),
             x0=solution.estimate.x,
             group=poses.placement[there[rest]],
+            # How far readings scatter is no parameter: found anew for every part it would be most of the work.
+            variances=None if solution.components is None else solution.components.variances,
         )
 
+    def estimated(rest: IntArray) -> Estimate:
+        return estimate_of(settled(rest), model.at_poses(rest), q[rest])
+
+    stated = noise_model(arm, fixture, poses, kept)
+
     def held_out(parts: tuple[IntArray, ...]) -> HoldOut | None:
-        stated = noise_model(arm, fixture, poses, kept)
         try:
-            return hold_out(lambda rest: estimated(rest).estimate, model, q, stated, parts)
+            return hold_out(estimated, model, q, stated, parts)
         except SolverError:
             # The rest is too small to be estimated from.
             return None
 
     return Checks(
         jackknife_sd=_jackknife_sd(
-            estimated(np.arange(len(q))),
+            settled(np.arange(len(q))).fit.fit,
             [k for k, p in enumerate(model.parameters) if p.name not in solution.tolerated],
         ),
         held_out=held_out(fold_poses(q, FOLDS)),
@@ -94,8 +102,8 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
     )
 
 
-def _jackknife_sd(found: Calibrated, identified: list[int]) -> FloatArray | None:
+def _jackknife_sd(found: LinearFit, identified: list[int]) -> FloatArray | None:
     try:
-        return jackknife(found.linear)[identified]
+        return jackknife(found)[identified]
     except SolverError:
         return None

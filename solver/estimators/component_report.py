@@ -76,7 +76,7 @@ def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
     """Report noise and curve of every analogue sensor and the fixture's noise."""
     v, out = found.fit.v, []
     stated = design.stated_variances()
-    error = standard_errors(found.found.information, v, design.floors)
+    error = standard_errors(found.derivatives().information, v, design.floors)
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
         if kind not in ("rvdt", "curve", "fixture"):

@@ -88,7 +88,7 @@ class MixedFit:
     fit
         The linear fit there.
     found
-        Derivatives of the likelihood there, by the poses the variances came from.
+        Derivatives of the likelihood there, by the poses the variances came from; None where these were given.
     """
 
     x: FloatArray
@@ -97,9 +97,13 @@ class MixedFit:
     shift: FloatArray
     give: FloatArray
     fit: LinearFit
-    found: Derivatives
+    found: Derivatives | None
     iterations: int
     converged: bool
+
+    def derivatives(self) -> Derivatives:
+        """How the likelihood changes with the variances there."""
+        return with_priors(self.fit) if self.found is None else self.found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -242,8 +246,7 @@ def _iterate(
     shift, give = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
         x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
-        found=with_priors(fit) if found is None else found,
-        iterations=rounds, converged=converged,
+        found=found, iterations=rounds, converged=converged,
     )  # fmt: skip
 
 

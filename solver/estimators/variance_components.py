@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -133,6 +134,7 @@ def estimate_with_errors(
     *,
     x0: FloatArray | None = None,
     group: IntArray | None = None,
+    variances: Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> Calibrated:
     """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad.
@@ -143,6 +145,8 @@ def estimate_with_errors(
         Start (P,): by default from the plain estimator, toleranced parameters at their nominal values.
     group
         Placement of each pose (m,).
+    variances
+        Variance components by name, as another fit found them, which stay; None: they are estimated.
 
     Raises
     ------
@@ -151,35 +155,47 @@ def estimate_with_errors(
     TooFewPosesError
         No degree of freedom would be left.
     """
-    ended = settle(model, q, errors, x0=x0, group=group, progress=progress)
-    found, back = ended.fit, back_to_caller(ended.order)
-    model, q = model.at_poses(ended.order), q[ended.order]
+    ended = settle(model, q, errors, x0=x0, group=group, variances=variances, progress=progress)
+    found = ended.fit
+    back = back_to_caller(ended.order)
     fit = found.fit
-    error = closure_at_readings(model, found.x, q)
-    estimate = Estimate(
+    estimate = estimate_of(ended, model, q)
+    return Calibrated(
+        estimate=estimate,
+        components=_report(found, back),
+        linear=fit,
+        found=found.derivatives(),
+        order=ended.order,
+        unsensed=found.unsensed[back],
+    )
+
+
+def estimate_of(ended: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
+    """Return the parameters of a fit to joint angles `q` (m, n), rad, poses in the order of these."""
+    found, back = ended.fit, back_to_caller(ended.order)
+    error = closure_at_readings(model.at_poses(ended.order), found.x, q[ended.order])
+    return Estimate(
         estimator="implicit",
         parameters=model.parameters,
         x=found.x,
-        covariance=fit.covariance,
+        covariance=found.fit.covariance,
         residual=error.residual[back],
         rotation_rows=error.rotation_rows,
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
         flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
         dof=ended.dof,
-        chi2=fit.chi2,
-        pose_chi2=_pose_chi2(fit)[back],
+        chi2=found.fit.chi2,
+        pose_chi2=_pose_chi2(found.fit)[back],
         corrections=found.corrections[back],
         iterations=found.iterations,
         converged=found.converged,
     )
-    return Calibrated(
-        estimate=estimate,
-        components=_report(found, back),
-        linear=fit,
-        found=found.found,
-        order=ended.order,
-        unsensed=found.unsensed[back],
-    )
+
+
+def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
+    """Variances (K,) of a layout; those that have no name among them as they start."""
+    v = np.array([variances.get(c.name, c.start) for c in layout.components])
+    return np.asarray(np.clip(v, layout.floors, layout.walls))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -199,10 +215,12 @@ def settle(
     x0: FloatArray | None = None,
     group: IntArray | None = None,
     near: Near | None = None,
-    variances: Callable[[Layout], FloatArray] | None = None,
+    variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> Settled:
     """Fit as `estimate_with_errors` does and report nothing; `near` and `variances` are those of `fit_mixed`."""
+    if isinstance(variances, Mapping):
+        variances = partial(_by_name, variances)
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]

@@ -2,11 +2,11 @@
 
     python -m tests.benchmarks.makers_urdfs [DRAWS [SIZE]]
 
-UR5, xArm 6, Gen3 lite, IRB 120 and iiwa 14, each in a ball's two sockets (26 poses) and on a hinge (40 poses); arm file by
-`sarcal new arm --urdf`, fixture as that command's user would measure it. True entries are read from the drawn arm's
-own URDF; rows whose entries depend on the fixture's place are left out. Bars: 95 % intervals cover 92 to 99 %; the
-tool of the best table within 3 of its own sigmas. SIZE: errors of arm and
-readings in their stated sizes (default 1).
+UR5, xArm 6, Gen3 lite, IRB 120 and iiwa 14, each in a ball's two sockets (26 poses) and on a hinge (40 poses);
+arm file by `sarcal new arm --urdf`, fixture as that command's user would measure it. True entries are read from
+the drawn arm's own URDF; rows whose entries depend on the fixture's place are left out. SIZE: errors of arm and
+readings in their stated sizes, 1 where it is not given. Bars: 95 % intervals cover 92 to 99 %; the tool of the
+best table within 3 of its own sigmas.
 """
 
 # ruff: noqa: T201 - a benchmark prints

@@ -38,6 +38,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "commands": "every command and option",
             "exit-codes": "what a command says to the shell",
             "poses-file": "columns of a poses file",
+            "outside-arm-files": "files of an example package for an arm that is not on CAN",
             "instrument-port": "how a tracker tells where the hand is",
             "user-settings": "what you always want: bus, theme, your name",
             "session-folder": "what a session leaves on disk",
@@ -67,6 +68,9 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
 """How a page marks a block of code that is a whole file."""
 
+FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
+"""How a page brings along the files of another one."""
+
 NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
 NOTEBOOKS = files("operator_app") / "manual" / "notebooks"
 FOLDER = files("operator_app") / "manual" / "pages"
@@ -95,6 +99,8 @@ class Page:
     def files(self) -> Mapping[str, str]:
         """Whole files that the page shows, or brings along, by name."""
         shown: dict[str, str] = dict(FILE.findall(self.markdown))
+        for topic in FILES_OF.findall(self.markdown):
+            shown |= FILE.findall(_written(topic))
         for name in NOTEBOOK.findall(self.markdown):
             shown[name] = (NOTEBOOKS / name).read_text(encoding="utf-8")
         return shown

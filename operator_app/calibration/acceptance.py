@@ -25,7 +25,7 @@ from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.diagnostics.diagnosis import Diagnosis
 from solver.diagnostics.fault_candidate import Candidate, Cause
-from solver.diagnostics.hypothesis_tests import Test
+from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.limits import (
     CHI2_PER_DOF_REFUSED,
     COARSE_SIGMA_M,
@@ -74,7 +74,7 @@ class Judgement:
     """
 
     causes: tuple[NamedCause, ...] = ()
-    tests: tuple[Test, ...] = ()
+    tests: tuple[HypothesisTest, ...] = ()
     stated_chi2_per_dof: float | None = None
     diverged: bool = field(default=False, metadata={"record": "astray"})
 
@@ -307,17 +307,13 @@ def _with_unit(value: float, *, angle: bool) -> str:
     return (ANGLE_TOLERANCE if angle else LENGTH_TOLERANCE)(value).with_unit
 
 
-def paper_test(paper: Estimate, implicit: Estimate) -> tuple[Test, tuple[NamedCause, ...]]:
+def paper_test(
+    paper: Estimate, implicit: Estimate
+) -> tuple[HypothesisTest, tuple[NamedCause, ...]]:
     """Test the paper's estimate by its distance from the implicit one, in sigmas of the difference."""
-    from scipy.special import ndtri
-
     z = distance_in_sigmas(paper, implicit)
     worst = int(np.argmax(z))
-    test = Test(
-        code="PAPER_DISTANCE",
-        statistic=float(z[worst]),
-        threshold=float(-ndtri(0.5e-3 / len(z))),
-    )
+    test = HypothesisTest.of_sigmas("PAPER_DISTANCE", z)
     if not test.fires:
         return test, ()
     p = paper.parameters[worst]

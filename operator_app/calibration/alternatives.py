@@ -1,6 +1,6 @@
-"""When nothing fits at all: which simple mistake makes everything fit? Each is tried by solving anew.
+"""Alternative models for a gross misfit: each is solved, and the best are reported with their probability.
 
-Only for misfits that no linear explanation can reach. Knows arms, fixtures and pose sets; no screen.
+Only for misfits that no linear explanation reaches.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ import numpy as np
 
 from fixtures.ball import Ball
 from fixtures.base import Fixture
-from operator_app.calibration.alternative import (
+from operator_app.calibration.alternative_model import (
     Rival,
     closes,
     cost_of,
     is_near,
+    shift_of,
     solved,
     tried,
     without_readings,
@@ -33,7 +34,6 @@ from operator_app.calibration.causes import (
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.fixture_hypotheses import hinge_instead, instead
 from operator_app.calibration.likely import as_likely
-from operator_app.calibration.step_change import shift_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet

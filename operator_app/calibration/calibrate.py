@@ -15,7 +15,6 @@ from operator_app.calibration.alternatives import named_rivals
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
 from operator_app.calibration.diagnosis import PriorInformation, adjudicate
-from operator_app.calibration.distances import distances
 from operator_app.calibration.error_model import (
     error_model,
     first_of_each,
@@ -31,7 +30,7 @@ from operator_app.calibration.instrument_registration import as_seen
 from operator_app.calibration.local_minima import best_about_nominal
 from operator_app.calibration.multistart import FEW, evenly, fitted, gross_misfit
 from operator_app.calibration.observations import seen_loops
-from operator_app.calibration.placements import alike
+from operator_app.calibration.placements import alike, distances
 from operator_app.calibration.refusals import (
     placement_checks,
     refuse_placement,

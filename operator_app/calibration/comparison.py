@@ -23,6 +23,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.errors import SessionError
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
+from solver.diagnostics.statistics import sigmas_at
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 
@@ -163,10 +164,8 @@ def compare(
     compared = [e for e in before.calibrated if e.entry not in skipped]
     if not compared:
         raise IncomparableError(("they have no parameter in common that could be compared",))
-    from scipy.special import ndtri
-
     free = [e for e in compared if not _only_tolerated(e.entry, sides)]
-    threshold = float(-ndtri(0.5 * level / max(len(free), 1)))
+    threshold = sigmas_at(level, len(free))
     scales = _scale(before), _scale(after)
     stacked, same = before.table.stacked(), _same_poses(before, after)
     drifts = []

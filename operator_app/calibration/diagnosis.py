@@ -22,15 +22,19 @@ from operator_app.calibration.acceptance import (
 from operator_app.calibration.alternatives import named_hinge, named_rivals, named_shift
 from operator_app.calibration.causes import NamedCause, larger_in_words
 from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.divergence import has_diverged
 from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
-from operator_app.calibration.local_minima import other_basin
+from operator_app.calibration.local_minima import has_diverged, other_basin
 from operator_app.calibration.motion_during_sampling import motion_causes
 from operator_app.calibration.notices import range_text
 from operator_app.calibration.refusals import placement_checks
-from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
-from operator_app.calibration.repeat_measurement import Repeat, Reread
-from operator_app.calibration.rvdt_causes import measured_deviations, rvdt_causes
+from operator_app.calibration.repeat_measurement import (
+    Repeat,
+    Reread,
+    not_yet_named,
+    proven_by_return,
+    return_tests,
+)
+from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import remedy_beside_poses
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel

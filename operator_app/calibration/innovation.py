@@ -1,7 +1,7 @@
-"""The innovation of one reading: what the poses before it leave unexplained of it, and what would show in it.
+"""Innovation of a new reading: what the poses before it leave unexplained of it, and which shift would show in it.
 
-Those poses have seen how curves of sensors, sag and give run near it: none of that is an excuse here, as it is where
-a reading is compared with the parameters alone. Knows no session; decides nothing.
+The poses before have seen sensor curves, sag and compliance near the reading, so these do not excuse it, as they
+would where a reading is compared with the parameters alone.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import error_model, soften
 from operator_app.calibration.prediction import fit_as_stated, together
-from operator_app.calibration.prior import fitted
+from operator_app.calibration.prior import Fitted, fitted, noise_of
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
+from solver.diagnostics.cross_validation import verify
+from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNPREDICTED
 from solver.diagnostics.prediction import predicted_residuals
 from solver.errors import PosesDoNotFitError
 
@@ -97,3 +99,49 @@ def innovation(
             size, sigma = float(s / information), float(information**-0.5)
             shifts[j] = ShiftSeen(size_rad=size, sigma_rad=sigma, explains=(size / sigma) ** 2)
     return Innovation(chi2=left.chi2, dof=left.dof, usual=max(usual), shifts=shifts)
+
+
+LEAST, AT_MOST = 10, 60
+"""Poses before it from which it is asked, and on which it is looked back: what it costs stays the same."""
+
+
+def out_of_line(
+    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> bool:
+    """Whether the last of these poses is not where those before it have it."""
+    count = len(poses)
+    if count <= LEAST or not fixture.holds_hand:
+        return False
+    before, last = pick(poses, np.arange(count - 1)), pick(poses, np.array([count - 1]))
+    by = line_of(arm, fixture, before, unsensed_joints=unsensed_joints)
+    return by is not None and is_off(by, arm, fixture, last, unsensed_joints=unsensed_joints)
+
+
+def line_of(
+    arm: ArmModel, fixture: Fixture, before: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+) -> Fitted | None:
+    """Fit the poses on which it is looked back; None where they do not give a fit."""
+    count = len(before)
+    recent = pick(before, np.arange(max(0, count - AT_MOST), count))
+    return fitted(arm, fixture, recent, unsensed_joints=unsensed_joints)
+
+
+def is_off(
+    by: Fitted,
+    arm: ArmModel,
+    fixture: Fixture,
+    last: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
+) -> bool:
+    """Whether one pose is not where those of `by` have it."""
+    found = verify(
+        by.model.at_poses(np.array([0])),
+        by.fit.x,
+        by.fit.covariance,
+        last.q_rad,
+        noise_of(arm, fixture, last, unsensed_joints),
+    )
+    return float(found.pose_chi2[0]) > max(
+        POSE_CHI2_UNPREDICTED, POSE_CHI2_RATIO_UNPREDICTED * float(by.fit.pose_chi2.max())
+    )

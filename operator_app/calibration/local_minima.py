@@ -1,10 +1,11 @@
-"""Is there another solution than the one found? Asked cheaply, when it lies far from the nominal values.
+"""Local minima: solutions far from the nominal values, and whether a better or a nearer one exists.
 
-A few starts about the nominal values and about what was found, each by the paper's estimator. Knows
-closure models and estimates; no file and no screen.
+A few starts about the nominal values, each solved by the paper's estimator.
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -13,9 +14,12 @@ from operator_app.units.figure import FAR_ANGLE, FAR_LENGTH, MANY_TIMES
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
 from solver.diagnostics.limits import (
+    CHI2_PER_DOF_REFUSED,
     FAR_FROM_NOMINAL_M,
     FAR_FROM_NOMINAL_RAD,
     OTHER_SOLUTION_COST_SHARE,
+    USELESS_SIGMA_M,
+    USELESS_SIGMA_RAD,
 )
 from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import Fit, solve_damped
@@ -116,3 +120,35 @@ def _best(hard: ClosureModel, problem: ClosureProblem) -> Fit:
     starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (STARTS, len(nominal))))]
     fits = [solve_damped(problem, x, max_iterations=ITERATIONS) for x in starts]
     return min(fits, key=lambda fit: fit.cost)
+
+
+OF_THE_SOLUTION = ("LITTLE_MOTION", "FAR_FROM_NOMINAL", "PARALLEL_AXES", "NOT_CONVERGED")
+"""Causes that are read off the solution itself: they lead nothing astray."""
+
+
+def has_diverged(
+    causes: Iterable[NamedCause], scale: float, estimate: Estimate, judged: tuple[str, ...]
+) -> bool:
+    """Whether a gross cause refuses, and the solution is where no file would have it or known to nobody's use.
+
+    Parameters
+    ----------
+    scale
+        chi2/dof at stated variances.
+    judged
+        Names of the parameters that were looked for.
+    """
+    # A local optimum is astray however well it fits.
+    if not any(
+        c.refuses
+        and (c.code == "OTHER_SOLUTION" or scale > CHI2_PER_DOF_REFUSED)
+        and c.code not in OF_THE_SOLUTION
+        for c in causes
+    ):
+        return False
+    # Of several placements the fixture's file can describe one.
+    here = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
+    chosen = tuple(p for p, yes in zip(estimate.parameters, here, strict=True) if yes)
+    sd: FloatArray = estimate.standard_deviation[here]
+    worthless = np.where([p.is_angle for p in chosen], USELESS_SIGMA_RAD, USELESS_SIGMA_M)
+    return bool((~(sd <= worthless)).any()) or bool(far_from_nominal(chosen, estimate.x[here], sd))

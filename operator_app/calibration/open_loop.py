@@ -19,7 +19,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
-from solver.diagnostics.statistics import Chi2Test, chi2_test
+from solver.diagnostics.statistics import Chi2Test, chi2_test, sigmas_at
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,9 +109,7 @@ def check_open_loop(
     )
     covariance = closed.estimate.covariance[np.ix_(a, a)] + estimate.covariance[np.ix_(b, b)]
     sigma = np.sqrt(np.diagonal(covariance))
-    from scipy.special import ndtri
-
-    threshold = float(-ndtri(0.5 * DRIFT_FALSE_ALARM_PROBABILITY / max(len(shared), 1)))
+    threshold = sigmas_at(DRIFT_FALSE_ALARM_PROBABILITY, len(shared))
     scaled = covariance / np.outer(sigma, sigma)
     z = change / sigma
     return OpenLoopCheck(

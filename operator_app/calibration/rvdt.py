@@ -1,7 +1,4 @@
-"""What poses of any fixture say of the arm's RVDTs: a verdict each, or why there can be none.
-
-Knows arms, fixtures and pose sets; the judging itself is `solver.diagnostics.rvdt`.
-"""
+"""Verdicts on the RVDTs of an arm, from poses in any fixture, and the causes that follow from them."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fixtures.base import Fixture
+from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import samples_of, soften
 from operator_app.calibration.motion_during_sampling import moved_while_read
@@ -20,8 +18,15 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.poses import PoseSet, back_to_caller
 from solver.chain.sensors import Rvdt
+from solver.diagnostics.fault_candidate import LinearityDeviation
 from solver.diagnostics.identifiability import identifiability_of_fit
-from solver.diagnostics.rvdt import RvdtVerdict, rvdt_verdicts, undecided
+from solver.diagnostics.rvdt import (
+    RvdtVerdict,
+    Soundness,
+    linearity_deviation,
+    rvdt_verdicts,
+    undecided,
+)
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
 from solver.diagnostics.stated_sizes import sensor_noise_with_found_motion
 from solver.estimators.component_report import Component, interval
@@ -158,3 +163,44 @@ def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
         sd, low, high = np.sqrt(sizes).tolist()
         found[c.name] = replace(c, sd=sd, low=low, high=high)
     return found
+
+
+def measured_deviations(
+    verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
+) -> dict[int, LinearityDeviation]:
+    """How far RVDTs stray from their best lines, by joint, where the loop could measure it."""
+    return {
+        v.joint: linearity_deviation(v.figures, sensor)
+        for v in verdicts
+        if v.figures is not None and isinstance(sensor := arm.joints[v.joint - 1].sensor, Rvdt)
+    }
+
+
+def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[NamedCause, ...]:
+    """RVDTs out of specification where nothing else is wrong: the sigmas count their curves in."""
+    return tuple(
+        NamedCause(
+            code=f"RVDT_{v.joint}",
+            probability=1.0,
+            text=v.text,
+            remedy=f"{_remedy_of(v, arm)}, or calibrate with --unsensed {v.joint}",
+            refuses=False,
+        )
+        for v in verdicts
+        if v.verdict is Soundness.OUT_OF_SPECIFICATION
+    )
+
+
+def _remedy_of(verdict: RvdtVerdict, arm: ArmModel) -> str:
+    """What to do about an RVDT out of specification: its text says what to do about noise."""
+    deviation = measured_deviations((verdict,), arm).get(verdict.joint)
+    sensor = arm.joints[verdict.joint - 1].sensor
+    if (
+        deviation is not None
+        and isinstance(sensor, Rvdt)
+        and deviation.beyond(sensor.linearity_rad)
+    ):
+        return "have it replaced or linearised"
+    if verdict.noise is not None and verdict.noise.from_spread:
+        return f"see whether the spread of its readings is as recorded (sd{verdict.joint}_deg)"
+    return "look for what disturbs it"

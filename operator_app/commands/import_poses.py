@@ -167,7 +167,7 @@ def _poses(
     import numpy as np
 
     from operator_app.config.joint_log import load_joint_log
-    from operator_app.config.ros_bag import is_bag
+    from operator_app.config.recording import is_bag
     from solver.chain.poses import PoseSet
 
     unit: Unit | None = "rad" if args.rad else "deg" if args.deg else None
@@ -232,8 +232,7 @@ def _recorded(
         poses_of,
         quietest_rad,
     )
-    from operator_app.config.recording import load_timed_log, utc_text
-    from operator_app.config.ros_bag import is_bag, load_bag
+    from operator_app.config.recording import is_bag, load_bag, load_timed_log, utc_text
     from operator_app.report.results.recording import recording_json, recording_text
 
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s

@@ -140,9 +140,9 @@ def execute(args: argparse.Namespace) -> int:
 
 def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import parse_arm
-    from operator_app.config.degrees import short_degrees
-    from operator_app.config.editor import schema_line
+    from operator_app.config.json_schemas import schema_line
     from operator_app.config.new_files import copied
+    from operator_app.config.quantities import short_degrees
     from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
     from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
     from operator_app.config.yaml_writer import dump_strict
@@ -321,7 +321,7 @@ def _save(
     parse: Callable[[bytes, str], object],
 ) -> Path:
     """Write a file that reads back, and its schema; never over another."""
-    from operator_app.config.editor import save_with_schema
+    from operator_app.config.json_schemas import save_with_schema
 
     target = _target(args, name)
     if target.exists():

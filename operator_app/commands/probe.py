@@ -121,7 +121,7 @@ def _nobody(found: Probe, bus: str) -> bool:
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
     from hardware.commissioning.profile_draft import DraftRefused, draft
-    from operator_app.config.editor import save_with_schema, schema_line
+    from operator_app.config.json_schemas import save_with_schema, schema_line
     from operator_app.config.profile_file import format_profile
 
     if _nobody(found, "this bus"):

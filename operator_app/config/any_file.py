@@ -12,7 +12,7 @@ from typing import Literal
 
 from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.arm_file import parse_arm
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import ConfigError, Problem, only
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
 from operator_app.config.json_schemas import FILES, keys_of
 from operator_app.config.parameters import ParametersDocument
@@ -23,7 +23,6 @@ from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Resource, expanded, read_limited
 from operator_app.config.strict_yaml import load_strict
-from operator_app.config.text import only
 from solver.chain.arm_model import ArmModel
 
 AnyKind = Literal["arm", "fixture", "procedure", "profile", "parameters", "poses"]

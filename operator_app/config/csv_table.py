@@ -11,8 +11,7 @@ from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, MutableSequence
 from typing import Any
 
-from operator_app.config.errors import ConfigError, Problem
-from operator_app.config.text import only
+from operator_app.config.errors import ConfigError, Problem, only
 from operator_app.safe_output import harmless
 
 MOST_PROBLEMS = 100

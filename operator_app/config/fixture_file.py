@@ -1,17 +1,34 @@
-"""The fixture file (``sarcal/fixture/1``): where the metal is, and how well that is known.
-
-Knows no arm. What each kind of fixture has in its file is in `fixture_models`.
-"""
+"""The fixture file (``sarcal/fixture/1``): where the metal is, how well that is known, and the fixture it makes."""
 
 from __future__ import annotations
 
+import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
-from fixtures.base import Fixture
-from operator_app.config.fixture_models import MODELS
+from pydantic import Field, ValidationInfo, field_validator
+
+from fixtures.ball import Ball
+from fixtures.base import Fixture, Tolerance
+from fixtures.hinge import Hinge
+from fixtures.measured import Measured
+from fixtures.rigid import Rigid
+from operator_app.config.error_model import GiveModel
+from operator_app.config.quantities import (
+    LengthMm,
+    Name,
+    NonNegativeNumber,
+    PositiveNumber,
+    Text,
+    TurnDeg,
+    TwistDeg,
+    Yes,
+    in_si,
+)
 from operator_app.config.resources import resolve
-from operator_app.config.schema import read_by_kind
+from operator_app.config.schema import StrictModel, read_by_kind, report
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,3 +85,183 @@ def load_fixture(reference: str | Path) -> FixtureSpec:
     """Read a fixture by built-in name or path; raises as `parse_fixture`."""
     found = resolve("fixture", reference)
     return parse_fixture(found.data, found.file)
+
+
+PointMm = tuple[LengthMm, LengthMm, LengthMm]
+TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
+
+SMALLEST_MM = 5.0
+"""A placement without any dimension of this size was written in metres."""
+
+
+class CommonFields(StrictModel, ABC):
+    """What every fixture file has."""
+
+    makes: ClassVar[type[Hinge | Rigid | Ball | Measured]]
+
+    name: Name
+    tolerance_mm: Annotated[PositiveNumber, Field(le=1000.0)]
+    tolerance_deg: Annotated[PositiveNumber, Field(le=180.0)]
+    checklist: Annotated[tuple[Text, ...], Field(min_length=1)]
+    placement: StrictModel
+    stays_on_hand: Yes = False
+
+    @field_validator("placement")
+    @classmethod
+    def _in_millimetres(cls, value: StrictModel, info: ValidationInfo) -> StrictModel:
+        lengths = {}
+        for name, entry in value.model_dump().items():
+            if name.endswith("_mm"):
+                numbers = entry if isinstance(entry, tuple) else (entry,)
+                lengths[name] = max(numbers, key=abs)
+        largest = max((abs(v) for v in lengths.values()), default=0.0)
+        if 0.0 < largest < SMALLEST_MM:
+            shown = ", ".join(f"{k} {v:g}" for k, v in lengths.items() if v)
+            text = f"no dimension reaches {SMALLEST_MM:g} mm ({shown})"
+            doubt = f"{text}: metres where millimetres belong?"
+            report(info, ("placement",), doubt, "write millimetres")
+        return value
+
+    def fixture(self) -> Fixture:
+        """Domain object."""
+        placed = in_si(self.placement.model_dump(exclude_none=True))
+        return self.makes(
+            **placed, stays_on_hand=self.stays_on_hand, tolerance=self.tolerance(), **self.own()
+        )
+
+    def tolerance(self) -> Tolerance:
+        """Tell how well the placement was measured."""
+        return Tolerance(
+            position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
+        )
+
+    @abstractmethod
+    def own(self) -> dict[str, Any]:
+        """Tell what one kind of fixture has beside its placement, as its domain object takes it."""
+
+
+class MetalFields(CommonFields):
+    """What every file of a fixture has that holds the hand.
+
+    `stiffness` was once asked for and read by nothing; files that state it are still read. What
+    counts is how far the fixture yields, which is `give`.
+    """
+
+    holds: ClassVar[tuple[str, ...]] = ("position_mm", "orientation_mrad")
+
+    give: GiveModel = GiveModel()
+    stiffness: Any = None
+
+    def own(self) -> dict[str, Any]:
+        """Tell how far it yields."""
+        return {"give": self.give.give(self.holds)}
+
+
+class HingePlacement(StrictModel):
+    """Nominal placement of a hinge.
+
+    The zeros of the first and the last joint are counted from the common normals to the hinge axis: the
+    last two keys say how they stand there. Without them the arm's own offsets do.
+    """
+
+    a_0_mm: LengthMm
+    s_0_mm: LengthMm
+    alpha_0_deg: TwistDeg
+    s_1_mm: LengthMm
+    a_n_mm: LengthMm
+    s_n_mm: LengthMm
+    alpha_n_deg: TwistDeg
+    theta_off_1_deg: TurnDeg | None = None
+    theta_off_n_deg: TurnDeg | None = None
+
+
+class HingeModel(MetalFields):
+    """A hinge."""
+
+    makes = Hinge
+    kind: Literal["hinge"]
+    placement: HingePlacement
+
+
+class RigidPlacement(StrictModel):
+    """Nominal placement of a rigid attachment."""
+
+    a_0_mm: LengthMm
+    s_0_mm: LengthMm
+    alpha_0_deg: TwistDeg
+    s_1_mm: LengthMm
+
+
+class RigidModel(MetalFields):
+    """A rigid attachment."""
+
+    makes = Rigid
+    kind: Literal["rigid"]
+    placement: RigidPlacement
+
+
+class BallPlacement(StrictModel):
+    """Nominal centres of the ball (in the last frame) and of the socket (in the base frame)."""
+
+    tip_mm: PointMm
+    ground_mm: PointMm
+
+
+class BallModel(MetalFields):
+    """A ball in a socket."""
+
+    makes = Ball
+    holds = ("position_mm",)
+    kind: Literal["ball"]
+    placement: BallPlacement
+    stays_on_hand: Yes = True
+
+
+class MeasuredPlacement(StrictModel):
+    """Nominal place of the arm's base in the instrument's frame, and of the target on the hand."""
+
+    base_mm: PointMm
+    base_turn_deg: TurnVectorDeg
+    tip_mm: PointMm
+    tip_turn_deg: TurnVectorDeg = (0.0, 0.0, 0.0)
+
+
+class MeasuredModel(CommonFields):
+    """An instrument that sees the endpoint."""
+
+    makes = Measured
+    kind: Literal["measured"]
+    measures: Literal["pose", "position"]
+    instrument_sigma_mm: PositiveNumber
+    instrument_sigma_deg: NonNegativeNumber = 0.0
+    placement: MeasuredPlacement
+    base_known: Yes = False
+    tip_known: Yes = False
+    stays_on_hand: Yes = True
+
+    @field_validator("instrument_sigma_deg")
+    @classmethod
+    def _needed_for_a_pose(cls, value: float, info: ValidationInfo) -> float:
+        if info.data.get("measures") == "pose" and value == 0.0:
+            text = "an instrument that measures poses has an angular noise"
+            report(info, ("instrument_sigma_deg",), text, "give it, or write measures: position")
+        return value
+
+    def own(self) -> dict[str, Any]:
+        """Tell what the instrument sees, how well, and what is known of its set-up."""
+        sigma = {"sigma_mm": self.instrument_sigma_mm, "sigma_deg": self.instrument_sigma_deg}
+        return {
+            **in_si(sigma),
+            "full_pose": self.measures == "pose",
+            "base_known": self.base_known,
+            "tip_known": self.tip_known,
+        }
+
+
+MODELS: dict[str, type[CommonFields]] = {
+    "hinge": HingeModel,
+    "rigid": RigidModel,
+    "ball": BallModel,
+    "measured": MeasuredModel,
+}
+"""One line a kind; the kinds are those of `fixtures.registry`."""

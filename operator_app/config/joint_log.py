@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, number
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.poses_file import (
     EXAMPLE,
     FEW,
@@ -26,7 +26,6 @@ from operator_app.config.poses_file import (
 )
 from operator_app.config.quantities import angle_doubt
 from operator_app.config.resources import expanded, read_limited
-from operator_app.config.text import decode_text, only
 from operator_app.units.numbers import plural
 from solver.chain.poses import PoseSet
 

@@ -1,17 +1,16 @@
-"""JSON Schemas of our YAML files, from the models that read them: for editors and programs that write such files.
-
-A file that a schema refuses is refused here too. The other way round is not so: checks between keys,
-and of radians where degrees belong, are in the models only.
-"""
+"""JSON Schemas of our YAML files, from the models that read them: for editors and programs that write such files."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
 from operator_app.config.arm_file import ArmFile
-from operator_app.config.fixture_models import MODELS
+from operator_app.config.atomic import write_atomically
+from operator_app.config.fixture_file import MODELS
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.procedure import ProcedureFile
 from operator_app.config.profile import ProfileFile
@@ -56,3 +55,20 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
         "oneOf": choices,
         "$defs": found["$defs"],
     }
+
+
+def schema_name(kind: FileKind) -> str:
+    """Return the name of the JSON Schema that stands beside files of a kind."""
+    return f"sarcal-{kind}.schema.json"
+
+
+def schema_line(kind: FileKind) -> str:
+    """Return the comment that editors look for at the top of a file, without its ``#``."""
+    return f"yaml-language-server: $schema={schema_name(kind)}"
+
+
+def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
+    """Write a file, and beside it the JSON Schema that its first line names; raises WriteError."""
+    schema = json.dumps(json_schema(kind), indent=1) + "\n"
+    write_atomically(target, data)
+    write_atomically(target.parent / schema_name(kind), schema.encode())

@@ -12,10 +12,10 @@ from typing import Any
 
 from fixtures.ball import Ball
 from fixtures.hinge import Hinge
-from operator_app.config.editor import schema_line
+from operator_app.config.errors import only
+from operator_app.config.json_schemas import schema_line
 from operator_app.config.resources import Kind, builtin_names, resolve
 from operator_app.config.strict_yaml import load_strict
-from operator_app.config.text import only
 from operator_app.config.yaml_writer import dump_strict, scalar_text
 from solver.chain.arm_model import ArmModel
 

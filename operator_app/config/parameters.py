@@ -28,7 +28,9 @@ from pydantic import (
 )
 
 from operator_app.config.parameter_records import (
+    Budget,
     CalibratedEntry,
+    Correlations,
     DhRow,
     DocumentWarning,
     JointParameters,
@@ -36,10 +38,6 @@ from operator_app.config.parameter_records import (
     RvdtRemedy,
     WhichArm,
     WhichFixture,
-)
-from operator_app.config.parameter_uncertainty import (
-    Budget,
-    Correlations,
     complaints_of_budget,
     complaints_of_correlations,
 )
@@ -48,7 +46,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictRecord, check_numbered, report
-from operator_app.config.yaml_document import Path
+from operator_app.config.strict_yaml import Path
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry

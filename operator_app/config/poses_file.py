@@ -29,8 +29,7 @@ from operator_app.config.csv_table import (
     whole_number,
     write_records,
 )
-from operator_app.config.degrees import degrees_for_file
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.orientation import (
     QUATERNION,
     ROLL_PITCH_YAW,
@@ -39,9 +38,8 @@ from operator_app.config.orientation import (
     groups_in,
     rotation_vectors,
 )
-from operator_app.config.quantities import UNIT, angle_doubt, length_doubt
+from operator_app.config.quantities import UNIT, angle_doubt, degrees_for_file, length_doubt
 from operator_app.config.resources import expanded, read_limited
-from operator_app.config.text import decode_text, only
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 

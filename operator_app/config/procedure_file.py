@@ -1,8 +1,10 @@
-"""The procedure file (``sarcal/procedure/1``), read with the files it names. Knows no bus."""
+"""The procedure file (``sarcal/procedure/1``): read with the files it names, and checked against arm and fixture."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import difflib
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -14,15 +16,14 @@ from operator_app.config.arm_file import parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.procedure import Procedure, ProcedureFile
-from operator_app.config.procedure_checks import check_joints, check_own, check_requested
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
-from operator_app.config.strict_yaml import load_strict
-from operator_app.config.yaml_document import Path as KeyPath
-from operator_app.config.yaml_document import YamlDocument
+from operator_app.config.strict_yaml import Path as KeyPath
+from operator_app.config.strict_yaml import YamlDocument, load_strict
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter
 
 T = TypeVar("T")
 
@@ -140,3 +141,135 @@ def _referred(
     except ConfigError as error:
         problems += error.problems
         return None
+
+
+def check_joints(
+    found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
+) -> Iterator[Problem]:
+    """Joint numbers that contradict each other or, where it is known, the arm."""
+    modes = found.chosen_modes
+    drives = modes.listed
+    lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
+        (("modes", "position"), drives),
+        (("unsensed_joints",), found.unsensed_joints),
+    )
+    for path, joints in lists:
+        for k, joint in enumerate(joints):
+            if arm is not None and joint > arm.joint_count:
+                text, remedy = f"there is no joint {joint}", f"joints are 1 to {arm.joint_count}"
+                yield document.problem((*path, k), text, remedy)
+            elif joint in joints[:k]:
+                text = f"joint {joint} is listed twice"
+                yield document.problem((*path, k), text, "list each joint once")
+    for k, joint in enumerate(drives):
+        if joint in found.unsensed_joints:
+            yield document.problem(
+                ("modes", "position", k),
+                f"joint {joint} is in position mode and unsensed",
+                "a joint whose reading is not used cannot be driven to a position",
+            )
+    if modes.trial and drives:
+        yield document.problem(
+            ("modes", "trial"),
+            "the drive joints are named, so there is nothing to try",
+            "write position: auto, or leave trial out",
+        )
+    yield from _check_exploration(found, drives, arm, document)
+    if arm is not None:
+        yield from _check_limits(found, arm, document)
+
+
+def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+    """A home of its own for every joint and inside its range; held entries that are free in the arm."""
+    if found.home_deg is not None:
+        if len(found.home_deg) != arm.joint_count:
+            text = f"has {len(found.home_deg)} angles for {arm.joint_count} joints"
+            yield document.problem(("home_deg",), text, "give one angle for each joint")
+        else:
+            for k, (home, joint) in enumerate(zip(found.home_deg, arm.joints, strict=True)):
+                low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
+                if not low <= home <= high:
+                    text = f"{home:.6g} deg is outside joint {k + 1}'s range {low:.6g} to {high:.6g} deg"
+                    yield document.problem(("home_deg", k), text, "give an angle inside it")
+    free = {entry.name for entry in arm.free}
+    for name in found.held:
+        if name not in free:
+            yield document.problem(
+                ("held", name),
+                "is none of the arm's free entries: it is held anyway",
+                f"leave it out; free are {', '.join(sorted(free))}",
+            )
+
+
+def _check_exploration(
+    found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
+) -> Iterator[Problem]:
+    """Each drive joint that exists has one travel, and no other joint has any; a plan needs none."""
+    here: KeyPath = ("capture", "exploration")
+    named = [item.joint for item in found.capture.exploration]
+    for k, joint in enumerate(named):
+        if joint in named[:k]:
+            text = f"joint {joint} is listed twice"
+            yield document.problem((*here, k, "joint"), text, "keep one of them")
+        elif joint not in drives:
+            text = f"joint {joint} is not in position mode"
+            yield document.problem((*here, k, "joint"), text, "explore with the drive joints only")
+    if found.capture.strategy == "planned":
+        return
+    for joint in sorted(set(drives) - set(named)):
+        if arm is None or joint <= arm.joint_count:
+            remedy = f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}"
+            yield document.problem(here, f"joint {joint} has no travel", remedy)
+
+
+def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+    """Travels from home stay inside the ranges; no drive joint is faster than it may be."""
+    boxes = [
+        (k, item)
+        for k, item in enumerate(found.capture.exploration)
+        if item.joint <= arm.joint_count
+    ]
+    for k, item in boxes:
+        joint, home = arm.joints[item.joint - 1], math.degrees(arm.home_rad[item.joint - 1])
+        low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
+        for key, travel in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
+            if not low - 1e-9 <= home + travel <= high + 1e-9:
+                yield document.problem(
+                    ("capture", "exploration", k, key),
+                    f"takes joint {item.joint} from home {home:.6g} to {home + travel:.6g} deg, "
+                    f"outside its range {low:.6g} to {high:.6g} deg",
+                    "shorten the travel",
+                )
+    # Where the program chooses, any joint may come to drive.
+    named = [item.joint for _, item in boxes]
+    drives = named if found.chosen_modes.listed else range(1, arm.joint_count + 1)
+    slowest = min(drives, key=lambda j: arm.joints[j - 1].max_speed_rad_per_s, default=None)
+    if slowest is not None:
+        limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
+        if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
+            text = f"is more than joint {slowest} may do ({limit:.6g} deg/s)"
+            yield document.problem(("capture", "speed_deg_per_s"), text, "slow down")
+
+
+def check_requested(
+    found: ProcedureFile, parameters: Sequence[Parameter], document: YamlDocument
+) -> Iterator[Problem]:
+    """Standard deviations are asked for of parameters there are, in their unit, and with a plan."""
+    here: KeyPath = ("capture", "requested_sigma")
+    asked = found.capture.requested_sigma
+    if asked and found.capture.strategy != "planned":
+        yield document.problem(
+            here, "only a planned capture knows when it is reached", "add plan: planned"
+        )
+    known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
+    for key in asked:
+        if key in known:
+            continue
+        name, _, _ = key.rpartition("_")
+        meant = next((k for k, p in known.items() if p.name in (name, key)), "")
+        near = difflib.get_close_matches(key, list(known), n=1)
+        if not (meant or near):
+            remedy = f"known here: {', '.join(known)}"
+        else:
+            remedy = f"did you mean {meant or near[0]}?"
+        yield document.problem((*here, key), "is no parameter of this calibration", remedy)

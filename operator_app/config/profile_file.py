@@ -1,15 +1,24 @@
-"""The bus profile (``sarcal/profile/1``): read, and written as `sarcal probe` drafts it. Knows no bus."""
+"""The bus profile (``sarcal/profile/1``): read, checked, and written as `sarcal probe` drafts it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from hardware.canopen.bus_profile import BusProfile, Pdo, format_entry
+from hardware.canopen.bus_profile import (
+    COMMAND_OBJECTS,
+    FEEDBACK_OBJECTS,
+    FIELD_BITS,
+    ZERO_OBJECTS,
+    BusProfile,
+    Pdo,
+    format_entry,
+)
+from hardware.canopen.objects import CONTROLWORD, TARGET_POSITION
+from hardware.canopen.pdo_reading import DESCRIPTION_OBJECTS
 from operator_app.config.errors import ConfigError
-from operator_app.config.profile import ProfileFile
-from operator_app.config.profile_checks import check_profile
+from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal
 from operator_app.config.resources import resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import load_strict
@@ -79,3 +88,150 @@ def _absolute(pdos: Sequence[Pdo]) -> list[dict[str, Any]]:
 
 def _written(pdo: Pdo, cob_id: str) -> dict[str, Any]:
     return {"pdo": pdo.number, "cob_id": cob_id, "map": [format_entry(e) for e in pdo.entries]}
+
+
+_RESERVED = (
+    (0x000, 0x07F, "NMT, and kept free by CiA 301"),
+    (0x080, 0x0FF, "SYNC and emergencies"),
+    (0x580, 0x67F, "SDO"),
+    (0x700, 0x7FF, "heartbeats"),
+)
+
+Place = tuple[str | int, ...]
+Complaint = tuple[Place, str, str]
+"""Where in the file, what is wrong, what to do."""
+
+
+def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
+    """Everything that is wrong with the profile of an arm of `joints` joints (None: of any)."""
+    yield from _check_supervisor(found)
+    yield from _check_listed(found, joints)
+    if found.modes.position == found.modes.free:
+        yield ("modes", "free"), "is the code of position mode as well", "give each mode its own"
+    for k, text in enumerate(found.compared):
+        if hexadecimal(text) not in DESCRIPTION_OBJECTS:
+            known = ", ".join(f"{index:04X}h" for index in DESCRIPTION_OBJECTS)
+            yield ("compared", k), f"{text} cannot be compared with an arm file", f"known: {known}"
+    lists: list[tuple[Place, tuple[PdoSpec, ...], bool]] = [
+        (("commands",), found.commands, False),
+        (("answers",), found.answers, True),
+    ]
+    for k, joint in enumerate(found.joints):
+        lists.append((("joints", k, "commands"), joint.commands, False))
+        lists.append((("joints", k, "answers"), joint.answers, True))
+    for place, pdos, sent in lists:
+        if pdos:
+            yield from _check_pdos(place, pdos, sent=sent)
+    whole = found.for_joints(joints)
+    count = len(whole.joints)
+    for number in range(1, count + 1):
+        own = found.own(number)
+        for key in ("commands", "answers"):
+            if not getattr(own, key) and not getattr(found, key):
+                yield (key,), f"joint {number} has none", f"give {key} for all joints, or its own"
+                return  # and so for the others
+    yield from _check_unique(found, count)
+
+
+def _check_supervisor(found: ProfileFile) -> Iterator[Complaint]:
+    if found.supervisor == "none":
+        if found.serial_number is None:
+            yield (
+                ("serial_number",),
+                "is missing: without a supervisor nobody else says which arm this is",
+                "add it",
+            )
+        return
+    if found.serial_number is not None:
+        yield ("serial_number",), "is what the supervisor says", "leave it out"
+    for k, joint in enumerate(found.joints):
+        if joint.counts_otherwise:
+            yield (
+                ("joints", k),
+                "a supervisor sets home offsets (607Ch) in the counts of the arm file's sensor",
+                "leave direction, counts_per_rev and zero_counts out, or write supervisor: none",
+            )
+
+
+def _check_listed(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
+    seen = set[int]()
+    for k, joint in enumerate(found.joints):
+        if joint.joint in seen:
+            text = f"joint {joint.joint} is listed twice"
+            yield ("joints", k, "joint"), text, "keep one of them"
+        elif joints is not None and joint.joint > joints:
+            text = f"there is no joint {joint.joint}"
+            yield ("joints", k, "joint"), text, f"the arm's joints are 1 to {joints}"
+        seen.add(joint.joint)
+
+
+def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterator[Complaint]:
+    wanted = FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS
+    times = dict.fromkeys(wanted, 0)
+    width = dict.fromkeys(wanted, 0)
+    for k, pdo in enumerate(pdos):
+        here = (*place, k)
+        if pdo.pdo in (other.pdo for other in pdos[:k]):
+            yield (*here, "pdo"), f"PDO {pdo.pdo} is listed twice", "keep one of them"
+        if sum(bits for _, _, bits in pdo.entries) > 64:
+            yield (*here, "map"), "is longer than the 8 bytes of a frame", "correct the map"
+        for m, (index, sub, bits) in enumerate(pdo.entries):
+            at, shown = (*here, "map", m), format_entry((index, sub, bits))
+            if index in wanted and sub == 0:
+                times[index] += 1
+                width[index] = max(width[index], bits)
+                if bits not in FIELD_BITS:
+                    remedy = f"as wide as {', '.join(map(str, FIELD_BITS))} bits"
+                    yield at, f"{shown} cannot be read or written", remedy
+            elif bits == 0 or bits % 8:
+                yield at, f"{shown} is no whole number of bytes", "map whole bytes in the drive"
+            elif not sent and index not in ZERO_OBJECTS:
+                yield (
+                    at,
+                    f"{shown} is nothing that this program commands",
+                    "take it out of this RPDO, in the drive as well",
+                )
+    for index, count in times.items():
+        if count == 0:
+            yield place, f"nothing carries {index:04X}h", "map it, in the drive as well"
+        elif count > 1 and index != CONTROLWORD and not sent:
+            yield place, f"{index:04X}h is carried {count} times", "once is enough"
+    if not sent and 0 < width[TARGET_POSITION] < 32:
+        yield (
+            place,
+            f"{width[TARGET_POSITION]} bits of target (607Ah) do not hold every position",
+            "map at least 32 bits",
+        )
+
+
+def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
+    """No node and no identifier twice."""
+    whole = found.for_joints(count)
+    places = {joint.joint: ("joints", k) for k, joint in enumerate(found.joints)}
+    nodes = {} if whole.supervisor is None else {whole.supervisor: "the supervisor"}
+    identifiers, told = dict[int, str](), set[Place]()
+    for number, joint in enumerate(whole.joints, 1):
+        place: Place = places.get(number, ("joints",))
+        if joint.node in nodes:
+            yield (
+                (*place, "node") if number in places else place,
+                f"node {joint.node} is {nodes[joint.node]} and joint {number}",
+                "give each its own number",
+            )
+            return  # whatever follows of it
+        nodes[joint.node] = f"joint {number}"
+        for key, pdos in (("commands", joint.commands), ("answers", joint.answers)):
+            own = bool(getattr(found.own(number), key))
+            for k, pdo in enumerate(pdos):
+                here: Place = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
+                used = identifiers.get(pdo.cob_id) or next(
+                    (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
+                )
+                if used and here not in told:  # what is said for all joints is said once
+                    told.add(here)
+                    yield (
+                        here,
+                        f"{pdo.cob_id:03X}h, for joint {number}, is taken by {used}",
+                        "choose another identifier, in the drive as well",
+                    )
+                identifiers[pdo.cob_id] = f"joint {number}"

@@ -1,4 +1,4 @@
-"""Numbers with a unit, what size of number that makes plausible, and the way to SI. Knows no file and no kind."""
+"""Units of numbers in files: conversion to SI and back without loss, and plausible sizes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,11 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import AfterValidator, Field, StringConstraints, WithJsonSchema
 from pydantic_core import PydanticCustomError
+
+from solver.arrays import FloatArray
 
 UNITS = {
     "m": "metres",
@@ -171,3 +174,34 @@ Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_
 ExactText = Annotated[str, StringConstraints(strict=True, min_length=1)]
 """Text that is kept to the last space, for what a program wrote and will compare."""
 Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
+
+
+def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
+    """Degrees whose ``np.deg2rad`` is exactly `angle_rad` where such a double exists, else nearest.
+
+    Of several, the one with the fewest digits. Angles that came from a file in degrees always have
+    one; so writing what was read, and reading it again, changes no bit.
+    """
+    wanted = np.asarray(angle_rad, dtype=np.float64)
+    degrees = [_degrees(float(value)) for value in wanted.reshape(-1)]
+    return np.array(degrees, dtype=np.float64).reshape(wanted.shape)
+
+
+def _degrees(wanted_rad: float) -> float:
+    near = float(np.rad2deg(wanted_rad))
+    for digits in (12, 15):
+        short = float(f"{near:.{digits}g}")
+        if float(np.deg2rad(short)) == wanted_rad:
+            return short
+    steps = [near]
+    for direction in (-np.inf, np.inf):
+        step = near
+        for _ in range(4):
+            step = float(np.nextafter(step, direction))
+            steps.append(step)
+    return min(steps, key=lambda deg: abs(float(np.deg2rad(deg)) - wanted_rad))
+
+
+def short_degrees(angle_rad: FloatArray) -> list[float]:
+    """Angles (n,) that are only proposed: to a millionth of a degree, as somebody copies them into a file."""
+    return [round(angle, 6) + 0.0 for angle in np.rad2deg(angle_rad).tolist()]

@@ -19,8 +19,7 @@ from pydantic_core import ErrorDetails
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.quantities import UNIT, UNITS, length_doubt
 from operator_app.config.schema_words import is_near_option, value_in_words, words_for
-from operator_app.config.strict_yaml import load_strict
-from operator_app.config.yaml_document import Path, YamlDocument
+from operator_app.config.strict_yaml import Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
 """Which versions of a kind of file are read, the one that is written last; 1 alone where nothing is said."""

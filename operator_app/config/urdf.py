@@ -10,8 +10,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
-from operator_app.config.rpy import origin_words
-from operator_app.config.urdf_rows import link_transform
+from operator_app.config.urdf_rows import link_transform, origin_words
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable

@@ -9,11 +9,10 @@ from xml.parsers import expat
 
 import numpy as np
 
-from operator_app.config.rpy import origin_words, rpy_of
-from operator_app.config.text import decode_text, only
+from operator_app.config.errors import decode_text, only
 from operator_app.config.urdf import xml_comment
 from operator_app.config.urdf_reading import UrdfChain, UrdfTree, parse_urdf
-from operator_app.config.urdf_rows import link_transform
+from operator_app.config.urdf_rows import link_transform, origin_words, rpy_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable

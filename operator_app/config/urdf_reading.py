@@ -11,10 +11,9 @@ from itertools import product
 
 import numpy as np
 
-from operator_app.config.degrees import degrees_for_file
-from operator_app.config.rpy import meant_deg, rotation_of_rpy
-from operator_app.config.text import decode_text, only
-from operator_app.config.urdf_rows import AxisLine, rows_of
+from operator_app.config.errors import decode_text, only
+from operator_app.config.quantities import degrees_for_file
+from operator_app.config.urdf_rows import AxisLine, meant_deg, rotation_of_rpy, rows_of
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 

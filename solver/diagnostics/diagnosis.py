@@ -19,8 +19,7 @@ from solver.diagnostics.change_points import ChangePoint, steps
 from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, LinearityDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.hypothesis_tests import (
-    Test,
-    chi2_test,
+    HypothesisTest,
     prediction_test,
     pull_tests,
     scale_tests,
@@ -106,7 +105,7 @@ class Diagnosis:
         The system the tests were made on.
     """
 
-    tests: tuple[Test, ...]
+    tests: tuple[HypothesisTest, ...]
     rounds: tuple[tuple[Explanation, ...], ...]
     suspected_entries: tuple[Explanation, ...]
     odd: Outliers
@@ -146,7 +145,7 @@ def diagnose(
     scene = FaultModels.in_time(arm, stated.design, stated.whole, order)
     left = residuals_of_fit(fit.believed, order)
     quiet = residuals_of_fit(with_found_motion_noise(fit), order)
-    tests = [chi2_test(stated.chi2, stated.dof)]
+    tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
     odd, largest, more = _residual_tests(scene, left, quiet)
     tests += more
     tests += pull_tests(stated)
@@ -182,7 +181,7 @@ def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
 
 def _residual_tests(
     scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
-) -> tuple[Outliers, ChangePoint | None, list[Test]]:
+) -> tuple[Outliers, ChangePoint | None, list[HypothesisTest]]:
     """Look for odd poses and for steps with noise as believed; for those of a reading with `quiet` noise.
 
     At no smaller scale however little is left: where most of the noise is quieter than believed, that of
@@ -191,10 +190,12 @@ def _residual_tests(
     hardly for one of a single reading.
     """
     odd = find_outliers(left)
-    tests = [Test(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
+    tests = [HypothesisTest(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
     found = steps(left, scene.suspects(), quiet=quiet)
     if found:
-        tests.append(Test(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold))
+        tests.append(
+            HypothesisTest(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold)
+        )
     return odd, found[0] if found else None, tests
 
 
@@ -218,7 +219,9 @@ def _explanations(
         size = best.evidence.size * best.candidate.natural
         left = _with_cause(left, best.candidate, size)
         odd, _, tests = _residual_tests(scene, left, left)
-        if left.dof <= 0 or not any(t.fires for t in (chi2_test(left.chi2, left.dof), *tests)):
+        if left.dof <= 0 or not any(
+            t.fires for t in (HypothesisTest.of_chi2("CHI2_STATED", left.chi2, left.dof), *tests)
+        ):
             return
 
 

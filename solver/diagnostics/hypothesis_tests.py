@@ -10,11 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.arrays import FloatArray
 from solver.diagnostics.cross_validation import far_block, fold_poses
 from solver.diagnostics.fault_candidate import LinearityDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.model_selection import evidence
+from solver.diagnostics.statistics import sigmas_at
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
@@ -29,7 +31,7 @@ SEEN = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Test:
+class HypothesisTest:
     """One test: it fires when `statistic` exceeds `threshold`, on sound sets with `false_alarm`."""
 
     code: str
@@ -42,20 +44,43 @@ class Test:
         """Whether the statistic is beyond the threshold."""
         return not self.statistic <= self.threshold
 
+    @classmethod
+    def of_chi2(
+        cls,
+        code: str,
+        chi2: float,
+        dof: int,
+        *,
+        false_alarm: float = FALSE_ALARM_PROBABILITY,
+        among: int = 1,
+    ) -> HypothesisTest:
+        """Test a chi2, the largest `among` so many, by its degrees of freedom."""
+        from scipy.special import chdtri
 
-def chi2_test(chi2: float, dof: int) -> Test:
-    """Test chi2 at the stated variances."""
-    from scipy.special import chdtri
+        return cls(
+            code=code,
+            statistic=chi2,
+            threshold=float(chdtri(dof, false_alarm / among)),
+            false_alarm=false_alarm,
+        )
 
-    return Test(
-        code="CHI2_STATED", statistic=chi2, threshold=float(chdtri(dof, FALSE_ALARM_PROBABILITY))
-    )
+    @classmethod
+    def of_sigmas(
+        cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
+    ) -> HypothesisTest:
+        """Test the largest of normal deviations z (k,), in sigmas without sign."""
+        return cls(
+            code=code,
+            statistic=float(z.max()),
+            threshold=sigmas_at(false_alarm, len(z)),
+            false_alarm=false_alarm,
+        )
 
 
-def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY) -> list[Test]:
+def pull_tests(
+    stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY
+) -> list[HypothesisTest]:
     """Test the largest pull of a toleranced entry, and their sum of squares."""
-    from scipy.special import chdtri, ndtri
-
     # The first of all effects are these.
     listed = [n for g in stated.design.groups if g.source in ENTRIES for n in g.names]
     own = np.array([n in stated.design.errors.tolerance for n in listed], dtype=bool)
@@ -63,53 +88,36 @@ def pull_tests(stated: LinearFit, false_alarm: float = FALSE_ALARM_PROBABILITY) 
     if not len(z):
         return []
     return [
-        Test(
-            code="PULL",
-            statistic=float(np.abs(z).max()),
-            threshold=float(-ndtri(0.5 * false_alarm / len(z))),
-            false_alarm=false_alarm,
-        ),
-        Test(
-            code="PULLS",
-            statistic=float(z @ z),
-            threshold=float(chdtri(len(z), false_alarm)),
-            false_alarm=false_alarm,
-        ),
+        HypothesisTest.of_sigmas("PULL", np.abs(z), false_alarm=false_alarm),
+        HypothesisTest.of_chi2("PULLS", float(z @ z), len(z), false_alarm=false_alarm),
     ]
 
 
-def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[Test]:
+def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[HypothesisTest]:
     """Test the scale of every encoder: the loops see a hundredth of it, and no other test asks."""
-    from scipy.special import ndtri
-
     z = []
     for candidate in scene.scales():
         s, C = left.score(candidate.columns)
         # What the parameters take up but for a rounding error is not seen at all.
         whole = float((left.whiten(candidate.columns) ** 2).sum())
         z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * whole else 0.0)
-    if not z:
-        return []
-    threshold = float(-ndtri(0.5 * FALSE_ALARM_PROBABILITY / len(z)))
-    return [Test(code="SCALE", statistic=float(max(z)), threshold=threshold)]
+    return [HypothesisTest.of_sigmas("SCALE", np.array(z))] if z else []
 
 
-def prediction_test(stated: LinearFit) -> Test:
+def prediction_test(stated: LinearFit) -> HypothesisTest:
     """Predict every fifth of the poses, and a block far from the rest, by all the others."""
-    from scipy.special import chdtri
-
     q = stated.design.q
     parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
-    worst = Test(code="PREDICTION", statistic=0.0, threshold=np.inf)
+    worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
     for chi2, dof in stated.held_out_chi2(*parts):
         if dof:
-            threshold = float(chdtri(dof, FALSE_ALARM_PROBABILITY / len(parts)))
-            if chi2 / threshold > worst.statistic / worst.threshold:
-                worst = Test(code="PREDICTION", statistic=chi2, threshold=threshold)
+            found = HypothesisTest.of_chi2("PREDICTION", chi2, dof, among=len(parts))
+            if chi2 / found.threshold > worst.statistic / worst.threshold:
+                worst = found
     return worst
 
 
-def variance_tests(stated: LinearFit) -> list[Test]:
+def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """Test every variance: is the likelihood steeper at what is stated than chance makes it.
 
     The slope is a square of few directions (a sensor's gain and bow, say) less its expectation: in its
@@ -125,18 +133,18 @@ def variance_tests(stated: LinearFit) -> list[Test]:
     largest = (chdtri(dof, FALSE_ALARM_PROBABILITY / max(len(names), 1)) - dof) / np.sqrt(2.0 * dof)
     z = found.score / np.sqrt(information)
     return [
-        Test(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
+        HypothesisTest(code=f"VARIANCE_{name.upper()}", statistic=float(s), threshold=float(t))
         for name, s, t in zip(names, z, largest, strict=True)
         if name not in ("discrepancy", "placement")
     ]
 
 
 def without_curves_in_specification(
-    tests: Iterable[Test],
+    tests: Iterable[HypothesisTest],
     scene: FaultModels,
     left: WhitenedResiduals,
     measured: Mapping[int, LinearityDeviation],
-) -> Iterable[Test]:
+) -> Iterable[HypothesisTest]:
     """Tests but for those of curves that stray no further than stated: that bound is all that is stated.
 
     How large a curve is as a whole within it is believed by habit, and one that ripples is larger.

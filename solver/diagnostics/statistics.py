@@ -85,6 +85,13 @@ def correlations(covariance: FloatArray) -> FloatArray:
     return np.asarray(np.clip(out, -1.0, 1.0))
 
 
+def sigmas_at(false_alarm: float, count: int = 1) -> float:
+    """Deviation, in sigmas, that the largest of `count` normal variables exceeds with this probability (Bonferroni)."""
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.5 * false_alarm / max(count, 1)))
+
+
 def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> Chi2Test:
     """Judge a weighted sum of squares by its degrees of freedom.
 

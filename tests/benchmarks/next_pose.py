@@ -55,7 +55,7 @@ Found = Counter[tuple[int, int]]
 def one_arm(how: str, counts_lost: Sequence[int], kind: str, seed: int) -> Found:
     """Try every pose as it is, and some with every slip."""
     from operator_app.calibration.closed_loops import pick
-    from operator_app.calibration.joint_prediction import LEAST, is_off, line_of
+    from operator_app.calibration.innovation import LEAST, is_off, line_of
     from operator_app.config.poses_file import parse_poses
     from operator_app.config.procedure_file import load_procedure
 

@@ -20,9 +20,10 @@ from operator_app.config.parameter_records import (
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import (
     format_parameters,
+    joints_from_table,
     parse_parameters,
+    rows_from_table,
 )
-from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
 
 
 def document() -> ParametersDocument:

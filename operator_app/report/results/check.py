@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fixtures.base import Severity
-from operator_app.config.degrees import short_degrees
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
+from operator_app.config.quantities import short_degrees
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.text import paragraph
 from operator_app.units.figure import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from operator_app.config.degrees import short_degrees
+from operator_app.config.quantities import short_degrees
 from operator_app.report.results.check import in_words
 from operator_app.report.results.plan_json import check_json
 from operator_app.units.figure import Figure

@@ -23,10 +23,11 @@ from operator_app.config.parameter_records import (
     TwoFigures,
     WhichArm,
     WhichFixture,
+    budget_of,
+    correlations_of,
 )
-from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_from_table import joints_from_table, rows_from_table
+from operator_app.config.parameters_file import joints_from_table, rows_from_table
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.store.stored_calibration import software_version
 from solver.chain.kinematics import DhTable

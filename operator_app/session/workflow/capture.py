@@ -12,8 +12,8 @@ import numpy as np
 
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
+from operator_app.calibration.innovation import out_of_line
 from operator_app.calibration.instrument_registration import as_calibrated
-from operator_app.calibration.joint_prediction import out_of_line
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses

@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.arm import Arm, Reading
 from hardware.errors import HardwareError
-from operator_app.config.degrees import degrees_for_file
+from operator_app.config.quantities import degrees_for_file
 from operator_app.errors import Cancelled, GuardError, SessionError
 from operator_app.session.safety.latency import LatenessLog
 from operator_app.session.safety.sensor_faults import SensorFaults

@@ -13,7 +13,7 @@ from operator_app.calibration.error_model import error_model, soften
 from operator_app.calibration.result import Solution
 from solver.diagnostics.diagnosis import Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
-from solver.diagnostics.hypothesis_tests import Test as Trying
+from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import estimate_with_errors
@@ -50,7 +50,7 @@ def tried(found: Session) -> tuple[Diagnosis, Estimate]:
 def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
     trial, estimate = tried(session(SEED))
     labels = tuple(str(k) for k in range(40))
-    by_chance = replace(trial, tests=(Trying(code="STEP", statistic=9.0, threshold=8.0),))
+    by_chance = replace(trial, tests=(HypothesisTest(code="STEP", statistic=9.0, threshold=8.0),))
     (cause,) = causes_of(by_chance, estimate, ("theta_off_2",), labels)
     assert cause.code == "UNNAMED"
     assert not cause.refuses

@@ -16,8 +16,7 @@ from fixtures.registry import FIXTURES
 from fixtures.rigid import Rigid
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
-from operator_app.config.fixture_file import load_fixture, parse_fixture
-from operator_app.config.fixture_models import MODELS
+from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
 
 GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 

@@ -19,8 +19,9 @@ from operator_app.config.parameter_records import (
     JointParameters,
     RvdtRemedy,
     Side,
+    budget_of,
+    correlations_of,
 )
-from operator_app.config.parameter_uncertainty import budget_of, correlations_of
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import (
     format_parameters,

@@ -11,8 +11,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from operator_app.config.errors import ConfigError
-from operator_app.config.strict_yaml import load_strict
-from operator_app.config.yaml_document import YamlDocument
+from operator_app.config.strict_yaml import YamlDocument, load_strict
 from operator_app.config.yaml_writer import dump_strict
 
 

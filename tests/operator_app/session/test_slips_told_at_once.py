@@ -10,7 +10,7 @@ import pytest
 
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario
-from operator_app.calibration.joint_prediction import LEAST, out_of_line
+from operator_app.calibration.innovation import LEAST, out_of_line
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure

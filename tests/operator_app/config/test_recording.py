@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from operator_app.config.errors import ConfigError
-from operator_app.config.ros_bag import is_bag, load_bag
+from operator_app.config.recording import is_bag, load_bag
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm, write_bag
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from operator_app.calibration.alternative_model import shift_of
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.step_change import shift_of
 from operator_app.config.poses_file import parse_poses
 from tests.benchmarks.shop_floor_outcome import packaged
 from tests.oracles.shop_floor_faults import CASES

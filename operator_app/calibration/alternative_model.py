@@ -1,13 +1,13 @@
-"""One mistake that may have been made, believed: what poses, fixture and sensors would then be, and what is left.
+"""One alternative model (another fixture, sensor or arm file): its closed loops and its chi2/dof.
 
-What cannot be solved costs everything and closes nothing. Knows arms, fixtures and pose sets; ranks nothing.
+An alternative that cannot be solved has infinite cost.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -18,13 +18,17 @@ from operator_app.calibration.error_model import error_model, noise_model, softe
 from operator_app.calibration.local_minima import far_from_nominal
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import nominal_vector
+from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import PoseSet
+from solver.diagnostics.change_points import Suspect, steps
 from solver.diagnostics.limits import (
     ALTERNATIVE_CLOSURE_M,
     ALTERNATIVE_CLOSURE_RATIO,
     ALTERNATIVE_FIXTURE_POSES,
+    STEP_EDGE_POSES,
+    STEP_RESIDUAL_SHARE,
 )
+from solver.diagnostics.whitened_residuals import fit_residuals
 from solver.errors import SolverError
 from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.layout import Layout
@@ -144,3 +148,33 @@ def tried(work: Callable[[], _T], otherwise: _T) -> _T:
             return work()
     except (SolverError, np.linalg.LinAlgError, ValueError, FloatingPointError):
         return otherwise
+
+
+BENDS = 3
+"""Degree of the curve that a sensor has besides."""
+
+
+class ReadingStep(NamedTuple):
+    """What was added to a reading (rad) from pose `first` on, index in time order."""
+
+    first: int
+    size_rad: float
+
+
+def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | None:
+    """Return how a joint's readings (m,) shifted against its angles (m,) as the loops have them, rad.
+
+    Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
+    """
+    m = len(reading_rad)
+    if m < 2 * (STEP_EDGE_POSES + BENDS):
+        return None
+    off = wrap_angle(reading_rad - angle_rad)
+    off = wrap_angle(off - off[0])
+    x = angle_rad - angle_rad.mean()
+    curve = np.linalg.qr(np.polynomial.polynomial.polyvander(x / np.abs(x).max(), BENDS))[0]
+    left = fit_residuals(off[:, None], curve[:, None, :], np.ones((m, 1, 1)))
+    for step in steps(left, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
+        if left.chi2 - step.chi2 <= STEP_RESIDUAL_SHARE * left.chi2:
+            return ReadingStep(first=step.pose, size_rad=float(step.size[0]))
+    return None

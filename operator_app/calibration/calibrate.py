@@ -11,10 +11,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from fixtures.base import Fixture
+from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import named_rivals
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
-from operator_app.calibration.diagnosis import PriorInformation, adjudicate
 from operator_app.calibration.error_model import (
     error_model,
     first_of_each,

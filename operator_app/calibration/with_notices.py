@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from fixtures.base import Fixture
 from operator_app.calibration.acceptance import Judgement
+from operator_app.calibration.adjudication import PriorInformation
 from operator_app.calibration.calibrated_arm import (
     calibrated_arm,
     hand_accuracy,
@@ -16,7 +17,6 @@ from operator_app.calibration.calibrated_arm import (
     offsets_not_sought,
     with_held,
 )
-from operator_app.calibration.diagnosis import PriorInformation
 from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
 from operator_app.calibration.notices import (
     ASTRAY,

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 import sarcal
 
+from operator_app.calibration.adjudication import adjudicate
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.diagnosis import adjudicate
 from operator_app.calibration.rvdt import judge_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.cli import main

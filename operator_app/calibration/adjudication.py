@@ -27,13 +27,8 @@ from operator_app.calibration.local_minima import has_diverged, other_basin
 from operator_app.calibration.motion_during_sampling import motion_causes
 from operator_app.calibration.notices import range_text
 from operator_app.calibration.refusals import placement_checks
-from operator_app.calibration.repeat_measurement import (
-    Repeat,
-    Reread,
-    not_yet_named,
-    proven_by_return,
-    return_tests,
-)
+from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
+from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import remedy_beside_poses
 from solver.arrays import IntArray

@@ -1,7 +1,7 @@
-"""What the workflow asks of an arm, and the facts an arm gives back. Knows no bus and no calibration.
+"""The `Arm` protocol that the workflow uses, and its data.
 
-Joints are numbered from 1. Angles are sensor coordinates (the measured theta of the paper, without
-offsets), continuous and never wrapped; counts are what the drive reports in 6064h.
+Joints are numbered from 1. Angles are sensor coordinates (the measured theta of the paper, without offsets),
+continuous and never wrapped; counts are the drive's 6064h.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 
 SIMULATED_NAME = "sarcal virtual "
-"""How the device name (1008h) of a node begins that moves nothing real."""
+"""Prefix of the device name (1008h) of simulated nodes."""
 
 
 class JointMode(Enum):
-    """How a joint is controlled."""
+    """Control mode of a joint."""
 
     POSITION = "position"
-    """Combined position and force loop: the joint goes where it is told (CiA 402 CSP, 6060h = 8)."""
+    """Combined position and force loop: the joint follows its target (CiA 402 CSP, 6060h = 8)."""
 
     FREE = "free"
     """Force loop at zero torque: the joint follows the closed chain (CST with 6071h = 0, 6060h = 10)."""
@@ -46,7 +46,7 @@ class DriveState(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeIdentity:
-    """Who a node says it is (1000h, 1008h, 1018h)."""
+    """Identity of a node (1000h, 1008h, 1018h)."""
 
     node: int
     role: str
@@ -59,14 +59,24 @@ class NodeIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmIdentity:
-    """The arm as found on the bus. `serial_number` is the supervisor's, e.g. ``SDA-0007``.
+    """The arm as found on the bus.
 
-    `speaks` is what its nodes are, for people. `by_hand`: a person moves it, and nothing else
-    can: no hardware stop is asked for. `Arm.move` waits until the joints are where they are wanted.
-    `keeps_parameters`: its controller holds a parameter document; where none does, nothing is uploaded.
-    `unwatching` are joints whose drives do not say that they watch the operator's heartbeat.
-    `configured` is what was written into drives to have them as the bus profile says, a sentence each; `zeroed`
-    are those of it that set a torque or an offset to 0: unlike PDOs they need not come back with a reset.
+    Attributes
+    ----------
+    serial_number
+        Of the supervisor, e.g. ``SDA-0007``.
+    speaks
+        Protocol of its nodes, for people.
+    by_hand
+        Whether only a person moves it: no hardware stop is required, and `Arm.move` waits until the joints have
+        reached their targets.
+    unwatching
+        Joints whose drives do not state that they monitor the operator's heartbeat.
+    configured, zeroed
+        What was written into drives, one sentence each, and those of it that set a torque or an offset to 0,
+        which a communication reset need not restore.
+    keeps_parameters
+        Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
 
     model: str
@@ -81,7 +91,7 @@ class ArmIdentity:
 
     @property
     def simulated(self) -> bool:
-        """Whether every node says of itself that nothing real moves; an arm without nodes says nothing."""
+        """Whether every node identifies itself as simulated; false for an arm without nodes."""
         return bool(self.nodes) and all(
             node.device_name.startswith(SIMULATED_NAME) for node in self.nodes
         )
@@ -89,9 +99,9 @@ class ArmIdentity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fault:
-    """An emergency message: which node (`joint` is None for the supervisor), which code, in words.
+    """An emergency message; `joint` is None for the supervisor.
 
-    Code 0 is of a drive that sent none, and is not enabled, or not following, though it was told to be.
+    Code 0: the drive sent none, but is not enabled, or does not follow, although commanded to.
     """
 
     node: int
@@ -103,10 +113,9 @@ class Fault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointState:
-    """One joint as latched on the last SYNC it answered.
+    """One joint as latched on the last SYNC it answered, `age_s` ago.
 
-    `age_s` is how long ago that answer came, whether or not it then waited to be looked at. `mode` is the
-    mode the drive reports (6061h), None while it is neither position nor free.
+    `mode` is the drive's 6061h; None if it is neither position nor free.
     """
 
     joint: int
@@ -121,17 +130,14 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HostLatency:
-    """How late the program itself was: nobody looked at the bus, or what had come waited.
-
-    `times` so often by more than is worth telling, the last time by `last_s`, at most by `longest_s`.
-    """
+    """Latencies of this host above the reporting limit: number, last and longest, s."""
 
     times: int = 0
     last_s: float = 0.0
     longest_s: float = 0.0
 
     def with_event(self, by_s: float, *, new: bool) -> HostLatency:
-        """With one more, or with what is the same one still."""
+        """Return this with a `new` latency, or the last one extended."""
         last_s = by_s if new else max(by_s, self.last_s)
         return HostLatency(
             times=self.times + new, last_s=last_s, longest_s=max(last_s, self.longest_s)
@@ -143,13 +149,20 @@ NO_LATENCY = HostLatency()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmSnapshot:
-    """Everything about the arm at one moment, immutable.
+    """State of the arm at one moment.
 
-    `stopped` is the latch of the software STOP, and `stopped_for` says what it was latched for where nobody
-    pressed it; `heartbeat_age_s` maps node numbers to the age of
-    their last heartbeat; `token` is the node that holds the control token, 0 if nobody. `late_s` is how
-    much of the oldest joint's age is the receiver's own lateness, not the arm's silence; `lateness` is
-    that of the whole connection.
+    Attributes
+    ----------
+    heartbeat_age_s
+        Age of each node's last heartbeat.
+    token
+        Node in control; 0 if none.
+    stopped, stopped_for
+        Whether STOP is latched, and why if no person pressed it.
+    late_s
+        Part of the oldest joint's age that is host latency.
+    lateness
+        Host latency of the whole connection.
     """
 
     sync_count: int
@@ -176,10 +189,7 @@ class ArmSnapshot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reading:
-    """A pose as captured: statistics over N SYNC samples latched at the same instants.
-
-    `mean_rad` and `sd_rad` have shape (n,); `mean_counts` likewise.
-    """
+    """A captured pose: mean and standard deviation over samples, each latched on one SYNC; shapes (n,)."""
 
     mean_counts: FloatArray
     mean_rad: FloatArray
@@ -190,7 +200,7 @@ class Reading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MoveResult:
-    """How a move ended. `reached` is false when `reason` (in words) stopped it short."""
+    """Result of a move; `reason` is set if it ended before its target."""
 
     reached: bool
     reason: str
@@ -200,7 +210,7 @@ class MoveResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UploadReceipt:
-    """What the controller holds after an upload, as read back."""
+    """Content of the controller after an upload, as read back."""
 
     slot: str
     sha256: str
@@ -209,14 +219,13 @@ class UploadReceipt:
 
 
 Watch = Callable[[ArmSnapshot], str | None]
-"""Looks at every SYNC of a move; a sentence ends the move (the arm holds), None lets it go on."""
+"""Called on every SYNC of a move; a returned sentence ends the move (the arm holds), None continues it."""
 
 
 class Arm(Protocol):
-    """An arm that can be connected, moved in its closed chain, read and given parameters.
+    """An arm that can be connected, moved, read and given parameters.
 
-    Every call raises `hardware.errors.HardwareError` subclasses only. All calls but `stop` and
-    `snapshot` come from one thread; `stop` and `snapshot` may come from any, at any time.
+    Calls raise `hardware.errors.HardwareError` only. All but `stop` and `snapshot` come from one thread.
     """
 
     def connect(self) -> ArmIdentity:
@@ -228,11 +237,11 @@ class Arm(Protocol):
         ...
 
     def take_control(self) -> None:
-        """Obtain the control token and enable all drives, holding where they are."""
+        """Take the control token and enable all drives at their present positions."""
         ...
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Ask for one mode per joint; returns when 6061h of every drive says so, else raises."""
+        """Set one mode per joint; return when 6061h of every drive confirms it, else raise."""
         ...
 
     def move(
@@ -242,15 +251,15 @@ class Arm(Protocol):
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move the position-mode joints in `targets_rad` in step, straight, to their targets."""
+        """Move joints in position mode synchronously and straight in joint space to their targets."""
         ...
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until no joint's position spreads more than `spread_rad` over `window` SYNCs."""
+        """Wait until every joint's positions lie within `spread_rad` over `window` SYNCs; false on time-out."""
         ...
 
     def capture(self, samples: int) -> Reading:
-        """Read `samples` SYNCs; all joints of a sample are latched on the same SYNC."""
+        """Average `samples` samples, each latched on one SYNC."""
         ...
 
     def hold(self) -> None:
@@ -258,42 +267,42 @@ class Arm(Protocol):
         ...
 
     def stop(self) -> None:
-        """Quick stop to all drives at once; latches. Waits for no lock and no queue."""
+        """Quick stop to all drives, latched; waits for no lock and no queue."""
         ...
 
     def reset_stop(self) -> None:
-        """Clear the latch and drive faults; never starts motion, the drives stay disabled."""
+        """Clear the latch and drive faults; starts no motion, the drives stay disabled."""
         ...
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage, read back, commit; raises `UploadRefused` with the controller's words."""
+        """Stage, read back, commit; `UploadRefused` with the controller's reason."""
         ...
 
     def active_parameters(self) -> bytes:
-        """Read the parameter document that is active on the controller; empty if there is none."""
+        """Read the controller's active parameter document; empty if there is none."""
         ...
 
     def close(self) -> bool:
-        """Leave the arm held and its drives off, give the token back, stop heartbeats. Safe to call twice.
+        """Hold the arm, switch its drives off, release control, stop heartbeats. May be called twice.
 
-        Whoever closed it may put a hand on it: no drive follows a command any more. False if the arm did not
-        answer, so that nobody knows, or if a drive follows commands still.
+        True means that the arm may be touched: no drive follows a command. False if the arm did not answer, or a
+        drive still follows commands.
         """
         ...
 
 
 @runtime_checkable
 class PowerReporting(Protocol):
-    """An arm that knows, once it is closed, which of its drives did not switch off."""
+    """An arm that reports after closing which of its drives did not switch off."""
 
     @property
     def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives said that they were powered, those that STOP holds included."""
+        """Joints whose drives reported power, those held by STOP included."""
         ...
 
 
 @runtime_checkable
 class Recordable(Protocol):
-    """An arm whose bus is recorded, from the next connection on: `record_to` is the file, None for none."""
+    """An arm that records its bus to the file `record_to` from the next connection on; None for none."""
 
     record_to: Path | None

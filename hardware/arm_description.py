@@ -1,4 +1,4 @@
-"""The arm the operator expects on the bus, in drive terms. Knows no chain, no solver and no file."""
+"""The arm that the operator expects on the bus, in terms of its drives."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hardware.scale import JointScale
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EncoderDescription:
-    """Incremental encoder with `counts_per_rev` counts a turn."""
+    """Incremental encoder with `counts_per_rev` counts per turn."""
 
     counts_per_rev: int
 
@@ -34,24 +34,22 @@ class RvdtDescription:
 
     @property
     def full_scale_microdegrees(self) -> int:
-        """Full scale as 2100h sub 2 holds it."""
+        """Full scale in 2100h sub 2."""
         return round(math.degrees(self.full_scale_rad) * 1e6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointDescription:
-    """One joint as its drive should describe itself.
+    """One joint.
 
     Attributes
     ----------
-    name
-        What the operator calls it.
     lower_rad, upper_rad
         Range in sensor coordinates.
     max_speed_rad_per_s, max_torque_nm
-        Limits for commands and for tripping.
+        Limits of commands, and trip levels.
     sensor
-        What 608Fh and 2100h of its drive should say.
+        Sensor, as expected in 608Fh and 2100h.
     """
 
     name: str
@@ -63,13 +61,13 @@ class JointDescription:
 
     @property
     def scale(self) -> JointScale:
-        """Drive counts against radians."""
+        """Scale of the joint's sensor."""
         return JointScale(counts_per_rad=self.sensor.counts_per_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmDescription:
-    """The arm as a whole; `model` as in 2020h sub 1 of the supervisor, joints in order 1..n."""
+    """The arm: `model` as in 2020h sub 1 of the supervisor, joints in order 1..n."""
 
     model: str
     joints: tuple[JointDescription, ...]

@@ -1,12 +1,11 @@
-"""Arms that other installed packages offer: entry points of group ``sarcal.arm``, found by name. Opens none.
+"""Arms of other installed packages: entry points of group ``sarcal.arm``.
 
-A package that has::
+With an `ArmOffer` as OFFER and::
 
     [project.entry-points."sarcal.arm"]
     my_arm = "my_package:OFFER"
 
-with an `ArmOffer` of that name makes ``-i my_arm -c CHANNEL`` an arm like any other. A name that python-can
-has for an interface of its own goes on meaning that bus.
+a package makes ``-i my_arm -c CHANNEL`` an arm like any other. Interface names of python-can keep their meaning.
 """
 
 from __future__ import annotations
@@ -27,18 +26,18 @@ GROUP = "sarcal.arm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOrder:
-    """Which arm is wanted; what a maker does not need it leaves alone.
+    """The arm requested.
 
     Attributes
     ----------
     description
-        The arm of the arm file: joints in order, with names, ranges (rad), speeds (rad/s) and sensors.
+        Joints of the arm file in order, with names, ranges (rad), speeds (rad/s) and sensors.
     channel
-        What the operator named with ``-c``; empty where nothing was named. Means what the maker says.
+        ``-c``, in the package's own meaning; empty if not given.
     bitrate
-        ``-b``, None where it was not given.
+        ``-b``; None if not given.
     record_to
-        Where ``--record`` wants what is said on the wire; None for nowhere.
+        File of ``--record``; None if not given.
     """
 
     description: ArmDescription
@@ -49,19 +48,18 @@ class ArmOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOffer:
-    """What an entry point of group ``sarcal.arm`` names.
+    """Object that an entry point of group ``sarcal.arm`` names.
 
     Attributes
     ----------
     make
-        Makes the arm, unconnected; `Arm.connect` does the rest.
+        Makes the arm, not yet connected.
     says
-        What it is, in a line, for people.
+        One-line description for people.
     keeps_parameters
-        Whether there is a controller that takes and keeps a parameter document. Without one a session
-        writes its files and uploads nothing.
+        Whether a controller stores a parameter document; if not, nothing is uploaded.
     records
-        Whether `ArmOrder.record_to` is heeded.
+        Whether `ArmOrder.record_to` is used.
     """
 
     make: Callable[[ArmOrder], Arm]
@@ -71,18 +69,12 @@ class ArmOffer:
 
 
 def offered_names() -> tuple[str, ...]:
-    """Names of the arms that installed packages offer."""
+    """Names of the arms of installed packages."""
     return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
 
 
 def offer(name: str) -> ArmOffer | None:
-    """Return what installed packages offer by this name; None where nobody does.
-
-    Raises
-    ------
-    BusError
-        Two packages offer it, or it cannot be loaded.
-    """
+    """The offer of this name; None if there is none. `BusError` if two packages offer it, or it cannot be loaded."""
     if name in can.VALID_INTERFACES:
         return None
     points = {(_package(p), p.value): p for p in entry_points(group=GROUP, name=name)}
@@ -100,7 +92,7 @@ def offer(name: str) -> ArmOffer | None:
 def _loaded(point: EntryPoint) -> ArmOffer:
     try:
         found = point.load()
-    except Exception as error:  # whatever a package does when it is imported
+    except Exception as error:  # a package may raise anything on import
         raise BusError(
             f"The arm {point.name} of the package {_package(point)} cannot be loaded ({point.value}): "
             f"{type(error).__name__}: {error}. Install what that package needs, or tell its author."

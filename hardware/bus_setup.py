@@ -1,4 +1,4 @@
-"""Which arm is expected on which bus, and how it is talked to there. Opens nothing."""
+"""The arm expected on a bus, and the settings of its connection."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hardware.timing import Pace, Timing
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOpeners:
-    """How the two handles on a bus are opened."""
+    """Functions that open the two handles on a bus."""
 
     main: Callable[[BusSettings], can.BusABC] = open_bus
     stop: Callable[[BusSettings], can.BusABC] = open_sender
@@ -23,19 +23,7 @@ class BusOpeners:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOnBus:
-    """The arm that is expected on a bus, and how it is talked to there.
-
-    Attributes
-    ----------
-    description
-        The arm expected.
-    settings, openers
-        The bus, and how to open it.
-    profile
-        How its nodes are set up.
-    pace, timing
-        When SYNCs go out; periods and time-outs of the control loop.
-    """
+    """The arm expected, its bus and how to open it, its nodes' set-up, SYNC pace and time-outs."""
 
     description: ArmDescription
     settings: BusSettings

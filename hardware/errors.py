@@ -1,4 +1,4 @@
-"""Errors of the arm and the bus, with the facts to act on. Knows no screen; the session words them."""
+"""Errors of the arm and the bus, with their facts as attributes."""
 
 from __future__ import annotations
 
@@ -8,18 +8,19 @@ from enum import Enum
 
 
 class HardwareError(Exception):
-    """Base of everything that can go wrong between the operator and the arm.
+    """Base of all errors between the operator and the arm.
 
-    `stays` is what was written into drives before, and is not undone: a sentence each.
+    `kept_writes` describes what was written into drives before and not undone.
     """
 
-    stays: tuple[str, ...] = ()
+    kept_writes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         text = super().__str__()
-        if not self.stays:
+        if not self.kept_writes:
             return text
-        return f"{text.removesuffix('.')}. Written before, and not undone: {'; '.join(self.stays)}."
+        kept = "; ".join(self.kept_writes)
+        return f"{text.removesuffix('.')}. Written before, and not undone: {kept}."
 
 
 class BusError(HardwareError):
@@ -27,11 +28,11 @@ class BusError(HardwareError):
 
 
 class BusSettingsError(BusError):
-    """No such bus can be meant: what names it is wrong, and nothing was opened."""
+    """The settings of a bus are wrong; nothing was opened."""
 
 
 class FramesLost(BusError):
-    """Nodes that are there do not answer in time: `requests` says of each how often, and of how many requests."""
+    """Present nodes do not answer in time; `requests` maps each to its unanswered and all requests."""
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
@@ -39,25 +40,25 @@ class FramesLost(BusError):
             f"{left} of {asked} to node {node}" for node, (left, asked) in self.requests.items()
         )
         super().__init__(
-            f"The bus loses frames, or keeps them back: of the requests {counted} were not answered in time. Check "
+            f"The bus loses frames or delays them: of the requests {counted} were not answered in time. Check "
             "cables, connectors, terminators, bitrate and any gateway."
         )
 
 
 class HostLatencyExceeded(BusError):
-    """The operator's computer was too busy to listen: `times` so often in control, by `longest_s` at most."""
+    """The operator's computer was late `times` times since it took control, by at most `longest_s`."""
 
     def __init__(self, times: int, longest_s: float) -> None:
         self.times, self.longest_s = times, longest_s
         often = "once" if times == 1 else f"{times} times"
         super().__init__(
-            f"this computer was too busy to listen to the arm: late {often} since it took control, by {longest_s:.1f} "
-            "s at most. Answers were missed, or control lapsed, each time that it was tried"
+            f"this computer was too busy to serve the arm: late {often} since it took control, by at most "
+            f"{longest_s:.1f} s. Answers were missed, or control lapsed, at every attempt"
         )
 
 
 class NodeMissing(HardwareError):
-    """Nodes that should answer do not."""
+    """Nodes of the arm do not answer."""
 
     def __init__(self, nodes: tuple[int, ...]) -> None:
         self.nodes = nodes
@@ -73,7 +74,7 @@ class WrongArm(HardwareError):
 
 
 class ProfileRemedy(Enum):
-    """How a bus profile can say that a drive has an object otherwise."""
+    """How a bus profile can allow for an object that differs."""
 
     DESCRIBE_PDO = "describe it"
     HEARTBEAT_PERIOD = "heartbeat: slowest_ms"
@@ -83,7 +84,7 @@ class ProfileRemedy(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectMismatch:
-    """An object of a node (all of it, or a sub-index) that is not as it has to be."""
+    """An object of a node, or one sub-index, that differs from what is required."""
 
     node: int
     index: int
@@ -94,7 +95,7 @@ class ObjectMismatch:
 
     @property
     def object(self) -> str:
-        """As messages name it."""
+        """Index as in messages: ``1A00h``."""
         return f"{self.index:04X}h"
 
     def __str__(self) -> str:
@@ -103,7 +104,7 @@ class ObjectMismatch:
 
 
 class MappingMismatch(HardwareError):
-    """Nodes that are set up otherwise: `differences` say node, object, expected and found, or who does not answer."""
+    """Nodes differ from the profile; `differences` are sentences, with the nodes that do not answer."""
 
     def __init__(self, found: Sequence[ObjectMismatch], silent: Sequence[str] = ()) -> None:
         self.found = tuple(found)
@@ -116,24 +117,24 @@ class MappingMismatch(HardwareError):
 
 
 class MappingChanged(HardwareError):
-    """Nodes that were set up otherwise while they were connected; `differs` is what is found of them now."""
+    """Nodes were set up differently while connected; `differs` are the differences now."""
 
     def __init__(self, differs: MappingMismatch) -> None:
         self.differs = differs
         super().__init__(
-            "Since they were connected, these nodes were set up otherwise, and what they say to a SYNC is no longer "
-            f"where their joint is: {'; '.join(differs.differences)}. Find who did that, a maker's tool or another "
-            "program, and set them up as before, then connect again"
+            "After the connection these nodes were set up otherwise, and their answers to SYNC no longer carry the "
+            f"joint's position: {'; '.join(differs.differences)}. Find the maker's tool or program that did it, "
+            "restore the set-up, then connect again"
         )
 
 
 def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
-    """What to do about these, by how a bus profile can say it."""
+    """Remedies for these differences, grouped by what a bus profile can allow."""
     for kind, otherwise in (
-        (ProfileRemedy.NONE, ": no bus profile can say that"),
+        (ProfileRemedy.NONE, ": no bus profile can allow for that"),
         (
             ProfileRemedy.HEARTBEAT_PERIOD,
-            ", or say in a bus profile how slow it is (heartbeat: slowest_ms)",
+            ", or allow that period in a bus profile (heartbeat: slowest_ms)",
         ),
         (
             ProfileRemedy.SEND_ZERO,
@@ -154,12 +155,12 @@ def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
 
 
 class PdoSetupFailed(HardwareError):
-    """Drives that lack or refuse the PDOs which the bus profile has written: `refusals` name node and object."""
+    """Drives lack or refuse the PDOs of the bus profile; `refusals` name node and object."""
 
     _FAILED = "The bus profile has the drives' PDOs set up (pdo_maps: configured), and that failed"
     _REMEDY = (
-        "Such maps may be fixed: describe what the drive has (`sarcal probe --draft FILE` writes it down) with "
-        "pdo_maps: compared, or set the drive up with its maker's tool, then connect again."
+        "The drive's maps may be fixed: describe them in a profile with pdo_maps: compared (`sarcal probe --draft "
+        "FILE` writes one), or set the drive up with its maker's tool, then connect again."
     )
 
     def __init__(self, refusals: Sequence[str]) -> None:
@@ -171,15 +172,15 @@ class PdoSetupFailed(HardwareError):
 
 
 class ZeroingFailed(PdoSetupFailed):
-    """Drives that keep a torque or an offset, which the bus profile has set to 0: `refusals` name node and object."""
+    """Drives refuse to set a torque or an offset to 0; `refusals` name node and object."""
 
     _FAILED = (
-        "The bus profile has what these drives would add to a command set to 0 (pdo_maps: configured), and that "
-        "failed"
+        "These drives would add a torque or an offset to commands; the bus profile has it set to 0 (pdo_maps: "
+        "configured), and that failed"
     )
     _REMEDY = (
-        "Set it to 0 with the drive's maker's tool, or have a PDO of the profile's commands carry that object, "
-        "which then is sent as 0; then connect again."
+        "Set it to 0 with the maker's tool, or map that object in an RPDO of the profile, which sends it as 0; then "
+        "connect again."
     )
 
 
@@ -192,10 +193,7 @@ class SdoRefused(HardwareError):
 
 
 class ControlDenied(HardwareError):
-    """Control of the arm is not ours: somebody else has it, or (holder 0) it was not given.
-
-    `why` are the supervisor's words, where there are any.
-    """
+    """Another node (`holder`) is in control, or (0) control was not granted; `why` is the supervisor's reason."""
 
     def __init__(self, holder: int, why: str = "") -> None:
         self.holder = holder
@@ -204,22 +202,22 @@ class ControlDenied(HardwareError):
                 f"node {holder} is in control of this arm; `sarcal monitor` shows what that program sends"
             )
         else:
-            because = why or "the supervisor does not say why"
+            because = why or "the supervisor gives no reason"
             super().__init__(f"control of this arm was not given: {because}")
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the mode it was asked for, or (`not_following`) not that it follows its target in it."""
+    """A drive did not report the requested mode, or (`not_following`) that it follows its target in it."""
 
     def __init__(
         self, joint: int, wanted: str, actual: str, *, not_following: bool = False
     ) -> None:
         self.joint, self.wanted, self.actual = joint, wanted, actual
         remedy = (
-            "have the drive set that bit, with its maker's tool: without it nobody sees whether the joint goes where "
-            "it is told"
+            "have the drive set that bit, with its maker's tool: without it a joint that does not follow its target "
+            "is not detected"
             if not_following
-            else "`sarcal arm-check --through look` shows which modes its drive has"
+            else "`sarcal arm-check --through look` lists the drive's modes"
         )
         super().__init__(
             f"joint {joint} was asked for {wanted} mode and reports {actual}; {remedy}"
@@ -235,39 +233,33 @@ class DriveFault(HardwareError):
 
 
 class DriveDropout(DriveFault):
-    """A drive that was enabled is not any more, nor by a command from here, and no emergency says why.
-
-    `state` are the words of its state. One that is `not_following` is enabled still, and does not follow its target.
-    """
+    """A drive left *operation enabled*, or stopped following its target, without a command or an emergency."""
 
     def __init__(self, joint: int, state: str, *, not_following: bool = False) -> None:
         self.joint, self.code, self.state, self.not_following = joint, 0, state, not_following
-        told = (
-            f"joint {joint}: its drive is enabled and says no more that it follows its target (6041h, bit 12)"
+        text = (
+            f"joint {joint}: its drive is enabled, but no longer follows its target (6041h, bit 12)"
             if not_following
-            else f"joint {joint}: the drive is in {state}; it was enabled, and was not told to be otherwise from "
-            "here. It is not switched on again by itself"
+            else f"joint {joint}: the drive is in {state}; it was enabled, and this program did not disable it. It is "
+            "not enabled again automatically"
         )
-        HardwareError.__init__(self, told)
+        HardwareError.__init__(self, text)
 
 
 class NodeRestarted(BusError):
-    """A node has booted by itself: what it counted since may have begun anew."""
+    """A node has restarted: its position counter may have been reset."""
 
     def __init__(self, nodes: tuple[int, ...], names: Sequence[str]) -> None:
         self.nodes = nodes
         named = " and ".join(names)
         super().__init__(
-            f"{named} has restarted, as after a loss of power: its counter may have begun anew. Nothing "
+            f"{named} has restarted, as after a loss of power: its counter may have been reset. Nothing "
             "was captured since. Connect again: the arm is compared with its poses first"
         )
 
 
 class SensorFault(HardwareError):
-    """A joint's reading cannot be true: it jumped, or it stands still while the joint moves.
-
-    `since_sync` is since when, where that is known; of one that is `stuck` only that it has read alike since.
-    """
+    """A joint's reading is wrong since `since_sync` (if known): it jumped, or (`stuck`) does not change."""
 
     def __init__(
         self, joint: int, text: str, since_sync: int | None = None, *, stuck: bool = False
@@ -277,21 +269,18 @@ class SensorFault(HardwareError):
 
 
 class DriveDiverged(SensorFault):
-    """A joint is not where it was told to be, and its drive does not say so: the arm has been stopped.
-
-    One that was `stopped` before, by whomever, has gone on.
-    """
+    """Uncommanded motion: a joint left its target, or (`stopped`) moved after a stop; its drive reports no fault."""
 
     def __init__(self, joint: int, counts: int, since_sync: int, *, stopped: bool = False) -> None:
         self.counts, self.stopped = counts, stopped
-        told = (
-            f"has moved by {counts:+d} counts after it was stopped, and its drive does not say so: that drive "
+        text = (
+            f"has moved by {counts:+d} counts after it was stopped, and its drive reports no fault: that drive "
             "has been switched off"
             if stopped
-            else f"is {counts:+d} counts from where it was told to be, and its drive does not say so: the arm has "
-            "been stopped, and that drive switched off"
+            else f"is {counts:+d} counts from its target, and its drive reports no fault: the arm has been stopped, "
+            "and that drive switched off"
         )
-        super().__init__(joint, told, since_sync)
+        super().__init__(joint, text, since_sync)
 
 
 class DuplicateNodeId(HardwareError):
@@ -307,18 +296,18 @@ class DuplicateNodeId(HardwareError):
 
 
 class OtherMaster(HardwareError):
-    """Somebody else on the bus commands this arm."""
+    """Another program on the bus commands this arm."""
 
 
 class ArmInUse(OtherMaster):
-    """The arm's drives are enabled, and not by this program; nobody was heard for `listened_s`."""
+    """The arm's drives are enabled by another program, which was not heard for `listened_s`."""
 
     def __init__(self, enabled: Sequence[str], listened_s: float) -> None:
         self.enabled, self.listened_s = tuple(enabled), listened_s
         super().__init__(
-            f"This arm is enabled, and not by this program: {', '.join(enabled)}. Nobody was heard for "
-            f"{listened_s:.1f} s, but the drives have not let go. Nothing was reset. End the program that enabled "
-            "them (`sarcal monitor` shows what is sent), or, keeping clear, have `sarcal reset` switch them off"
+            f"This arm is enabled, and not by this program: {', '.join(enabled)}. No operator was heard for "
+            f"{listened_s:.1f} s, but the drives stay enabled. Nothing was reset. End the program that enabled "
+            "them (`sarcal monitor` shows what is sent), or, keeping clear, switch them off with `sarcal reset`"
         )
 
 
@@ -327,11 +316,11 @@ class Stopped(HardwareError):
 
 
 class StopLatched(Stopped):
-    """STOP is latched by this program itself, which has said why: it was pressed, or nothing was heard."""
+    """STOP is latched by this program itself, whose cause was reported: it was pressed, or the arm was silent."""
 
 
 class CommandRefused(HardwareError):
-    """The limits module would not let a command out."""
+    """A command is outside the limits; it was not sent."""
 
 
 class UploadRefused(HardwareError):
@@ -339,8 +328,8 @@ class UploadRefused(HardwareError):
 
 
 class UploadUnknown(HardwareError):
-    """The supervisor was told to make a parameter document the active one, and nobody knows whether it has."""
+    """A parameter document was sent for activation, and the outcome is unknown."""
 
 
 class InstrumentError(HardwareError):
-    """The instrument that measures the endpoint is silent, gone, or says what cannot be used."""
+    """The instrument that measures the endpoint is silent, disconnected, or sends unusable data."""

@@ -1,7 +1,6 @@
-"""May this be sent? The limits of commands as pure functions, one answer for both ends of the bus.
+"""Limits of commands as pure functions, used before sending and by every virtual drive on receipt.
 
-The operator's arm asks before a command leaves, every drive asks again when it arrives. Knows no bus,
-no clock and no arm model. All positions are counts in sensor coordinates.
+All positions are counts in sensor coordinates.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from hardware.scale import JointScale
 
 
 class Reason(Enum):
-    """Why a command may not be sent."""
+    """Reason of a refusal."""
 
     NOT_FINITE = "not a finite number"
     STOPPED = "STOP is latched"
@@ -29,7 +28,7 @@ class Reason(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refusal:
-    """A command that may not be sent: which joint, why, in words."""
+    """A refused command."""
 
     joint: int
     reason: Reason
@@ -42,14 +41,12 @@ class JointLimits:
 
     Attributes
     ----------
-    joint
-        1-based number.
     lower_counts, upper_counts
         Range, both ends allowed (607Dh).
     max_speed_rad_per_s
-        Fastest move.
+        Largest speed of a move.
     max_step_counts
-        Largest change of the target from one control period to the next.
+        Largest change of the target in one control period.
     """
 
     joint: int
@@ -78,14 +75,13 @@ def joint_limits(
 ) -> JointLimits:
     """Limits of a joint given in radians; the range is rounded inwards.
 
-    A target moving at exactly the largest speed passes: both of its ends are rounded to counts, so a
-    step may be up to one count longer than the speed says.
+    The largest step has one count for rounding, so that a move at exactly the largest speed passes.
     """
     step = max_speed_rad_per_s * period_s * scale.density
     lower, upper = sorted((scale.counts_of(lower_rad), scale.counts_of(upper_rad)))
     return JointLimits(
         joint=joint,
-        # 1e-6 of a count: a bound that is a whole count stays one in spite of its rounding error.
+        # 1e-6 of a count: tolerance for the rounding error of a bound at a whole count.
         lower_counts=math.ceil(lower - 1e-6),
         upper_counts=math.floor(upper + 1e-6),
         max_speed_rad_per_s=max_speed_rad_per_s,
@@ -95,10 +91,7 @@ def joint_limits(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """What a command's admission depends on beside its numbers.
-
-    `mode` is the drive's actual mode (6061h), not the one asked for.
-    """
+    """State that a command is checked against; `mode` is the drive's actual mode (6061h)."""
 
     stopped: bool
     in_control: bool
@@ -107,12 +100,12 @@ class Situation:
 
 
 def refuse_command(limits: JointLimits, situation: Situation) -> Refusal | None:
-    """Why this joint may not be given any target now, or None."""
+    """Refusal of any target for this joint in this situation; None if allowed."""
     joint = limits.joint
     if situation.stopped:
         return _refusal(joint, Reason.STOPPED, "STOP is latched")
     if not situation.in_control:
-        return _refusal(joint, Reason.NOT_IN_CONTROL, "nobody who sends this is in control")
+        return _refusal(joint, Reason.NOT_IN_CONTROL, "the sender is not in control")
     if situation.drive is not DriveState.OPERATION_ENABLED:
         return _refusal(joint, Reason.NOT_ENABLED, f"the drive is in {situation.drive.value}")
     if situation.mode is not JointMode.POSITION:
@@ -124,10 +117,9 @@ def refuse_command(limits: JointLimits, situation: Situation) -> Refusal | None:
 def refuse_target(
     limits: JointLimits, target_counts: float, previous_counts: float
 ) -> Refusal | None:
-    """Why a target may not follow the previous one in the next control period, or None.
+    """Refusal of a target after the previous one, one control period later; None if allowed.
 
-    Outside its range a joint may only be brought nearer to it, so that one that was pushed out can
-    come back.
+    Outside its range a joint may only move towards it.
     """
     joint = limits.joint
     if not (math.isfinite(target_counts) and math.isfinite(previous_counts)):
@@ -148,7 +140,7 @@ def refuse_target(
 def refuse_move(
     limits: JointLimits, target_counts: float, speed_rad_per_s: float
 ) -> Refusal | None:
-    """Why a whole move may not go to a target at a speed, or None. The target must be in range."""
+    """Refusal of a whole move to a target at a speed; None if allowed. The target must be in range."""
     joint = limits.joint
     if not math.isfinite(target_counts):
         return _refusal(joint, Reason.NOT_FINITE, "the target is not a finite number")
@@ -167,7 +159,7 @@ def refuse_move(
 
 
 def _outside(limits: JointLimits, counts: float) -> float:
-    """How far a position is outside the range; 0 inside."""
+    """Distance of a position from the range; 0 inside."""
     return max(limits.lower_counts - counts, counts - limits.upper_counts, 0.0)
 
 

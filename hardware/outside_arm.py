@@ -1,8 +1,7 @@
-"""An arm of another package behind this program's own limits, STOP latch and words. Knows no bus.
+"""Wraps an arm of another package with this program's limits, STOP latch and error messages.
 
-Who writes an arm need not do these again: a command that the limits refuse does not reach it, nothing
-moves while STOP is latched, a STOP that comes while a command is under way is sent after it once more, and
-whatever it raises, or reads that is no number, becomes words that name its package.
+Commands that the limits refuse do not reach it, nothing moves while STOP is latched, a STOP pressed during a
+command is sent again after it, and exceptions and invalid readings become errors that name the package.
 """
 
 from __future__ import annotations
@@ -36,32 +35,28 @@ from hardware.errors import (
     StopLatched,
     Stopped,
 )
-from hardware.limits import JointLimits, Situation, joint_limits, refuse_command, refuse_move
+from hardware.limits import JointLimits, joint_limits
+from hardware.monitors.admission import require_move
 
 PERIOD_S = 0.01
-"""Of no weight here: whole moves are judged, not single steps."""
+"""Unused by the checks of whole moves."""
 
 
 class OutsideArm:
-    """An `Arm` around that of `make`, which is called at `connect`.
+    """An `Arm` around the one of `make`, which is called at `connect`.
 
     Parameters
     ----------
     make
-        Makes the arm, unconnected.
+        Makes the arm, not yet connected.
     description
         The arm file's joints, whose ranges and speeds are the limits.
     name
-        What it is called in errors.
+        Name of the arm in errors.
     keeps_parameters
-        Whether it takes a parameter document, as its offer says.
+        Whether it stores a parameter document, by its offer.
     record_to
-        Where `make` is to have it recorded; None for nowhere.
-
-    Attributes
-    ----------
-    record_to
-        As above: of the next connection.
+        File to record the next connection to; None for none.
     """
 
     def __init__(
@@ -94,69 +89,60 @@ class OutsideArm:
         )
 
     def connect(self) -> ArmIdentity:
-        """Make the arm and connect it; what it says of itself has to fit the arm file.
-
-        Raises
-        ------
-        HardwareError
-            The arm is closed again.
-        """
+        """Make the arm, connect it and compare its joints with the arm file; an error closes it again."""
         if self._arm is not None:
             raise ValueError("this arm is connected already")
-        with self._in_words():
+        with self._translated_errors():
             arm = self._make()
         try:
-            with self._in_words():
+            with self._translated_errors():
                 identity = arm.connect()
-                self._look(arm)
+                self._checked_snapshot(arm)
         except BaseException:
-            with self._in_words():
+            with self._translated_errors():
                 arm.close()
             raise
         self._arm = arm
         return replace(identity, keeps_parameters=self._keeps_parameters)
 
     def close(self) -> bool:
-        """Leave the arm held, its drives off; False if it did not answer.
-
-        Safe to call twice, from any thread; a second one waits until the arm is closed.
-        """
+        """Hold the arm, drives off; false if it did not answer. May be called twice and from any thread."""
         with self._close_lock:
             arm = self._arm
-            if arm is None or self._closing:  # closing: called again by the thread that closes
+            if arm is None or self._closing:  # closing: re-entered by the closing thread
                 return self._left_held
             self._closing, self._left_held = True, False
             try:
-                with self._in_words():
+                with self._translated_errors():
                     self._left_held = arm.close()
             except HardwareError:
                 pass
             finally:
-                # Not before: STOP has to reach the arm to the last moment.
+                # Last: STOP needs the arm until now.
                 self._arm, self._in_control, self._closing = None, False, False
             return self._left_held
 
     def snapshot(self) -> ArmSnapshot:
-        """Return the latest state, with this program's own STOP latch in it."""
-        found = self._look(self._there)
+        """Return the latest state, with this program's STOP latch."""
+        found = self._checked_snapshot(self._connected)
         return replace(found, stopped=True) if self._latch.latched else found
 
     def take_control(self) -> None:
-        """Enable the drives, holding."""
+        """Enable the drives."""
         self._require_no_stop()
-        with self._stopped_after_all(), self._in_words():
-            self._there.take_control()
+        with self._repeated_stop(), self._translated_errors():
+            self._connected.take_control()
         self._in_control = True
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Ask for one mode per joint, and look whether the arm says so."""
+        """Set one mode per joint and check that the arm reports them."""
         if len(modes) != len(self._limits):
             raise ValueError(f"{len(self._limits)} joints need as many modes, not {len(modes)}")
         self._require_no_stop()
         self._require_control()
-        with self._stopped_after_all(), self._in_words():
-            self._there.set_modes(modes)
-        joints = self._look(self._there).joints
+        with self._repeated_stop(), self._translated_errors():
+            self._connected.set_modes(modes)
+        joints = self._checked_snapshot(self._connected).joints
         for joint, wanted in zip(joints, modes, strict=True):
             if joint.mode is not wanted:
                 found = "no mode" if joint.mode is None else joint.mode.value
@@ -169,32 +155,26 @@ class OutsideArm:
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move; refused before it reaches the arm if a limit is against it.
-
-        Raises
-        ------
-        CommandRefused, Stopped
-        """
+        """Move; `CommandRefused` before the arm gets it if a limit forbids it."""
         self._require_no_stop()
-        joints = self._look(self._there).joints
+        joints = self._checked_snapshot(self._connected).joints
         for number, target in targets_rad.items():
             if not 1 <= number <= len(self._limits):
                 raise ValueError(f"there is no joint {number}")
-            limits, state = self._limits[number - 1], joints[number - 1]
-            scale = self._description.joints[number - 1].scale
-            situation = Situation(
-                stopped=False, in_control=self._in_control, drive=state.drive, mode=state.mode
+            state = joints[number - 1]
+            require_move(
+                self._limits[number - 1],
+                drive=state.drive,
+                mode=state.mode,
+                in_control=self._in_control,
+                target_counts=self._description.joints[number - 1].scale.counts_of(target),
+                speed_rad_per_s=speed_rad_per_s,
             )
-            refusal = refuse_command(limits, situation) or refuse_move(
-                limits, scale.counts_of(target), speed_rad_per_s
-            )
-            if refusal is not None:
-                raise CommandRefused(refusal.text)
         own: list[BaseException] = []
 
         def watching(snapshot: ArmSnapshot) -> str | None:
             if self._latch.latched:
-                self._there.stop()  # the move may have begun after it
+                self._connected.stop()  # the move may have begun after the first one
                 return "STOP"
             try:
                 return None if watch is None else watch(snapshot)
@@ -202,70 +182,72 @@ class OutsideArm:
                 own.append(error)
                 raise
 
-        with self._stopped_after_all(), self._in_words(own):
-            return self._there.move(targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watching)
+        with self._repeated_stop(), self._translated_errors(own):
+            return self._connected.move(
+                targets_rad, speed_rad_per_s=speed_rad_per_s, watch=watching
+            )
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until no joint's position spreads more than `spread_rad` over `window` samples."""
+        """Wait until every joint's positions lie within `spread_rad` over `window` samples."""
         if len(spread_rad) != len(self._limits) or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
-        with self._in_words():
-            return self._there.settle(
+        with self._translated_errors():
+            return self._connected.settle(
                 window=window, spread_rad=spread_rad, timeout_syncs=timeout_syncs
             )
 
     def capture(self, samples: int) -> Reading:
-        """Read `samples` samples."""
+        """Average `samples` samples."""
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
-        with self._in_words():
-            reading = self._there.capture(samples)
+        with self._translated_errors():
+            reading = self._connected.capture(samples)
             for what in ("mean_counts", "mean_rad", "sd_rad"):
                 self._require_numbers(what, getattr(reading, what))
         return reading
 
     def hold(self) -> None:
-        """All joints to position mode where they are."""
+        """All joints to position mode at their positions."""
         self._require_no_stop()
-        with self._stopped_after_all(), self._in_words():
-            self._there.hold()
+        with self._repeated_stop(), self._translated_errors():
+            self._connected.hold()
 
     def stop(self) -> None:
         """Latch, and stop the arm. From any thread."""
         self._latch.press()
-        with self._in_words():
-            self._there.stop()
+        with self._translated_errors():
+            self._connected.stop()
 
     def reset_stop(self) -> None:
-        """Clear what the arm latched, then the latch; the drives stay disabled until `take_control`."""
+        """Reset the arm's stop, then the latch; the drives stay disabled until `take_control`."""
         press = self._latch.last_press
         self._in_control = False
-        with self._in_words():
-            self._there.reset_stop()
+        with self._translated_errors():
+            self._connected.reset_stop()
         if not self._latch.release(press):
             raise Stopped("STOP was pressed again meanwhile: it stays latched")
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Upload to a controller that keeps parameters."""
         self._require_control()
-        with self._in_words():
-            return self._there.upload_parameters(document)
+        with self._translated_errors():
+            return self._connected.upload_parameters(document)
 
     def active_parameters(self) -> bytes:
-        """Read what the controller keeps; empty if nothing."""
-        with self._in_words():
-            return self._there.active_parameters()
+        """Read the controller's document; empty if there is none."""
+        with self._translated_errors():
+            return self._connected.active_parameters()
 
     @property
-    def _there(self) -> Arm:
+    def _connected(self) -> Arm:
         if self._arm is None:
             raise BusError("The arm is not connected.")
         return self._arm
 
-    def _look(self, arm: Arm) -> ArmSnapshot:
-        """Return the snapshot of `arm`, looked over: every joint of the arm file, where it is a number."""
+    def _checked_snapshot(self, arm: Arm) -> ArmSnapshot:
+        """Return the snapshot of `arm` after checking that every joint has a finite position."""
         n = len(self._description.joints)
-        with self._in_words():
+        with self._translated_errors():
             found = arm.snapshot()
             if [joint.joint for joint in found.joints] != list(range(1, n + 1)):
                 raise BusError(
@@ -276,7 +258,7 @@ class OutsideArm:
         return found
 
     def _require_numbers(self, what: str, values: Sequence[float] | FloatArray) -> None:
-        """Refuse what is not one finite number for each joint."""
+        """Raise `BusError` unless there is one finite number for each joint."""
         n, found = len(self._description.joints), np.asarray(values, dtype=float)
         if found.shape != (n,):
             raise BusError(
@@ -286,25 +268,19 @@ class OutsideArm:
         for number, value in enumerate(found, 1):
             if not np.isfinite(value):
                 raise BusError(
-                    f"{self._name}: {what} of joint {number} is {value}. Look at its sensor, or tell the arm's "
+                    f"{self._name}: {what} of joint {number} is {value}. Check its sensor, or tell the arm's "
                     "author; nothing was captured"
                 )
 
     @contextmanager
-    def _stopped_after_all(self) -> Iterator[None]:
-        """Send STOP once more after a command that it was pressed during: the command may have undone it.
-
-        Raises
-        ------
-        Stopped
-            Whatever else came of the command.
-        """
+    def _repeated_stop(self) -> Iterator[None]:
+        """After a command during which STOP was pressed, send STOP again and raise: the command may have undone it."""
         try:
             yield
         finally:
             if self._latch.latched:
-                with self._in_words():
-                    self._there.stop()
+                with self._translated_errors():
+                    self._connected.stop()
                 raise StopLatched("STOP came meanwhile: reset it before anything moves again")
 
     def _require_no_stop(self) -> None:
@@ -316,16 +292,15 @@ class OutsideArm:
             raise CommandRefused("the drives are not under control: take control first")
 
     @contextmanager
-    def _in_words(self, ours: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Let hardware errors and our own pass; put anything else that the arm raises into words."""
+    def _translated_errors(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
+        """Pass `HardwareError` and the errors in `own`; raise others of the arm as `BusError`."""
         try:
             yield
         except HardwareError:
             raise
-        except Exception as error:  # an arm of somebody else's may break in any way
-            if error in ours:
+        except Exception as error:
+            if error in own:
                 raise
             raise BusError(
-                f"{self._name} broke: {type(error).__name__}: {error}. Tell its author; nothing was captured "
-                "since"
+                f"{self._name} failed: {type(error).__name__}: {error}. Tell its author; nothing was captured since"
             ) from error

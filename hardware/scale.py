@@ -1,4 +1,4 @@
-"""Counts of a joint's sensor against radians in sensor coordinates. Knows no sensor kind and no bus."""
+"""Conversion between a joint's counts and radians in sensor coordinates."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointScale:
-    """One joint's scale.
+    """Scale of one joint.
 
     Attributes
     ----------
     counts_per_rad
-        Encoder: counts per revolution / 2 pi. RVDT: 1 / one bit in rad. Negative where the drive counts
-        against the joint's sense.
+        Encoder: counts per revolution / 2 pi; RVDT: 1 / one bit in rad. Negative if the drive counts backwards.
     zero_counts
-        The count at sensor coordinate 0.
+        Count at sensor coordinate 0.
     """
 
     counts_per_rad: float
@@ -28,15 +27,15 @@ class JointScale:
 
     @property
     def density(self) -> float:
-        """Counts in one radian, whichever way they go."""
+        """Counts per radian, positive."""
         return abs(self.counts_per_rad)
 
     def counts_of(self, angle_rad: float) -> float:
-        """Count of an angle, with its fraction."""
+        """Count of an angle, with fraction."""
         return angle_rad * self.counts_per_rad + self.zero_counts
 
     def to_counts(self, angle_rad: float) -> int:
-        """Nearest count; ValueError or OverflowError for what is not finite."""
+        """Nearest count; ValueError or OverflowError if not finite."""
         return round(self.counts_of(angle_rad))
 
     def to_rad(self, counts: float) -> float:

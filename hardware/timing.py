@@ -1,8 +1,7 @@
-"""How fast the cyclic traffic goes, and how long anybody is waited for. Knows no bus and no thread.
+"""Pace and time-outs of the cyclic traffic.
 
-Two paces. `REAL_TIME`: a SYNC every control period, always. `FAST_FORWARD`: SYNCs only while steps
-are being run, each as soon as all joints have answered the one before; the number of SYNCs then
-depends on nothing but the samples, so a run on a seeded virtual arm is the same every time.
+`REAL_TIME`: a SYNC every control period. `FAST_FORWARD`: SYNCs only while steps run, each as soon as all joints
+have answered the one before; a run on a seeded virtual arm is then reproducible.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from hardware.canopen.objects import CONTROL_PERIOD_S, HEARTBEAT_PERIOD_S
 
 
 class Pace(Enum):
-    """When the next SYNC goes out."""
+    """When the next SYNC is sent."""
 
     REAL_TIME = "real time"
     FAST_FORWARD = "fast forward"
@@ -23,18 +22,20 @@ class Pace(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """Periods and patience of the loop: seconds, `patience` in SYNCs.
+    """Periods and time-outs of the control loop.
 
-    A joint has `answer_timeouts_s` for its answer; in real time the others' next SYNC waits no longer than
-    that for one that does not answer. Simulated time does not pass meanwhile, so that in
-    fast forward a slow machine may take longer. A joint is lost when it missed `patience` SYNCs in
-    a row and has been silent for `lost_after_s`; until then a move waits where it is.
-
-    A loop that has nothing to do looks for a task after `idle_poll_s`, then less and less often.
-
-    A node has `sdo_timeout_s` for every answer to an object access.
-
-    `speed` is how many times faster than its own clock a simulated arm runs; a real one knows only 1.
+    Attributes
+    ----------
+    sdo_timeout_s
+        Time-out of every SDO answer.
+    answer_timeouts_s
+        Time-out of a joint's answer to SYNC; longer in fast forward, where simulated time stands still meanwhile.
+    min_misses, lost_after_s
+        A joint is lost after this many consecutive misses and this silence; until then a move waits.
+    idle_poll_s
+        First wait of an idle loop for a task; later ones are longer.
+    speed
+        Factor by which a simulated arm runs faster than its clock; 1 for a real one.
     """
 
     period_s: float = CONTROL_PERIOD_S
@@ -44,7 +45,7 @@ class Timing:
     answer_timeouts_s: Mapping[Pace, float] = field(
         default_factory=lambda: {Pace.REAL_TIME: 0.03, Pace.FAST_FORWARD: 0.5}
     )
-    patience: int = 3
+    min_misses: int = 3
     lost_after_s: float = 1.0
     idle_poll_s: float = 0.002
     speed: float = 1.0
@@ -55,5 +56,5 @@ class Timing:
         return self.period_s / self.speed
 
     def misses(self, pace: Pace) -> int:
-        """SYNCs in a row that a joint may miss before it is lost."""
-        return max(self.patience, round(self.lost_after_s / self.answer_timeouts_s[pace]))
+        """Consecutive SYNCs that a joint may miss before it is lost."""
+        return max(self.min_misses, round(self.lost_after_s / self.answer_timeouts_s[pace]))

@@ -1,8 +1,7 @@
-"""Which frames each end of an arm's bus takes in, as acceptance filters. Knows identifiers; no bus and no frame.
+"""Acceptance filters of both ends of an arm's bus.
 
-A bus that others fill costs whoever receives it the time to look at every frame. Adapters, kernels and the
-loopback bus keep out what a filter does not name, before anybody is woken for it. Where none of them can, every
-frame is taken in, and its receiver passes over what it does not know.
+Adapters, kernels and the loopback bus drop other frames before a process wakes for them. Where none can filter,
+every frame is received, and unknown ones are ignored.
 """
 
 from __future__ import annotations
@@ -31,14 +30,13 @@ _FUNCTION_CODE = 0x780
 
 
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
-    """Have a bus keep out what no filter names, if it can do so before this process is asked.
+    """Set filters on a bus whose adapter or kernel applies them; others get none.
 
-    python-can's own filter will not do: a `recv` that is not to wait says of a frame which it throws away that
-    there was none, and whoever empties a queue stops there, with answers behind it. On the bus inside this
-    process nobody else is, and what is kept out need not be looked at.
+    python-can's own software filter is not used: its non-waiting `recv` returns None for a dropped frame, so a
+    reader that empties the queue would stop with answers left. The in-process bus has no such readers.
 
-    Adapters that have room for fewer filters (Kvaser, SYSTEC and Vector for one) leave all of it to python-can,
-    and say so in `_is_filtered`: they are left without.
+    Adapters with room for fewer filters (Kvaser, SYSTEC and Vector for one) fall back to python-can, which shows
+    in `_is_filtered`: their filters are removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)
@@ -52,10 +50,10 @@ def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
 
 
 def operator_filters(profile: BusProfile) -> list[CanFilter]:
-    """What the operator's end looks at: what the arm says, and what others might command it."""
+    """Filters of the operator's end: frames of the arm, and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
-        _one(COB_SYNC),  # nobody else's business
+        _one(COB_SYNC),
         _one(COB_NMT),
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
         *(
@@ -63,12 +61,12 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
             for base in (COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, COB_EMCY)
             for found in _nodes_of(profile, base)
         ),
-        _filter(COB_HEARTBEAT, _FUNCTION_CODE),  # of whoever may hold the token
+        _filter(COB_HEARTBEAT, _FUNCTION_CODE),  # of every node that may hold the token
     ]
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
-    """What the arm's end looks at: what it may be told, and the heartbeat of whoever may hold the token."""
+    """Filters of the arm's end: commands, and the heartbeat of every node that may hold the token."""
     return [
         _one(COB_SYNC),
         _joints(COB_RPDO1, joints),
@@ -85,7 +83,7 @@ def _nodes_of(profile: BusProfile, base: int) -> Iterator[CanFilter]:
 
 
 def _covering(identifiers: Iterable[int]) -> CanFilter:
-    """One filter for all of these, and for what lies between them: a filter is a mask."""
+    """One mask that passes all of these identifiers, and some between them."""
     first, *others = identifiers
     differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
     mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)
@@ -97,7 +95,7 @@ def _nodes(base: int, joints: int) -> tuple[CanFilter, CanFilter]:
 
 
 def _joints(base: int, joints: int) -> CanFilter:
-    """Nodes 0 to `joints`, and up to the next power of two: a filter is a mask."""
+    """One mask that passes nodes 0 to `joints`, up to the next power of two."""
     return _filter(base, _ALL_BITS & ~((1 << joints.bit_length()) - 1))
 
 

@@ -1,12 +1,10 @@
-"""A CAN bus between processes of one machine, over UDP multicast on 127.0.0.1. Knows CAN frames only.
+"""A CAN bus between processes of one machine, over UDP multicast on 127.0.0.1, for machines without kernel CAN.
 
-For machines without kernel CAN. python-can finds it as interface ``loopback`` through the plugin
-entry point group ``can.interface``. Nothing leaves the machine: datagrams are sent from and received
-on the loopback interface alone, with a time-to-live of 0.
+python-can finds it as interface ``loopback`` by the entry point group ``can.interface``. Nothing leaves the
+machine: datagrams use the loopback interface alone, with a time-to-live of 0.
 
-A channel is any name. It is hashed to a multicast group and, because two names may share a group, to
-a tag that every datagram carries. Delivery is reliable as long as readers keep up; what the kernel
-drops because one did not is counted in `LoopbackBus.kernel_drops`.
+A channel is any name, hashed to a multicast group and, because names may share a group, to a tag in every
+datagram. Frames dropped by the kernel because a reader is too slow are counted in `LoopbackBus.kernel_drops`.
 """
 
 from __future__ import annotations
@@ -54,7 +52,7 @@ _FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
 
 
 def channel_tag(channel: str) -> bytes:
-    """Eight bytes that tell channels apart."""
+    """Eight bytes that identify a channel."""
     return hashlib.sha256(channel.encode()).digest()[:8]
 
 
@@ -79,7 +77,7 @@ def encode_frame(message: can.Message, tag: bytes) -> bytes:
 
 
 def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
-    """Frame in a datagram, or None for anything that is not a valid frame of this channel."""
+    """Frame in a datagram; None if it is no valid frame of this channel."""
     if len(datagram) < _HEADER.size:
         return None
     magic, its_tag, flags, length, arbitration_id = _HEADER.unpack_from(datagram)
@@ -140,31 +138,23 @@ class LoopbackBus(can.BusABC):
     Parameters
     ----------
     channel
-        Name that both sides agree on.
+        Name of the channel.
     receive_own_messages
         Also deliver this bus object's own frames to itself, with ``is_rx`` false.
     fd
         Send and receive CAN FD frames; without it FD frames of others are ignored.
     send_only
-        Receive nothing, so that nothing fills up behind a handle that only sends.
+        Receive nothing, so that no queue fills behind a handle that only sends.
     can_filters
-        As in python-can. On Linux the kernel applies them, so that nobody is woken for a frame that
-        is not wanted; elsewhere this process does.
+        As in python-can; on Linux the kernel applies them.
 
     Attributes
     ----------
     kernel_drops
-        Frames the kernel has thrown away because this bus was read too slowly (Linux only); with filters
-        it counts what these keep out as well.
+        Frames dropped by the kernel because this bus was read too slowly (Linux only); with filters it counts
+        the filtered ones too.
     ignored
         Datagrams that were no frames of this channel.
-
-    Raises
-    ------
-    can.CanInterfaceNotImplementedError
-        If the platform has no ``recvmsg``.
-    can.CanInitializationError
-        If the sockets cannot be made.
     """
 
     def __init__(
@@ -206,7 +196,7 @@ class LoopbackBus(can.BusABC):
         super().__init__(channel=name, can_filters=can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame; see python-can. Waits at most `timeout` s for room in the kernel."""
+        """Send a frame; waits at most `timeout` s for room in the kernel."""
         self._check_open()
         if msg.is_fd and not self._accepts_fd:
             raise can.CanOperationError("this loopback bus was not opened for CAN FD frames")
@@ -226,7 +216,7 @@ class LoopbackBus(can.BusABC):
             ) from error
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        """One frame, or None after `timeout` s or when what came was not ours to deliver."""
+        """One frame; None after `timeout` s, or for a datagram that is not delivered."""
         self._check_open()
         try:
             try:
@@ -257,7 +247,7 @@ class LoopbackBus(can.BusABC):
         return message, False
 
     def _read_ancillary(self, ancillary: list[tuple[int, int, bytes]]) -> float:
-        """Take note of kernel drops; return the kernel's time of arrival, or now without one."""
+        """Update `kernel_drops`; return the kernel's time of arrival, or the present time."""
         timestamp = None
         for level, kind, value in ancillary:
             if level != socket.SOL_SOCKET:
@@ -270,11 +260,11 @@ class LoopbackBus(can.BusABC):
         return time.time() if timestamp is None else timestamp
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Let the kernel keep out what no filter matches; python-can looks again in any case."""
-        self._is_filtered = False  # python-can's own name for it
+        """Have the kernel filter; python-can filters if it cannot."""
+        self._is_filtered = False  # read by python-can
         if not _IS_LINUX:
             return
-        with contextlib.suppress(OSError):  # too many for it, or not allowed: python-can's will do
+        with contextlib.suppress(OSError):  # too many filters, or not allowed
             if not filters:
                 self._receiver.setsockopt(socket.SOL_SOCKET, _SO_DETACH_FILTER, 0)
                 return
@@ -319,7 +309,7 @@ def _sending_socket() -> socket.socket:
 
 
 def _receiving_socket(group: str | None) -> socket.socket:
-    """Socket that hears `group` on the loopback interface only; nothing at all for None."""
+    """Socket that receives `group` on the loopback interface only; nothing for None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setblocking(False)

@@ -1,9 +1,9 @@
-"""Which CAN bus, and opening it with errors a person can act on. Knows python-can; no node and no arm.
+"""Settings of a CAN bus and opening it by python-can, with errors that name a remedy.
 
-Settings use python-can's own names and sources, strongest first: command-line options
+Settings use python-can's names and sources, strongest first: command-line options
 (``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
-``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``. Without any of them the interface is ``virtual``. An interface
-may also be an arm that another package offers (`arm_offers`): a name and a channel, and no CAN bus.
+``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``; by default the interface is ``virtual``. It may also name an arm
+of another package (`hardware.arm_plugins`), with a channel and no CAN bus.
 """
 
 from __future__ import annotations
@@ -26,16 +26,15 @@ from hardware.arm_plugins import offered_names
 from hardware.buses.loopback import DEFAULT_CHANNEL, LoopbackBus
 from hardware.errors import BusError, BusSettingsError
 
-# What these libraries log about a failed start comes to the caller as BusError, in better words.
+# Failures that these libraries log reach the caller as BusError.
 for _library in ("can", "canopen"):
     logging.getLogger(_library).addHandler(logging.NullHandler())
 
 DEFAULT_INTERFACE = "virtual"
 _SERIAL = frozenset({"slcan", "serial", "robotell", "seeedstudio"})
-"""Adapters on a serial line: to open one anew, or to close a second handle, closes it for the first as well."""
-_STAMPED_HERE = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
-"""Interfaces whose frames this computer stamps by the time of day: the kernel as they come, or, in one
-process, whoever sends them."""
+"""Adapters on a serial line: opening a second handle, or closing it, closes the first as well."""
+_HOST_STAMPED = frozenset({"socketcan", "loopback", "udp_multicast", "virtual"})
+"""Interfaces whose frames this computer stamps on arrival by its time of day."""
 _OWN_CHANNEL = frozenset({"virtual", "loopback"})
 _NO_CAN_IN_KERNEL = frozenset({errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT})
 _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
@@ -53,11 +52,11 @@ class BusSettings:
     channel
         What the interface calls the bus.
     bitrate
-        In bit/s; None leaves it as it is. ``virtual``, ``loopback`` and ``socketcan`` do not use it.
+        In bit/s; None keeps the present one. ``virtual``, ``loopback`` and ``socketcan`` ignore it.
     options
-        Anything else, from ``can.conf`` or ``CAN_CONFIG``, passed on to python-can.
+        Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can.
     named_in
-        File that named the interface, for what is said where it does not work; else empty.
+        File that named the interface, for error messages; else empty.
     """
 
     interface: str = DEFAULT_INTERFACE
@@ -71,7 +70,7 @@ class BusSettings:
 
 
 def known_interfaces() -> tuple[str, ...]:
-    """Names that an interface may have: python-can's, this project's, and arms that packages offer."""
+    """Valid interface names: python-can's, this project's, and arms of installed packages."""
     return tuple(sorted({*can.VALID_INTERFACES, *_OWN_CHANNEL, *offered_names()}))
 
 
@@ -82,14 +81,9 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Settings from options, completed from the environment and ``can.conf``.
+    """Settings from options, the environment and ``can.conf``; without an interface there, `otherwise`.
 
-    Where none of them names an interface it is `otherwise`, by default the virtual bus.
-
-    Raises
-    ------
-    BusSettingsError
-        If there is no such interface, a bitrate is not a number, or a channel is missing.
+    Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
     asked: dict[str, Any] = {}
     if interface is not None:
@@ -158,26 +152,12 @@ def bus_settings(
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open a bus for sending and receiving.
-
-    Raises
-    ------
-    BusError
-        What happened, and what to do now.
-    """
+    """Open a bus for sending and receiving; `BusError` with the remedy."""
     return _open(settings, {})
 
 
 def open_sender(settings: BusSettings) -> can.BusABC:
-    """Open a second handle on a bus that only sends: what STOP uses, whatever the first one does.
-
-    Frames of others do not pile up behind it.
-
-    Raises
-    ------
-    BusError
-        What happened, and what to do now.
-    """
+    """Open a second handle that only sends (for STOP), without a receive queue; `BusError` with the remedy."""
     match settings.interface:
         case "virtual":
             return _VirtualSender(settings.channel)
@@ -192,25 +172,25 @@ def open_sender(settings: BusSettings) -> can.BusABC:
 
 
 def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
-    """Clock of this computer that stamps frames as they come; None where the stamps are of another, or of reading.
+    """Clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
 
-    An adapter's own clock (kvaser, pcan, vector, gs_usb) runs apart from ours by more in an hour than what
-    data may be old; on a serial line frames are stamped as they are read.
+    An adapter's clock (kvaser, pcan, vector, gs_usb) drifts more in an hour than data may be old; on a serial line
+    frames are stamped when they are read.
     """
-    return time.time if settings.interface in _STAMPED_HERE else None
+    return time.time if settings.interface in _HOST_STAMPED else None
 
 
 def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
     if settings.interface not in can.VALID_INTERFACES and settings.interface in offered_names():
         raise BusError(
-            f"{settings.interface} is an arm that an installed package offers, and no CAN bus: name the arm "
-            "where an arm is wanted, and a bus of python-can's here."
+            f"{settings.interface} is an arm of an installed package and no CAN bus. Name an interface of "
+            "python-can here."
         )
     options = {**settings.options, **extra}
     if settings.bitrate is not None:
         options["bitrate"] = settings.bitrate
     try:
-        if settings.interface == "loopback":  # also when this project is run without installation
+        if settings.interface == "loopback":  # works without installation too
             return LoopbackBus(settings.channel, **options)
         bus = can.Bus(
             interface=settings.interface,
@@ -218,26 +198,26 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
             ignore_config=True,
             **options,
         )
-    except Exception as error:  # drivers that are not installed raise what they like
-        raise BusError(_words(settings, error) + _named_in(settings)) from error
+    except Exception as error:  # missing drivers raise anything
+        raise BusError(_failure_text(settings, error) + _named_in(settings)) from error
     if isinstance(bus, SocketcanBus):
         pending = bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-        if pending:  # a device that exists and is down lets itself be opened
+        if pending:  # a device that is down can be opened
             bus.shutdown()
-            down = _words(settings, OSError(pending, ""))
+            down = _failure_text(settings, OSError(pending, ""))
             raise BusError(down + _named_in(settings))
     return bus
 
 
 def _named_in(settings: BusSettings) -> str:
-    """Where the interface comes from, if a file named it that nobody typed just now."""
+    """Sentence that names the file with the interface, if it was not typed."""
     if not settings.named_in:
         return ""
     return f" The interface {settings.interface} is named in {settings.named_in}."
 
 
-def _words(settings: BusSettings, error: Exception) -> str:
-    """What happened and what to do now."""
+def _failure_text(settings: BusSettings, error: Exception) -> str:
+    """Cause and remedy of a failure to open."""
     code = getattr(error, "errno", None) or getattr(error, "error_code", None)
     channel = settings.channel
     if settings.interface == "socketcan":
@@ -282,7 +262,7 @@ def _words(settings: BusSettings, error: Exception) -> str:
 
 
 class _VirtualSender(virtual.VirtualBus):
-    """In-process handle whose own queue is not on the channel, so that nothing fills it."""
+    """In-process handle that receives nothing: its queue is not on the channel."""
 
     def __init__(self, channel: str) -> None:
         super().__init__(channel=channel)
@@ -293,5 +273,5 @@ class _VirtualSender(virtual.VirtualBus):
         """Close the handle. Safe to call twice."""
         with virtual.channels_lock:
             if self._open:
-                self.channel.append(self.queue)  # where the base class expects to find it
+                self.channel.append(self.queue)  # the base class removes it
             super().shutdown()

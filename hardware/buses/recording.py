@@ -1,4 +1,4 @@
-"""The file that a bus is recorded to: frames in the order of their time stamps. Knows no bus and no node."""
+"""Recording of a bus to a file, frames in the order of their time stamps."""
 
 from __future__ import annotations
 
@@ -16,32 +16,31 @@ import can
 
 from hardware.errors import BusError
 
-LATEST_S: Final = 0.5
-"""How late a frame may be taken from a bus and still be written in its place."""
-_BROKEN = (OSError, ValueError, struct.error)
+REORDER_S: Final = 0.5
+"""Delay of a frame up to which it is still written in order."""
+_WRITE_ERRORS = (OSError, ValueError, struct.error)
 
 
 class Recording:
-    """Frames in a file, in the order in which they were on the bus.
+    """Writes frames to a file in bus order; safe from any thread.
 
-    What this program sends is stamped as it is sent; what it hears may wait in a queue meanwhile. So frames
-    are kept back until none can come any more that is earlier. Safe from any thread.
+    Sent frames are stamped when sent, received ones may wait in a queue, so frames are held back `REORDER_S`.
 
     Parameters
     ----------
     path
-        File to record to, in the format its suffix names (``.blf``, ``.asc``, ``.log``, ...). What was
-        recorded before is evidence: beside a file of that name another is begun, ``bus-2.blf``.
+        File to record to, in the format of its suffix (``.blf``, ``.asc``, ``.log``, ...). An existing file is
+        kept, and ``bus-2.blf`` written beside it.
 
     Attributes
     ----------
     failure
-        Why recording ended early, None if it did not: a full disk must not stop the arm.
+        Why recording ended early (a full disk must not stop the arm); None if it did not.
 
     Raises
     ------
     BusError
-        If the recording cannot be started.
+        The recording cannot be started.
     """
 
     def __init__(self, path: Path) -> None:
@@ -60,23 +59,23 @@ class Recording:
             ) from error
 
     def note(self, message: can.Message) -> None:
-        """Have a frame recorded by whoever records next: waits for nothing."""
+        """Queue a frame for the next `record`; waits for nothing."""
         self._noted.append(message)
 
     def record(self, message: can.Message) -> None:
-        """Record a frame, and what was noted before."""
+        """Record a frame, and those queued by `note`."""
         with self._lock:
             if self._writer is None:
                 return
             try:
                 self._take_in()
                 self._keep(message)
-                self._write_until(self._newest_s - LATEST_S)
-            except _BROKEN as error:
+                self._write_until(self._newest_s - REORDER_S)
+            except _WRITE_ERRORS as error:
                 self._end_early(error)
 
     def close(self) -> None:
-        """Write what is kept back and end. Safe to call twice."""
+        """Write the remaining frames and end. May be called twice."""
         with self._lock:
             if self._writer is None:
                 return
@@ -84,7 +83,7 @@ class Recording:
                 self._take_in()
                 self._write_until(float("inf"))
                 self._writer.stop()
-            except _BROKEN as error:
+            except _WRITE_ERRORS as error:
                 self._end_early(error)
             self._writer = None
 
@@ -92,7 +91,7 @@ class Recording:
         self.failure = str(error)
         self._waiting.clear()
         writer, self._writer = self._writer, None
-        with suppress(*_BROKEN):  # said already
+        with suppress(*_WRITE_ERRORS):  # reported already
             writer.stop()
 
     def _take_in(self) -> None:
@@ -101,11 +100,9 @@ class Recording:
 
     def _keep(self, message: can.Message) -> None:
         if self._numbers_channels:
-            message.channel = None  # a name that ends in digits is taken for a number, of any size
+            message.channel = None  # BLF takes a name that ends in digits for a channel number
         stamp = message.timestamp
-        if (
-            stamp < self._newest_s - LATEST_S
-        ):  # the clock was set back: what was before it is before
+        if stamp < self._newest_s - REORDER_S:  # the clock was set back
             self._write_until(float("inf"))
             self._newest_s = stamp
         self._newest_s = max(self._newest_s, stamp)
@@ -117,7 +114,7 @@ class Recording:
 
 
 def _unused(path: Path) -> Path:
-    """Find a file that is not there yet: of this name, or of the first number beside it that is free."""
+    """Return this path if it is free, else with the first free number added."""
     candidate, k = path, 2
     while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1

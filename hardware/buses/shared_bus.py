@@ -1,30 +1,32 @@
-"""One bus handle shared by threads, and what is recorded of it. Knows frames; no node and no arm."""
+"""One bus handle shared by threads, with optional recording; recording beside another program."""
 
 from __future__ import annotations
 
 import errno
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from copy import copy
 from pathlib import Path
 from typing import Any
 
 import can
 
+from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.recording import Recording
 from hardware.canopen.objects import CONTROL_PERIOD_S
 from hardware.errors import BusError
 
-_PASSED_OVER = 200
-"""Frames of other kinds in a row, after which `receive` lets its caller look at the clock."""
-
-
+_MAX_SKIPPED = 200
+"""Consecutive frames of other kinds after which `receive` returns."""
+_RECORDER_POLL_S = 0.05
 QUEUE_FULL_PAUSE_S = 0.0005
 """A queue of ten frames at 1 Mbit/s has room again after 0.13 ms."""
 
 
 def queue_is_full(error: BaseException) -> bool:
-    """Whether a frame was not taken because those before it wait still: by the kernel, or by python-can's select."""
+    """Whether a frame was refused because the transmit queue is full, by the kernel or by python-can."""
     code = getattr(error, "error_code", None) or getattr(error, "errno", None)
     if code == errno.ENOBUFS or "Transmit buffer full" in str(error):
         return True
@@ -32,10 +34,9 @@ def queue_is_full(error: BaseException) -> bool:
 
 
 class Frame(can.Message):
-    """A frame that nobody changes once it is sent, so that its receivers in this process may share its data.
+    """A frame that is not changed after sending, so that receivers in this process may share its data.
 
-    python-can's virtual bus makes a deep copy for each of them: a sixth of the processor that a calibration of the
-    simulated arm took.
+    python-can's virtual bus makes deep copies, which took a sixth of the processor time of a simulated calibration.
     """
 
     __slots__ = ()
@@ -45,9 +46,7 @@ class Frame(can.Message):
 
 
 class SharedBus:
-    """Sends and receives frames on a bus; every frame may be recorded.
-
-    Sending is safe from any thread. Receiving belongs to one thread.
+    """Sends from any thread, receives in one, and records every frame if asked to.
 
     Parameters
     ----------
@@ -55,18 +54,13 @@ class SharedBus:
         Open bus; `close` shuts it down.
     record_to
         File to record to, see `Recording`.
-    patience_s
-        How long a frame is offered to a transmit queue that is full: the time between SYNCs.
+    send_timeout_s
+        How long sending is retried while the transmit queue is full.
 
     Attributes
     ----------
     queue_full
-        How often the transmit queue did not take a frame that was offered again.
-
-    Raises
-    ------
-    BusError
-        If the recording cannot be started.
+        Number of retries because of a full transmit queue.
     """
 
     def __init__(
@@ -74,9 +68,9 @@ class SharedBus:
         bus: can.BusABC,
         *,
         record_to: Path | None = None,
-        patience_s: float = CONTROL_PERIOD_S,
+        send_timeout_s: float = CONTROL_PERIOD_S,
     ) -> None:
-        self._bus, self._patience_s = bus, patience_s
+        self._bus, self._send_timeout_s = bus, send_timeout_s
         self._channel = getattr(bus, "channel", bus.channel_info)
         self._send_lock = threading.Lock()
         self._pause = threading.Event()
@@ -85,23 +79,16 @@ class SharedBus:
 
     @property
     def recording_failure(self) -> str | None:
-        """Why recording ended early, None if it did not: a full disk must not stop the arm."""
+        """Why recording ended early; None if it did not."""
         return None if self._recording is None else self._recording.failure
 
     def send(self, identifier: int, data: bytes) -> None:
-        """Send a data frame with a standard identifier.
-
-        Raises
-        ------
-        BusError
-            If the bus does not take it.
-        """
+        """Send a data frame with a standard identifier; `BusError` if the bus does not take it."""
         message = Frame(arbitration_id=identifier, data=data, is_extended_id=False)
         try:
             with self._send_lock:
-                # Before: whoever is slow to come back from sending must not seem to speak after the answer.
-                message.timestamp = time.time()
-                self._send_when_taken(message)
+                message.timestamp = time.time()  # before sending, so that it precedes the answer's
+                self._send_with_retries(message)
         except (can.CanError, OSError) as error:
             raise BusError(
                 f"The bus does not take frames any more: {error}. {self._remedy(error)}"
@@ -110,9 +97,8 @@ class SharedBus:
             message.is_rx = False
             self._recording.record(message)
 
-    def _send_when_taken(self, message: can.Message) -> None:
-        """Send a frame, again and again for as long as the transmit queue is full and no SYNC is late by it."""
-        deadline_s = time.monotonic() + self._patience_s
+    def _send_with_retries(self, message: can.Message) -> None:
+        deadline_s = time.monotonic() + self._send_timeout_s
         while True:
             try:
                 self._bus.send(message)
@@ -128,41 +114,30 @@ class SharedBus:
         if not queue_is_full(error):
             return "Check adapter, cable and power."
         return (
-            f"Its transmit queue was full for {1e3 * self._patience_s:.0f} ms, and {self.queue_full} times before. "
-            f"Lengthen it: sudo ip link set {self._channel} txqueuelen 1000; and check that another node acknowledges "
-            "the frames (cable, bitrate, terminators)."
+            f"Its transmit queue was full for {1e3 * self._send_timeout_s:.0f} ms, and {self.queue_full} times "
+            f"before. Lengthen it: sudo ip link set {self._channel} txqueuelen 1000; and check that another node "
+            "acknowledges the frames (cable, bitrate, terminators)."
         )
 
     def send_at_once(self, message: can.Message) -> None:
-        """Send a frame without waiting for the lock that keeps senders apart: for STOP.
-
-        Raises
-        ------
-        BusError
-            If the bus does not take it.
-        """
+        """Send a frame without the send lock, for STOP; `BusError` if the bus does not take it."""
         try:
             self._bus.send(message, timeout=0.0)
         except (can.CanError, OSError) as error:
             raise BusError(f"The bus does not take frames any more: {error}.") from error
 
     def note_sent(self, message: can.Message) -> None:
-        """Have a frame recorded that went out another way, with its own time stamp. Waits for nothing."""
+        """Record a frame that was sent by another handle, with its own time stamp; waits for nothing."""
         if self._recording is not None:
             message.is_rx = False
             self._recording.note(message)
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """Next data frame with a standard identifier, or None after at most `timeout_s`.
+        """Next data frame with a standard identifier; None after `timeout_s`, or 200 frames of other kinds.
 
-        None as well when only frames of other kinds come, and no end of them: the caller has other duties.
-
-        Raises
-        ------
-        BusError
-            If the bus cannot be read any more.
+        Raises `BusError` if the bus cannot be read.
         """
-        for _ in range(_PASSED_OVER):
+        for _ in range(_MAX_SKIPPED):
             try:
                 message = self._bus.recv(timeout_s)
             except (can.CanError, OSError, ValueError) as error:
@@ -179,7 +154,37 @@ class SharedBus:
         return None
 
     def close(self) -> None:
-        """End the recording and shut the bus down. Safe to call twice."""
+        """End the recording and shut the bus down. May be called twice."""
         if self._recording is not None:
             self._recording.close()
         self._bus.shutdown()
+
+
+@contextmanager
+def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | None]]:
+    """Record a bus by a handle and a thread of its own while the context is open.
+
+    Yields a function that returns why recording ended early, None if it did not. Raises `BusError` if the bus does
+    not open once more, or the file cannot be created.
+    """
+    bus = SharedBus(open_bus(settings), record_to=path)
+    over, failures = threading.Event(), list[str]()
+
+    def listen() -> None:
+        try:
+            while (
+                bus.receive(0.0 if over.is_set() else _RECORDER_POLL_S) is not None
+                or not over.is_set()
+            ):
+                pass
+        except BusError as error:  # the file keeps what was recorded
+            failures.append(str(error))
+
+    thread = threading.Thread(target=listen, name="sarcal-recording", daemon=True)
+    thread.start()
+    try:
+        yield lambda: bus.recording_failure or next(iter(failures), None)
+    finally:
+        over.set()
+        thread.join(_RECORDER_POLL_S * 100)
+        bus.close()

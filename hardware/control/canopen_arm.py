@@ -1,4 +1,4 @@
-"""The arm over CANopen, for the workflow: the `Arm` protocol on one bus. Knows no calibration and no screen."""
+"""An arm on CANopen: the `hardware.arm.Arm` protocol on one bus."""
 
 from __future__ import annotations
 
@@ -46,31 +46,22 @@ MODE_ATTEMPTS: Final = 6
 
 
 class CanopenArm:
-    """An arm of CiA 402 joints on a CAN bus, with a supervisor or without; see `hardware.arm.Arm`.
+    """An arm of CiA 402 joints on a CAN bus, with or without a supervisor; see `hardware.arm.Arm`.
 
     Parameters
     ----------
-    description
-        The arm expected on the bus.
-    settings
-        The bus.
-    profile
-        How its nodes are set up.
+    description, settings, profile
+        The arm expected, its bus, and how its nodes are set up.
     pace
-        `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNCs at all times.
+        `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNC at all times.
     record_to
-        File to record the bus to (``.blf`` and what else python-can writes); None for none.
+        File to record the bus to (``.blf`` or another format of python-can); None for none.
     acceleration_rad_per_s2
-        Of moves, and of coming to rest when a move is ended early.
+        Acceleration and deceleration of moves.
     timing
         Periods and time-outs of the control loop.
     openers
         How to open the bus, if not by its settings.
-
-    Attributes
-    ----------
-    on_bus
-        All of this but the recording and the acceleration.
     """
 
     def __init__(
@@ -109,20 +100,19 @@ class CanopenArm:
         return self._connector.connect()
 
     def take_over(self) -> None:
-        """Let the next connection reset drives that somebody left enabled, once nobody was heard for long enough."""
+        """Let the next connection reset enabled drives once their operator's time-out has passed in silence."""
         self._connector.takes_over = True
 
     def close(self) -> bool:
-        """Leave the arm held, give the token back, end heartbeats and recording. Safe to call twice.
+        """Hold the arm, switch its drives off, release control, end heartbeats and recording.
 
-        From any thread; a second one waits until the arm is closed. False if there was an arm and it
-        did not answer any more: its drives are left to themselves; or if some drive follows commands still.
+        May be called twice and from any thread. False if the arm did not answer or a drive still follows commands.
         """
         return self._connector.close()
 
     @property
     def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives said, when the arm was closed last, that they were powered still."""
+        """Joints whose drives reported power when the arm was closed last."""
         return self._connector.left_powered
 
     # ---- state -----------------------------------------------------------------------------------
@@ -133,7 +123,7 @@ class CanopenArm:
 
     @property
     def record_to(self) -> Path | None:
-        """File that the bus is recorded to from the next connection on; None for none."""
+        """File to record the bus to from the next connection on; None for none."""
         return self._connector.record_to
 
     @record_to.setter
@@ -142,43 +132,34 @@ class CanopenArm:
 
     @property
     def recording_failure(self) -> str | None:
-        """Why the recording of the bus ended early (a full disk, say), None if it did not."""
+        """Why the recording ended early (for example a full disk); None if it did not."""
         return self._connector.recording_failure
 
     # ---- control ---------------------------------------------------------------------------------
 
     def take_control(self) -> None:
-        """Obtain the control token and enable all drives in position mode, holding where they are.
-
-        Raises
-        ------
-        ControlDenied, Stopped, DriveFault, CommandRefused, BusError
-        """
+        """Take the control token and enable all drives in position mode at their measured positions."""
         link = self._link
         self._raise_if_stopped(link)
         if link.other_operator():
             raise ControlDenied(OPERATOR_NODE)
         link.take_token()
-        lagging = link.loop.run(steps.drive_to(link.loop, TargetState.ENABLED))
+        not_reached = link.loop.run(steps.drive_to(link.loop, TargetState.ENABLED))
         link.read_modes()
-        self._raise_for_drives(link, lagging, "enabled")
+        self._raise_for_drives(link, not_reached, "enabled")
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Ask for one mode per joint; return when 6061h of every drive says so.
+        """Set one mode per joint; return when 6061h of every drive confirms it.
 
-        Raises
-        ------
-        ModeNotReached
-            Naming the first joint that does not follow.
-        Stopped, DriveFault, CommandRefused, BusError
+        Raises `ModeNotReached` for the first joint whose drive does not, or does not follow its target.
         """
         if len(modes) != self._n:
             raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
         self._set_modes(modes)
-        deaf = steps.not_following(self._link.loop.sample, modes)
-        if deaf is not None:
+        joint = steps.not_following(self._link.loop.sample, modes)
+        if joint is not None:
             raise ModeNotReached(
-                deaf,
+                joint,
                 JointMode.POSITION.value,
                 "it, but not that it follows its target (6041h, bit 12)",
                 not_following=True,
@@ -213,14 +194,9 @@ class CanopenArm:
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move joints in position mode in step, straight, to their targets.
+        """Move joints in position mode synchronously on a straight line in joint space.
 
-        Raises
-        ------
-        CommandRefused
-            Before anything moves, if a joint is not in position mode or a target is out of range.
-        Stopped, DriveFault, ControlDenied, BusError
-            After the other joints came to rest.
+        Raises `CommandRefused` before anything moves; any other error once the joints are at rest.
         """
         link = self._link
         self._raise_if_stopped(link)
@@ -250,7 +226,7 @@ class CanopenArm:
         return result
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
-        """Wait until no joint's position spreads more than `spread_rad` over `window` SYNCs."""
+        """Wait until every joint's positions lie within `spread_rad` over `window` SYNCs; false on time-out."""
         if len(spread_rad) != self._n or window < 1:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
@@ -266,13 +242,7 @@ class CanopenArm:
         return settled
 
     def capture(self, samples: int) -> Reading:
-        """Read `samples` SYNCs; all joints of a sample are latched on the same SYNC.
-
-        Raises
-        ------
-        MappingChanged
-            A drive's SYNC answers no longer hold the position that it has.
-        """
+        """Average `samples` samples, each latched on one SYNC; `MappingChanged` if a drive's map changed."""
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
@@ -283,100 +253,76 @@ class CanopenArm:
         return reading
 
     def hold(self) -> None:
-        """All joints to position mode: free ones where they are, the others on their last target."""
-        # What a sensor did, or somebody else, is no reason not to.
+        """All joints to position mode: free ones at their position, the others at their last target."""
+        # A sensor fault or another master is no reason not to hold.
         self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
     # ---- STOP ------------------------------------------------------------------------------------
 
     def stop(self) -> None:
-        """Quick stop to all drives at once; latches. From any thread; waits for no lock and no queue.
+        """Quick stop to all drives, latched. From any thread; waits for no lock and no queue.
 
-        It ends connecting as well, and goes out if the bus is open by then.
-
-        Raises
-        ------
-        BusError
-            If a frame could not be sent; all others were.
+        Also ends a connection attempt. Raises `BusError` if a frame could not be sent; all others were.
         """
         self._connector.stop()
 
     def reset_stop(self) -> None:
         """Clear the latch and drive faults; the drives stay disabled until `take_control`.
 
-        Raises
-        ------
-        Stopped
-            If STOP was pressed again meanwhile; it stays latched.
-        DriveFault
-            If a fault cannot be cleared.
+        Raises `Stopped` if STOP was pressed again meanwhile, `DriveFault` if a fault cannot be cleared.
         """
         link, press = self._link, self._connector.latch.last_press
-        lagging = link.loop.run(
+        not_reached = link.loop.run(
             steps.reset(link.loop, link.loop.forget_faults, press=press),
             despite=(Stopped, DriveFault, SensorFault, OtherMaster),
         )
         link.read_modes()
         self._raise_if_stopped(link)
-        self._raise_for_drives(link, lagging, "reset")
+        self._raise_for_drives(link, not_reached, "reset")
 
-    # ---- on the bench ----------------------------------------------------------------------------
+    # ---- commissioning ---------------------------------------------------------------------------
 
     def drive_facts(self) -> tuple[DriveFacts, ...]:
-        """What the drives say they would do at a quick stop, and without an operator."""
+        """The drives' modes, quick stop option and operator time-out."""
         return read_drive_facts(self._link.access, self._link.profile)
 
     @property
     def real_period_s(self) -> float | None:
-        """Between SYNCs; None where they come as fast as they are answered."""
-        there = self.on_bus
-        return there.timing.period_s if there.pace is Pace.REAL_TIME else None
+        """SYNC period; None in fast forward."""
+        setup = self.on_bus
+        return setup.timing.period_s if setup.pace is Pace.REAL_TIME else None
 
     def another(self) -> CanopenArm:
-        """Make one more, as another program would: not connected, for the same arm on the same bus."""
-        there = self.on_bus
+        """Return an unconnected second arm object for the same arm and bus, as another program would have."""
+        setup = self.on_bus
         return CanopenArm(
-            there.description,
-            there.settings,
-            there.profile,
-            pace=there.pace,
-            timing=there.timing,
-            openers=there.openers,
+            setup.description,
+            setup.settings,
+            setup.profile,
+            pace=setup.pace,
+            timing=setup.timing,
+            openers=setup.openers,
         )
 
     def fall_silent(self) -> None:
-        """End heartbeat, SYNC and connection, and leave the drives as they are: as if this program died."""
+        """End heartbeat, SYNC and connection without a command to the drives, as if this program died."""
         self._connector.drop()
 
     def read_states_unconnected(self) -> tuple[DriveState, ...]:
-        """Drive states of joints 1..n by SDO (6041h) alone, without a connection: no node is told or reset anything.
-
-        Raises
-        ------
-        BusError, SdoRefused, DuplicateNodeId
-            A drive does not answer, or not as one.
-        """
-        return self._connector.look()
+        """Drive states of joints 1..n by SDO (6041h) alone, without a connection; nothing is commanded."""
+        return self._connector.read_states()
 
     # ---- parameters ------------------------------------------------------------------------------
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage, read back byte for byte, commit, read the home offsets back.
-
-        Raises
-        ------
-        UploadRefused
-            With the controller's words; the document that was active stays active.
-        CommandRefused
-            If control was not taken.
-        """
+        """Stage, read back, commit, read the home offsets back; errors as `hardware.canopen.uploading.upload`."""
         link = self._link
         if not link.in_control:
-            raise CommandRefused("parameters are uploaded by whoever is in control: take control")
+            raise CommandRefused("parameters can be uploaded only in control: take control first")
         return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:
-        """The parameter document active on the controller; empty if there is none."""
+        """The controller's active parameter document; empty if there is none."""
         link = self._link
         return uploading.read_document(link.access, link.profile)
 
@@ -393,7 +339,7 @@ class CanopenArm:
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
-        """Raise for the first of the joints that did not get where it should."""
+        """Raise for the first joint whose drive did not reach the state."""
         for joint in joints:
             state = state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:

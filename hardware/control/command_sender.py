@@ -1,9 +1,7 @@
-"""Sends the drives their commands, or quick stop in their place. Knows no thread and no pace.
+"""Sends the drives their commands, or quick stop in their place.
 
-A joint that goes where it was not told to, its drive saying all is well, is stopped as STOP would. To hold
-does not end what such a drive does, holding is what it does wrong: it is switched off as well, which blocks
-its valve. So is one that goes on after a STOP. A drive that was switched off at the drive is not switched on
-again by a repetition.
+After uncommanded motion all drives are stopped, and the joint's own drive is switched off, which blocks its
+valve: such a drive does not hold. A drive that was switched off at the drive is not enabled again.
 """
 
 from __future__ import annotations
@@ -20,19 +18,17 @@ from hardware.monitors.joint_monitor import JointMonitor
 class CommandSender:
     """Sends commands in the control loop's thread.
 
-    STOP does not come through here: it is looked at before and after the commands, so that the last word on
-    the bus is quick stop.
+    STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the
+    last command on the bus.
 
     Parameters
     ----------
     send
         Puts a frame on the bus.
     frames
-        Of joints 1..n.
-    latch
-        Of STOP.
-    watch
-        Hears what may make a joint jerk, and knows those that went astray and the drives that left.
+        Frames of joints 1..n.
+    latch, watch
+        STOP latch, and the monitors of the joints.
     quick_stop
         Sends quick stop to all drives; must not wait.
     """
@@ -51,12 +47,12 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send what changed, and one joint's command again in turn in case a frame was lost."""
-        again = sync_count % len(self._frames)
+        """Send changed commands, and in turn one joint's unchanged command in case a frame was lost."""
+        repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, given in enumerate(commands):
             before, command = self._sent[joint], dropout.command(joint + 1, given)
-            if command is None or (command == before and joint != again):
+            if command is None or (command == before and joint != repeated):
                 continue
             if self._latch.latched:
                 break
@@ -69,12 +65,9 @@ class CommandSender:
             self.stop_all(commands)
 
     def stop_all(self, commands: Setpoints | None) -> None:
-        """Quick stop to all drives; before it to those that went astray what takes their power.
+        """Switch off the drives of `watch.switched_off`, then quick stop to all.
 
-        Raises
-        ------
-        BusError
-            A frame did not go out; quick stop was sent all the same, by the handle of its own.
+        Raises `BusError` if a frame could not be sent; quick stop is sent in any case by its own handle.
         """
         self._sent = [None] * len(self._frames)
         try:
@@ -82,7 +75,7 @@ class CommandSender:
                 if at + 1 not in self._watch.switched_off:
                     continue
                 off = replace(command, controlword=CONTROLWORD_DISABLE_VOLTAGE)
-                # By this handle: what comes from the other one is not known for this program's own.
+                # By this handle: commands from STOP's handle other than quick stop count as another master's.
                 for identifier, data in self._frames[at].pack_controlword(off):
                     self._send(identifier, data)
         finally:
@@ -90,7 +83,7 @@ class CommandSender:
 
 
 def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
-    """Whether nothing but the target is another: a move on its way."""
+    """Whether only the target changed: a move in progress."""
     return before is not None and (before.controlword, before.mode) == (
         command.controlword,
         command.mode,

@@ -1,7 +1,4 @@
-"""A connection to the arm on the bus: opened, running, closed again. Knows no motion.
-
-What is said to the nodes until they run is `hardware.control.start_up`'s affair.
-"""
+"""An open connection to the arm: bus handles, control loop, object access, control token, snapshot."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ from hardware.canopen.objects import (
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import reading_steps
 from hardware.control.control_loop import ControlLoop
-from hardware.control.snapshots import build_snapshot
+from hardware.control.sampling import build_snapshot
 from hardware.control.start_up import StartUp
 from hardware.control.stop_line import StopLatch, StopLine
 from hardware.errors import (
@@ -52,14 +49,14 @@ from hardware.monitors.continuity import ENCODER_COUNTS, RVDT_COUNTS
 from hardware.monitors.joint_monitor import JointMonitor
 
 LISTEN_S: Final = 0.35
-"""Three heartbeats of another operator fit in here."""
+"""Time to listen for another operator: three of its heartbeats."""
 BOOT_TIMEOUT_S: Final = 3.0
-COMPARED_AGAIN: Final = 3
-"""Times that a position by SDO has to be another than the one by PDO still, where the maps read as they did."""
+POSITION_RECHECKS: Final = 3
+"""Repetitions of a differing position comparison by PDO and SDO, if the maps are unchanged."""
 
 
 class Connection:
-    """An open connection; made by `connect`.
+    """An open connection.
 
     Attributes
     ----------
@@ -68,13 +65,11 @@ class Connection:
     limits, scales
         Of joints 1..n.
     modes
-        What 6061h of each drive said when it was last read; None for neither position nor free.
+        6061h of each drive as last read; None for neither position nor free.
     token
-        Holder of the control token, as last read or written; OPERATOR_NODE may be a predecessor that died.
-    in_control
-        Whether this program has taken control, and not given it back.
-    took_control
-        Whether it has ever.
+        Holder of the control token as last read or written; OPERATOR_NODE may be an earlier operator.
+    in_control, took_control
+        Whether this program is in control now, and whether it has been.
     """
 
     def __init__(
@@ -98,12 +93,12 @@ class Connection:
         self.token = 0
         self.in_control = self.took_control = False
         self._late_before_control = 0
-        self._gives_objects = True
+        self._compares_positions = True
         self._rated_nm: tuple[float, ...] = (0.0,) * len(profile.joints)
         bus = on_bus.openers.main(settings)
-        if record_to is None:  # a recording is of everything
+        if record_to is None:  # a recording needs all frames
             set_hardware_filters(bus, operator_filters(profile))
-        self._wire = SharedBus(bus, record_to=record_to, patience_s=timing.tick_s)
+        self._wire = SharedBus(bus, record_to=record_to, send_timeout_s=timing.tick_s)
         try:
             self.stop_line = StopLine(self._second_handle(on_bus), self._wire, frames_of(profile))
         except BaseException:
@@ -132,7 +127,7 @@ class Connection:
 
     @staticmethod
     def _second_handle(on_bus: ArmOnBus) -> can.BusABC | None:
-        """Open the handle for STOP; None where the adapter, open already, does not open twice."""
+        """Open the second handle, for STOP; None if the adapter opens only once."""
         try:
             return on_bus.openers.stop(on_bus.settings)
         except BusError:
@@ -141,8 +136,7 @@ class Connection:
     def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
 
-        `press` is the last STOP before; a newer one ends this. `takes_over`: see `in_use.require_unused`.
-
+        A STOP newer than `press` ends this. `takes_over`: see `in_use.require_unused`.
         """
         start_up = StartUp(
             self._on_bus,
@@ -157,32 +151,32 @@ class Connection:
             started = start_up.run(press, takes_over=takes_over)
             self.token, self._rated_nm = started.token, started.rated_torques_nm
             self.read_modes()
-            start_up.go_on()
+            start_up.raise_if_cancelled()
         except BaseException as failure:
             start_up.undo(failure)
             raise
         return started.identity
 
     def read_states(self) -> tuple[DriveState, ...]:
-        """State of every drive (6041h) as it answers to SDO, before `open` or instead of it."""
+        """State of every drive (6041h) by SDO, without `open`."""
         self.loop.start()
         words = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
         return tuple(map(state_of, words))
 
     def close(self) -> None:
-        """End everything that is sent and the recording."""
+        """End all sending and the recording."""
         self.loop.close()
         self.stop_line.close()
         self._wire.close()
 
     @property
     def recording_failure(self) -> str | None:
-        """Why the recording of the bus ended early, None if it did not."""
+        """Why the recording ended early; None if it did not."""
         return self._wire.recording_failure
 
     @property
     def left_enabled(self) -> bool:
-        """Whether drives closed a loop when they were heard last, and this program may have enabled them."""
+        """Whether drives were last seen powered, and this program may have enabled them."""
         return self.took_control and any(
             state_of(word) in POWERED_STATES for word in self.loop.view.sample.statuswords
         )
@@ -194,20 +188,16 @@ class Connection:
         )
 
     def is_lost(self) -> bool:
-        """Whether nobody answers any more: the bus is gone, or a node has fallen silent."""
+        """Whether the bus failed or a node has fallen silent."""
         loop = self.loop
         return loop.failure is not None or bool(
             loop.nodes.silent(loop.latency.listened_s, loop.heartbeat_timeout_s)
         )
 
     def require_same_maps(self) -> None:
-        """Raise where a drive's answers to SYNC no longer hold its position (6064h); the joints are at rest.
+        """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h), the joints at rest.
 
-        One that does not answer when asked is passed over: its answers to SYNC go on.
-
-        Raises
-        ------
-        MappingChanged
+        A node without SDO answers is skipped.
         """
         differs = self._differing_positions()
         if differs is None:
@@ -217,7 +207,7 @@ class Connection:
                 check_mapping(self.access, self.profile)
             except MappingMismatch as why:
                 raise MappingChanged(why) from why
-        for _ in range(COMPARED_AGAIN):  # noise, or a joint that was still coming to rest
+        for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
             spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
             self.loop.run(
                 reading_steps.settle(
@@ -230,27 +220,21 @@ class Connection:
         raise MappingChanged(differs)
 
     def _differing_positions(self) -> MappingMismatch | None:
-        """Positions by SDO that are others than by PDO; None where there are none, or a node does not answer."""
+        """Positions that differ by SDO and PDO; None if there are none, or a node does not answer."""
         counts = self.loop.view.sample.counts
         try:
-            if self._gives_objects:
+            if self._compares_positions:
                 check_positions(self.access, self.profile, counts, self.scales)
         except MappingMismatch as differs:
             return differs
-        except BusError:  # three times: no other pose waits for it
-            self._gives_objects = False
+        except BusError:  # after three attempts: do not delay every later pose
+            self._compares_positions = False
         except (SdoRefused, DuplicateNodeId):
             pass
         return None
 
     def read_modes(self) -> None:
-        """Read 6061h of every drive.
-
-        Raises
-        ------
-        DuplicateNodeId
-            A node has begun to answer twice.
-        """
+        """Read 6061h of every drive; `DuplicateNodeId` if a node answers twice."""
         self.modes = tuple(
             self.profile.mode_of(self.access.read_signed(node, MODE_DISPLAY))
             for node in self.profile.drives
@@ -258,12 +242,7 @@ class Connection:
         self.access.require_unique_nodes()
 
     def take_token(self) -> None:
-        """Have control given to this program by the supervisor; without one nobody else can have it.
-
-        Raises
-        ------
-        ControlDenied
-        """
+        """Take the control token from the supervisor, if there is one; `ControlDenied` if it refuses."""
         supervisor = self.profile.supervisor
         if supervisor is not None:
             try:
@@ -276,9 +255,9 @@ class Connection:
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether what failed so may be done again: the arm is heard, and control is held, or held again.
+        """Whether to try again after this error: the arm is heard, and control is held, or taken again.
 
-        Control that lapsed as this program was late is taken again; not what somebody else has, or gave back.
+        Control is taken again only if it lapsed by this host's latency.
         """
         if self.is_lost():
             return False
@@ -287,12 +266,12 @@ class Connection:
             return True
         if not self.in_control or self._late_since_control() is None:
             return False
-        with suppress(SdoRefused, BusError):  # not given yet, it is asked for again
+        with suppress(SdoRefused, BusError):  # the next attempt requests it again
             self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
         return True
 
     def explain(self, error: HardwareError) -> HardwareError:
-        """Return the error, or in its place this program's own lateness since it took control."""
+        """Return the error, or the host latency since control was taken, if that explains it."""
         late = self._late_since_control()
         refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
         if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):
@@ -300,12 +279,12 @@ class Connection:
         return HostLatencyExceeded(late.times, late.longest_s)
 
     def _late_since_control(self) -> HostLatency | None:
-        """Return how late this program has been since it took control; None if it was not."""
+        """Host latency since control was taken; None if there was none."""
         late = self.loop.latency.lateness
         return late if late.times > self._late_before_control else None
 
-    def give_token_back(self) -> None:
-        """Let others have control."""
+    def release_token(self) -> None:
+        """Release control."""
         if self.profile.supervisor is not None:
             self.access.write_unsigned(self.profile.supervisor, TOKEN, 0, 0, 4)
         self.token, self.in_control = 0, False

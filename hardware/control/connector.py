@@ -1,41 +1,76 @@
-"""Has a connection to an arm, one at a time: made whole or not at all, let go with the arm held. Knows no motion.
+"""Opens one connection to an arm at a time, and releases the arm: held, drives off, state verified.
 
-STOP finds the arm at every moment, while it is being connected and while it is being closed too.
+STOP reaches the arm at every moment, also while connecting and closing. A release counts only what the drives
+report: a drive may ignore a command.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 
 from hardware.arm import ArmIdentity, DriveState
 from hardware.bus_setup import ArmOnBus
+from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, reached, state_of
+from hardware.canopen.cyclic import Sample, Setpoints
+from hardware.control import steps
 from hardware.control.connection import Connection
-from hardware.control.release import ReleaseResult, release_arm
+from hardware.control.control_loop import ControlLoop
 from hardware.control.stop_line import StopLatch
-from hardware.errors import BusError, HardwareError
+from hardware.errors import (
+    BusError,
+    CommandRefused,
+    ControlDenied,
+    DriveFault,
+    DuplicateNodeId,
+    HardwareError,
+    NodeRestarted,
+    OtherMaster,
+    SensorFault,
+    Stopped,
+)
+
+_IGNORED_ALARMS: tuple[type[HardwareError], ...] = (
+    DriveFault,
+    ControlDenied,
+    SensorFault,
+    OtherMaster,
+    DuplicateNodeId,
+    NodeRestarted,
+    CommandRefused,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReleaseResult:
+    """State in which an arm was left.
+
+    Attributes
+    ----------
+    held
+        It answered, and no drive follows commands.
+    powered
+        Joints whose drives still close a loop, those held by STOP included.
+    """
+
+    held: bool
+    powered: tuple[int, ...] = ()
 
 
 class Connector:
-    """Connects to one arm, and lets go of it.
-
-    Parameters
-    ----------
-    on_bus
-        The arm expected, and how it is talked to.
-    record_to
-        File to record the bus to; None for none.
+    """Connects to one arm and releases it.
 
     Attributes
     ----------
     record_to
-        As above: of the next connection.
+        File to record the next connection to; None for none.
     latch
-        Of STOP: it outlives a connection, so that a new one does not lift a STOP.
+        STOP latch; it outlives a connection, so that a new one does not lift a STOP.
     takes_over
-        Whether drives that are found enabled were left so, by this program itself or by what somebody asked to
-        take over: of the next connection only, made or not.
+        Whether the next connection may reset enabled drives: this program left them so, or it was requested.
     """
 
     def __init__(self, on_bus: ArmOnBus, record_to: Path | None) -> None:
@@ -47,12 +82,12 @@ class Connector:
         self._connecting = False
         self._recording_failure: str | None = None
         self._closing = False
-        self._left = ReleaseResult(held=True)
+        self._released = ReleaseResult(held=True)
         self._close_lock = threading.RLock()
 
     @property
     def connection(self) -> Connection:
-        """The present one; BusError without."""
+        """The open connection; `BusError` if there is none."""
         link = self._connection
         if link is None:
             raise BusError("The arm is not connected.")
@@ -60,12 +95,12 @@ class Connector:
 
     @property
     def recording_failure(self) -> str | None:
-        """Why the recording of the bus ended early, of the last connection too; None if it did not."""
+        """Why the recording of this or the last connection ended early; None if it did not."""
         link = self._connection
         return self._recording_failure if link is None else link.recording_failure
 
     def connect(self) -> ArmIdentity:
-        """Open a connection; what goes wrong closes it again. A STOP pressed meanwhile ends this."""
+        """Open a connection; an error, or STOP meanwhile, closes it again."""
         if self._connection is not None:
             raise ValueError("this arm is connected already")
         press, self._connecting = self.latch.last_press, True
@@ -73,7 +108,7 @@ class Connector:
             self._opening = connection = Connection(
                 self._on_bus, record_to=self.record_to, latch=self.latch
             )
-            # For this one alone: who enables drives later is not known.
+            # For this connection only: another program may enable drives later.
             takes_over, self.takes_over = self.takes_over, False
             try:
                 identity = connection.open(press, takes_over=takes_over)
@@ -86,37 +121,37 @@ class Connector:
             self._connecting, self._opening = False, None
 
     def close(self) -> bool:
-        """Let go; False if there was an arm and it did not answer, or some drive follows commands still.
+        """Release the arm; false if it did not answer, or a drive still follows commands.
 
-        From any thread; a second one waits.
+        From any thread; a second call waits.
         """
         with self._close_lock:
             link = self._connection
-            if link is None or self._closing:  # closing: called again by the thread that closes
-                return self._left.held
-            self._closing, self._left = True, ReleaseResult(held=False)
+            if link is None or self._closing:  # closing: re-entered by the closing thread
+                return self._released.held
+            self._closing, self._released = True, ReleaseResult(held=False)
             try:
-                self._left = self._let_go(link)
+                self._released = self._release(link)
             finally:
-                # Not before: STOP needs the connection to the last moment.
+                # Last: STOP needs the connection until now.
                 self._connection, self._closing = None, False
-            return self._left.held
+            return self._released.held
 
     @property
     def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives said that they were powered when the arm was let go of last."""
-        return self._left.powered
+        """Joints whose drives reported power at the last release."""
+        return self._released.powered
 
     def drop(self) -> None:
-        """End the connection and leave the drives as they are."""
+        """End the connection without a command to the drives."""
         link, self._connection = self.connection, None
-        self._left = ReleaseResult(held=False)
+        self._released = ReleaseResult(held=False)
         self._end(link)
 
-    def look(self) -> tuple[DriveState, ...]:
-        """State of every drive (6041h), by SDO alone: nothing is reset, and no heartbeat or SYNC sent."""
+    def read_states(self) -> tuple[DriveState, ...]:
+        """State of every drive (6041h) by SDO alone, without reset, heartbeat and SYNC."""
         if self._connection is not None:
-            raise ValueError("this arm is connected: its snapshot says it")
+            raise ValueError("this arm is connected: its snapshot has the states")
         link = Connection(self._on_bus, record_to=None, latch=self.latch)
         try:
             return link.read_states()
@@ -124,8 +159,8 @@ class Connector:
             link.close()
 
     def stop(self) -> None:
-        """Latch STOP, and send it if the bus is open by then; BusError without an arm, or if it could not be sent."""
-        # In this order: connecting, an arm is there as `_opening` until it is there as `_connection`.
+        """Latch STOP, and send it if the bus is open; `BusError` without an arm, or if it could not be sent."""
+        # In this order: a connection is `_opening` until it is `_connection`.
         connecting, link = self._connecting, self._opening or self._connection
         if link is None and not connecting:
             raise BusError("The arm is not connected.")
@@ -133,15 +168,15 @@ class Connector:
         if link is not None:
             link.send_quick_stops()
 
-    def _let_go(self, link: Connection) -> ReleaseResult:
-        """Hold, disable, look, give the token back."""
+    def _release(self, link: Connection) -> ReleaseResult:
+        """Hold, disable, verify, release the token."""
         try:
             if not link.in_control:
                 return ReleaseResult(held=not link.is_lost())
-            left = release_arm(link.loop)
+            result = release_arm(link.loop)
             with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
-                link.give_token_back()
-            return left
+                link.release_token()
+            return result
         finally:
             self._end(link)
 
@@ -149,3 +184,42 @@ class Connector:
         self.takes_over = link.left_enabled
         link.close()
         self._recording_failure = link.recording_failure
+
+
+def release_arm(loop: ControlLoop) -> ReleaseResult:
+    """Position mode everywhere, then drives off, which blocks the joints' valves. Lifts no STOP."""
+    # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. With a silent node
+    # the others are still switched off.
+    ignored = (*_IGNORED_ALARMS, BusError, *(() if loop.stop_latched else (Stopped,)))
+    try:
+        with contextlib.suppress(Stopped):  # by the latch: only quick stop is sent from now on
+            if loop.commands is not None:
+                loop.run(steps.hold_where_it_is(loop), despite=ignored)
+            loop.run(steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
+        sample: Sample = loop.run(_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
+    except HardwareError:  # the drives hold without an operator as well
+        return ReleaseResult(held=False)
+    return ReleaseResult(held=not _following(sample), powered=_powered(sample))
+
+
+def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
+    """Exchange SYNCs until the drives report that they are off, or stopped under STOP; at most 50 SYNCs."""
+    sample = yield None
+    for _ in range(steps.TRANSITION_SYNCS):
+        steps.raise_alarm(loop)
+        if not (_following(sample) if loop.stop_latched else _powered(sample)):
+            break
+        sample = yield None
+    return sample
+
+
+def _following(sample: Sample) -> tuple[int, ...]:
+    """Joints whose drives may follow a command."""
+    states = enumerate(map(state_of, sample.statuswords), 1)
+    return tuple(joint for joint, state in states if not reached(state, TargetState.STOPPED))
+
+
+def _powered(sample: Sample) -> tuple[int, ...]:
+    """Joints whose drives close a loop."""
+    states = enumerate(map(state_of, sample.statuswords), 1)
+    return tuple(joint for joint, state in states if state in CLOSED_LOOP_STATES)

@@ -1,16 +1,10 @@
-"""The one thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat. Knows no calibration.
+"""The thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat; it also receives all frames.
 
-It also receives every frame, so that nothing hops between threads: SDO answers are handed on to the
-callers that wait for them. What the arm is to do comes as steps (`hardware.control.tasks.Steps`), one at a
-time.
+Motions come as steps (`hardware.control.tasks.Steps`), one at a time; rates and time-outs are in
+`hardware.timing`. A sample is closed when all joints have answered, or their time is up and the queue is
+empty, so that the next SYNC does not overtake a late answer.
 
-How fast it goes, and how long anybody is waited for, is `hardware.timing`'s affair.
-
-The next SYNC does not overtake a late answer: a sample is closed when all joints have answered, or
-when their time is up and nothing more has come.
-
-STOP does not come through here: it presses `latch` and sends its frames by itself. A joint that goes where it
-was not told to, its drive saying all is well, is the one thing that the loop stops by itself, as STOP would.
+STOP presses `latch` and sends its own frames. Only uncommanded motion makes the loop itself stop the arm.
 """
 
 from __future__ import annotations
@@ -43,23 +37,16 @@ from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 
 SWITCH_INTERVAL_S = 0.0005
-"""Python's default of 5 ms would let a busy thread of this process delay a SYNC by as much."""
-
-
+"""Python's default of 5 ms would let a busy thread delay a SYNC by as much."""
 FRAMES_AT_A_TIME = 200
-"""Frames looked at before what is due is seen to: on a bus with a frame always waiting, heartbeat and SYNC
-must not wait for the last of them."""
-
-OLD_SAMPLE_S = 0.1
-"""Joints latched longer ago say nothing of where to go on from: as long as nobody here was late, it is a few
-milliseconds, and a joint that does not answer is waited for for a third of it."""
-
-IDLE_GROWTH, LONGEST_IDLE_POLL_S = 1.1, 0.02
-"""Who waits on a bus is not woken by a task. Tasks often follow each other, so the first look is soon; each
-one in vain makes the next wait a tenth longer, so that a task waits a tenth of the idle time before it at most."""
-
+"""Frames handled before heartbeat and SYNC are due, on a bus with a frame always waiting."""
+MAX_SAMPLE_AGE_S = 0.1
+"""A sample older than this is taken again before the next command. Without host latency it is a few ms old."""
+IDLE_GROWTH, MAX_IDLE_POLL_S = 1.1, 0.02
+"""A new task does not wake the loop while it waits for a frame. Each idle wait is a tenth longer than the one
+before, so that a task waits at most a tenth of the idle time before it."""
 SYNCS_AFTER_STOP = 20
-"""In fast forward, so that the drives come to rest and say that they have stopped."""
+"""SYNCs after STOP in fast forward, in which the drives come to rest."""
 
 
 class FrameLink(Protocol):
@@ -79,38 +66,29 @@ class ControlLoop:
 
     Parameters
     ----------
-    wire
-        The bus.
-    profile
-        Its nodes and their frames.
-    pace
-        See `hardware.timing`.
+    wire, profile, pace, timing
+        The bus, its nodes and frames, and when SYNC is sent.
     on_sdo
         Called in the loop's thread with identifier and data of every SDO answer; must not wait.
     allow
-        Called before commands go out with the present sample, the commands sent last and the new
-        ones; raises `CommandRefused` for what may not be sent.
-    watch
-        Looks at the joints' samples.
-    latch
-        Of STOP; it may outlive the connection.
+        Called before sending, with the sample, the last and the new commands; raises `CommandRefused`.
     quick_stop
         Sends quick stop to all drives; must not wait.
-    clock
-        Monotonic time, s.
-    stamps
-        The clock by which frames are stamped as they come, if it is one of this computer's.
+    watch, latch
+        Monitors of the joints, and the STOP latch, which may outlive the connection.
+    clock, stamps
+        Monotonic time, s, and the clock of the frame stamps if it is one of this computer's.
 
     Attributes
     ----------
     latency
-        How late this loop itself has been: silences of the nodes are measured without that.
+        The host's own latency, which silences of the nodes exclude.
     commands
-        Sent last, or None before control was taken.
+        Commands sent last; None before control was taken.
     moving
-        Steps are moving the arm.
+        Whether steps are moving the arm.
     failure
-        Why the thread has ended.
+        Why the thread ended.
     heartbeat_timeout_s
         Silence after which a node is lost; set before `begin_sync`.
     """
@@ -146,7 +124,7 @@ class ControlLoop:
         self._timing, self._clock = timing, clock
         self.heartbeat_timeout_s = timing.heartbeat_timeout_s
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
-        self._sampler = Sampler(frames, patience=timing.misses(pace), now_s=clock())
+        self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
         self._tasks = TaskQueue(self._thread.is_alive, self._gone)
         self._syncing = False
@@ -156,7 +134,7 @@ class ControlLoop:
         self._next_beat_s = 0.0
         self._next_tick_s = 0.0
         self._synced_s = clock()
-        self._looking_again = False
+        self._resampled = False
         self._idle_poll_s = timing.idle_poll_s
         self._closing = False
 
@@ -164,7 +142,7 @@ class ControlLoop:
 
     @property
     def stop_latched(self) -> bool:
-        """STOP was pressed: nothing but quick stop goes to the drives."""
+        """Whether STOP is latched: only quick stop is sent."""
         return self.latch.latched
 
     @property
@@ -173,39 +151,33 @@ class ControlLoop:
         return self._sampler.view
 
     def start(self) -> None:
-        """Begin to receive; sends nothing yet."""
+        """Start receiving; sends nothing yet."""
         sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH_INTERVAL_S))
         self._thread.start()
 
     def begin_heartbeat(self) -> None:
-        """Be heard as the operator from now on."""
+        """Start the operator's heartbeat."""
         self._beating = True
 
     def begin_sync(self) -> None:
-        """Let SYNCs go out from now on."""
+        """Start SYNC."""
         self._syncing = True
 
     def forget_faults(self) -> None:
-        """Forget emergencies, and what was seen of sensors and of other programs, so far."""
+        """Clear emergencies, foreign commands and the monitors' findings."""
         self.nodes.forget_faults()
         self.watch.reset()
 
     def close(self) -> None:
-        """Stop everything that is sent and end the thread. Safe to call twice."""
+        """Stop sending and end the thread. May be called twice."""
         self._closing = True
         if self._thread.ident is not None:
             self._thread.join(5.0)
 
     def run(self, steps: Steps, *, despite: tuple[type[HardwareError], ...] = ()) -> Any:
-        """Run steps to their end and return their result; `despite` names alarms not to mind.
+        """Run steps and return their result, or raise what ended them; alarms in `despite` are ignored.
 
-        If this call is interrupted (Ctrl-C), the steps are told, bring the arm to rest, and only
-        then does the interrupt go on.
-
-        Raises
-        ------
-        HardwareError
-            What ended the steps early.
+        On Ctrl-C the steps first bring the arm to rest.
         """
         return self._tasks.run(LoopTask(steps, despite))
 
@@ -217,14 +189,14 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """Why the present steps should end, if anything; they bring the arm to rest first."""
+        """The alarm for which the present steps should end, if any; they bring the arm to rest first."""
         task = self._tasks.first
         found = find_alarm(
             self.nodes,
             Observations(
                 stop_latched=self.stop_latched,
                 lost_joints=self._sampler.lost(),
-                duplicate_joints=self._sampler.doubled(),
+                duplicate_joints=self._sampler.duplicates(),
                 jump=self.watch.jump,
                 divergence=self.watch.divergence,
                 dropouts=self.watch.dropout.dropouts,
@@ -234,7 +206,7 @@ class ControlLoop:
             despite=() if task is None else task.despite,
         )
         if found is None and task is not None and task.abandoned:
-            return Abandoned("the command was given up")
+            return Abandoned("the command was interrupted")
         return found
 
     # ---- the thread ------------------------------------------------------------------------------
@@ -243,7 +215,7 @@ class ControlLoop:
         raise_loop_priority()
         self.latency.begin()
         try:
-            self._drain()  # what an adapter still had: whoever said it may be gone
+            self._drain()  # old frames in the adapter: their sender may be gone
             self._watching = True
             while not self._closing:
                 self._work()
@@ -253,36 +225,36 @@ class ControlLoop:
             self._tasks.finish_all(self._gone())
 
     def _work(self) -> None:
-        """Do the next thing, and be heard."""
+        """One step of the task, one SYNC or one frame; then the heartbeat if due."""
         task = self._tasks.first
-        if task is not None and not self._must_look_again():
+        if task is not None and not self._must_resample():
             self._idle_poll_s = self._timing.idle_poll_s
             self._advance(task)
         elif self._syncing and (self._pace is Pace.REAL_TIME or self._owes_sync()):
             self._cycle()
         else:
             self._receive_one(self._idle_poll_s)
-            self._idle_poll_s = min(IDLE_GROWTH * self._idle_poll_s, LONGEST_IDLE_POLL_S)
+            self._idle_poll_s = min(IDLE_GROWTH * self._idle_poll_s, MAX_IDLE_POLL_S)
         self._beat()
 
-    def _must_look_again(self) -> bool:
-        """Whether the sample is too old, as we were late ourselves, to say what is commanded next: once in turn.
+    def _must_resample(self) -> bool:
+        """Whether host latency made the sample too old for the next command.
 
-        The drives hold meanwhile. Only once: steps that are never asked end by no alarm and no cancelling.
+        The drives hold meanwhile. Never twice in a row, so that the steps see alarms and interrupts.
         """
         late = (
             self._pace is Pace.REAL_TIME
             and self._syncing
-            and self._clock() - self._synced_s > OLD_SAMPLE_S
+            and self._clock() - self._synced_s > MAX_SAMPLE_AGE_S
         )
-        self._looking_again = late and not self._looking_again
-        return self._looking_again
+        self._resampled = late and not self._resampled
+        return self._resampled
 
     def _gone(self) -> HardwareError:
         return self.failure or BusError("The connection to the arm is closed.")
 
     def _owes_sync(self) -> bool:
-        """Whether a simulated arm still has to live through the moments after STOP."""
+        """Whether a simulated arm needs a further SYNC to come to rest after STOP."""
         if not self.stop_latched:
             self._syncs_owed = SYNCS_AFTER_STOP
         elif self._syncs_owed > 0:
@@ -291,7 +263,7 @@ class ControlLoop:
         return False
 
     def _advance(self, task: LoopTask) -> None:
-        """Run a task until its next SYNC has been answered, or to its end."""
+        """Run a task's next step and its SYNC, or finish it."""
         try:
             commands = task.advance(self.sample)
             if commands is not None:
@@ -310,20 +282,20 @@ class ControlLoop:
         """One SYNC: commands out, SYNC, wait for the answers."""
         if self._pace is Pace.REAL_TIME:
             self._wait_for_tick()
-        self._drain()  # late answers, to no sample any more, and second ones
+        self._drain()  # late and duplicate answers
         if self.commands is not None:
             self._sender.send(self.commands, self.sample.sync_count, moving=self.moving)
         self._sampler.open()
         self._synced_s = self._clock()
         self._wire.send(COB_SYNC, b"")
         deadline = self._clock() + self._answer_timeout_s
-        overtime = FRAMES_AT_A_TIME
-        while self._sampler.waiting > 0 and not self._closing and overtime > 0:
+        frames_left = FRAMES_AT_A_TIME
+        while self._sampler.waiting > 0 and not self._closing and frames_left > 0:
             left = deadline - self._clock()
-            # Late ourselves, we look at what has come meanwhile before we call anybody silent.
+            # After the deadline: frames that arrived during host latency.
             wait_s = min(max(left, 0.0), 0.5 * self._timing.heartbeat_period_s)
             if left <= 0.0:
-                overtime -= 1
+                frames_left -= 1
             if not self._receive_one(wait_s) and left <= 0.0:
                 break
             self._beat()
@@ -341,20 +313,20 @@ class ControlLoop:
             self._sender.send(self.commands, self.sample.sync_count, moving=False)  # at once
 
     def _drain(self) -> None:
-        """Look at what has arrived, as far as there is time for it."""
+        """Handle the frames in the queue, at most `FRAMES_AT_A_TIME`."""
         for _ in range(FRAMES_AT_A_TIME):
             if not self._receive_one(0.0):
                 return
             self._beat()
 
     def _receive_one(self, timeout_s: float) -> bool:
-        """Take one frame off the bus and see to it; false if there was none."""
+        """Receive and handle one frame; false if there was none."""
         asked_s = self._clock()
         message = self._wire.receive(timeout_s)
         if message is None:
             self.latency.queue_empty(asked_s)
             return False
-        # What a frame waited for us is our own lateness, and makes it old all the same.
+        # The time a frame waited is host latency, and part of its age.
         waited_s = self.latency.frame_read(message.timestamp)
         came_s, late_s = self._clock() - waited_s, self.latency.late_s - waited_s
         identifier: int = message.arbitration_id
@@ -377,7 +349,7 @@ class ControlLoop:
             self._wire.send(COB_HEARTBEAT + OPERATOR_NODE, bytes([NmtState.OPERATIONAL]))
 
     def _wait_for_tick(self) -> None:
-        """Receive until the next control period begins; a late one starts a new count."""
+        """Receive until the next control period begins; after a late one the count restarts."""
         now = self._clock()
         if now > self._next_tick_s + self._timing.tick_s:
             self._next_tick_s = now

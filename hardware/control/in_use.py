@@ -1,9 +1,8 @@
-"""Is somebody at work on this arm who is not heard just now? Asked by SDO before its nodes are reset.
+"""Checks by SDO whether another operator is using the arm, before its nodes are reset.
 
-An operator may be late, as this program may be: its drives put up with that for as long as they are told to
-(1016h). A reset of their communication meanwhile would strike an arm that moves. So an arm whose drives are
-enabled, or whose control token somebody holds, is listened to for as long as drives and supervisor would wait
-themselves: whoever is alive is heard by then, and without him they have let go. Where nothing is found, nobody waits.
+An operator may be silent as long as the drives' time-out for its heartbeat (1016h); a communication reset would
+then hit a moving arm. So if drives are enabled or the control token is held, this program listens for that
+time-out: a live operator is heard, and without one the drives stop. Otherwise there is no wait.
 """
 
 from __future__ import annotations
@@ -21,97 +20,94 @@ from hardware.canopen.supervision import operator_timeout_s
 from hardware.errors import ArmInUse, BusError, ControlDenied, HardwareError
 from hardware.monitors.node_monitor import NodeMonitor
 
-LEAST_S: Final = 1.0
-"""Of nodes that do not say how long they wait."""
+DEFAULT_TIMEOUT_S: Final = 1.0
+"""For nodes that do not state their time-out."""
 MARGIN: Final = 1.5
-"""On what they say, for their reaction and for answers that come late."""
-LOOK_AGAIN_S: Final = 0.1
+"""Factor on a stated time-out, for reaction time and late answers."""
+POLL_S: Final = 0.1
 
-_Place = tuple[int, int]
-"""A node, and the index of an object there."""
+_Object = tuple[int, int]
+"""Node and index."""
 
 
 def require_unused(
     access: ObjectAccess, nodes: NodeMonitor, listen: Callable[[float], None], *, takes_over: bool
 ) -> None:
-    """Go on if nobody can be at work on this arm; one who is heard meanwhile is `listen`'s affair.
+    """Return if no other operator can be using the arm.
 
     Parameters
     ----------
-    access
-        To the arm's nodes; those that do not answer are not judged here.
-    nodes
-        Which they are, and who else is heard.
+    access, nodes
+        Object access and state of the arm's nodes; nodes without answers are ignored.
     listen
-        Listens for so many seconds, and raises for whoever is heard.
+        Listens for a number of seconds and raises for any operator heard.
     takes_over
-        Whether drives that stay enabled though nobody was heard are taken for left behind.
+        Whether drives that stay enabled in silence may be taken over.
 
     Raises
     ------
     ControlDenied
-        Whoever holds the token is heard.
+        The holder of the token is heard.
     ArmInUse
-        A drive obeys commands for longer than it would wait for an operator; or it was stopped, and the token is
-        held for as long. One that was stopped is nobody's when the token is free: whoever stopped it has gone,
-        and to connect enables nothing.
+        A drive stays enabled beyond its time-out, or stays stopped with the token held. A stopped drive with a
+        free token belongs to no operator, and connecting enables nothing.
     """
     profile = nodes.profile
-    asked = [(node, STATUSWORD) for node in profile.drives]
+    statuswords = [(node, STATUSWORD) for node in profile.drives]
     tokens = [] if profile.supervisor is None else [(profile.supervisor, TOKEN)]
-    said = _asked(access, (*asked, *tokens))
-    if said:  # one frame that was lost is no drive that is off
-        said |= _asked(access, [place for place in (*asked, *tokens) if place not in said])
-    enabled, held = _enabled(said), _holder(said)
-    if not enabled and not held:
+    values = _read_all(access, (*statuswords, *tokens))
+    if values:  # again where a frame may have been lost
+        values |= _read_all(access, [key for key in (*statuswords, *tokens) if key not in values])
+    enabled, holder = _powered(values), _token_holder(values)
+    if not enabled and not holder:
         return
-    patience_s = _patience_s(access, [*enabled, *(node for node, _ in tokens if held)])
-    for _ in range(ceil(patience_s / LOOK_AGAIN_S)):
-        listen(LOOK_AGAIN_S)
-        if held in nodes.foreign_nodes:
-            raise ControlDenied(held)
-        # Who does not answer now is what he said last.
-        said |= _asked(access, [*((node, STATUSWORD) for node in enabled), *tokens])
-        enabled, held = _enabled(said), _holder(said)
-        if not enabled and not held:
+    timeout_s = _timeout_s(access, [*enabled, *(node for node, _ in tokens if holder)])
+    for _ in range(ceil(timeout_s / POLL_S)):
+        listen(POLL_S)
+        if holder in nodes.foreign_nodes:
+            raise ControlDenied(holder)
+        # A node without an answer keeps its last value.
+        values |= _read_all(access, [*((node, STATUSWORD) for node in enabled), *tokens])
+        enabled, holder = _powered(values), _token_holder(values)
+        if not enabled and not holder:
             return
     obeys = DriveState.OPERATION_ENABLED in enabled.values()
-    if not takes_over and (obeys or (enabled and held)):
+    if not takes_over and (obeys or (enabled and holder)):
         named = [f"{profile.who(node)} is in {state.value}" for node, state in enabled.items()]
-        raise ArmInUse(named, patience_s)
+        raise ArmInUse(named, timeout_s)
 
 
-def _enabled(said: Mapping[_Place, int]) -> dict[int, DriveState]:
-    """Drives among these that close a loop, with their state."""
-    states = {node: state_of(word) for (node, index), word in said.items() if index == STATUSWORD}
+def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
+    """Drives that close a loop, with their state."""
+    states = {node: state_of(word) for (node, index), word in values.items() if index == STATUSWORD}
     return {node: state for node, state in states.items() if state in POWERED_STATES}
 
 
-def _holder(said: Mapping[_Place, int]) -> int:
-    """Who holds the control token; 0 for nobody, or where there is no such node."""
-    return next((holder for (_, index), holder in said.items() if index == TOKEN), 0)
+def _token_holder(values: Mapping[_Object, int]) -> int:
+    """Node in control; 0 if none."""
+    return next((holder for (_, index), holder in values.items() if index == TOKEN), 0)
 
 
-def _asked(access: ObjectAccess, places: Sequence[_Place]) -> dict[_Place, int]:
-    """What those say that have an answer, all of them asked at once: one that is not there takes its time."""
+def _read_all(access: ObjectAccess, objects: Sequence[_Object]) -> dict[_Object, int]:
+    """Values of the objects that are answered, read in parallel: each absent node costs a time-out."""
 
-    def ask(place: _Place) -> int | None:
+    def read(key: _Object) -> int | None:
         try:
-            return int.from_bytes(access.read_once(*place), "little")
+            return int.from_bytes(access.read_once(*key), "little")
         except HardwareError:
             return None
 
-    with ThreadPoolExecutor(max(len(places), 1)) as pool:
-        answers = zip(places, pool.map(ask, places), strict=True)
-        return {place: answer for place, answer in answers if answer is not None}
+    with ThreadPoolExecutor(max(len(objects), 1)) as pool:
+        answers = zip(objects, pool.map(read, objects), strict=True)
+        return {key: value for key, value in answers if value is not None}
 
 
-def _patience_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """How long whoever works here can be late before these let go: drives of their loops, a supervisor of the token."""
-    patience_s = LEAST_S
+def _timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
+    """Longest silence of an operator that these drives, or this supervisor, accept."""
+    timeout_s = DEFAULT_TIMEOUT_S
     for node in nodes:
         try:
-            patience_s = max(patience_s, MARGIN * (operator_timeout_s(access, node) or 0.0))
+            timeout_s = max(timeout_s, MARGIN * (operator_timeout_s(access, node) or 0.0))
         except BusError:
             continue
-    return patience_s
+    return timeout_s

@@ -1,7 +1,7 @@
-"""Asks the system to run whoever keeps the time of an arm before other programs. Knows no bus and no arm.
+"""Real-time scheduling of the process and of its control loop.
 
-Niceness would not do: Linux weighs whole terminal sessions against each other (autogroup), and a polite
-neighbour in another one has as much of the processor as the program that moves an arm.
+Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a nice program in
+another session still gets as much of it as the program that moves the arm.
 """
 
 from __future__ import annotations
@@ -13,20 +13,19 @@ from contextlib import contextmanager, suppress
 from typing import Final
 
 PRIORITY: Final = 1
-"""The lowest of the real-time ones: before all ordinary programs, behind whatever else is in real time."""
+"""The lowest real-time priority: above all ordinary programs, below other real-time ones."""
 
 LOOP_PRIORITY: Final = 2
-"""Of threads with a time to keep, who hardly compute: among equals, each may wait a tenth of a second for
-every other, and planning and printing must not make the loop wait. The rest of its program runs in real time
-too, since whoever holds the interpreter holds up the loop."""
+"""Priority of the loops, which compute little; threads of equal priority wait up to 0.1 s for each other. The rest
+of the program is real-time too, since the thread that holds the interpreter blocks the loop."""
 
 
 @contextmanager
 def real_time_priority() -> Iterator[None]:
-    """Run this thread, and the threads it starts, before ordinary programs; in turn where not allowed.
+    """Run this thread and the threads it starts in real time; as before if not allowed.
 
-    Allowed to root, and to whom ``ulimit -r`` (rtprio in limits.conf) says so. A thread that never rests
-    is held back by the kernel all the same (95 % of a processor).
+    Allowed for root, and by ``ulimit -r`` (rtprio in limits.conf). The kernel limits real-time threads to 95 % of
+    a processor.
     """
     if sys.platform != "linux":
         yield
@@ -44,13 +43,13 @@ def real_time_priority() -> Iterator[None]:
 
 
 def raise_loop_priority() -> None:
-    """Run this thread before all others of its program, if that is `real_time_priority`."""
+    """Run this thread before all others of its program, if that runs in real time."""
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
 
 
 def normal_priority() -> None:
-    """Run this process as any other, whoever started it."""
+    """Run this process with ordinary scheduling."""
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

@@ -1,7 +1,4 @@
-"""What the arm only looks at, SYNC by SYNC: settling and readings. Commands nothing, knows no bus.
-
-Generators in the sense of `hardware.control.tasks.Steps`.
-"""
+"""Settling and readings as steps (`hardware.control.tasks.Steps`); they send no commands."""
 
 from __future__ import annotations
 
@@ -15,8 +12,8 @@ from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.control.steps import LoopView, incomplete_samples, raise_alarm
 from hardware.scale import JointScale
 
-SYNCS_A_SAMPLE, FEWEST_SYNCS = 20, 100
-"""A reading may take so many SYNCs for each of its samples, and so many beside: frames do get lost."""
+SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
+"""Limit of a reading in SYNCs: per sample, and in addition; frames may be lost."""
 
 
 def settle(
@@ -27,7 +24,7 @@ def settle(
     spread_rad: Sequence[float],
     timeout_syncs: int,
 ) -> Generator[Setpoints | None, Sample, bool]:
-    """Wait until no joint spread more than `spread_rad` over the last `window` complete samples."""
+    """Wait until every joint's spread over the last `window` complete samples is within `spread_rad`."""
     bounds = np.array([s * scale.density for s, scale in zip(spread_rad, scales, strict=True)])
     recent: deque[tuple[int, ...]] = deque(maxlen=window)
     for _ in range(timeout_syncs):
@@ -43,10 +40,10 @@ def settle(
 def capture(
     loop: LoopView, scales: Sequence[JointScale], *, samples: int
 ) -> Generator[Setpoints | None, Sample, Reading]:
-    """Collect complete samples: every one has all joints latched on the same SYNC."""
+    """Average complete samples, each with all joints latched on the same SYNC."""
     rows: list[tuple[int, ...]] = []
     first = 0
-    for _ in range(FEWEST_SYNCS + SYNCS_A_SAMPLE * samples):
+    for _ in range(EXTRA_SYNCS + SYNCS_PER_SAMPLE * samples):
         if len(rows) == samples:
             break
         sample = yield None

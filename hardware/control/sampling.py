@@ -1,15 +1,22 @@
-"""Makes one sample of what the joints answer to one SYNC, and publishes it. Knows no bus and no clock."""
+"""Collects the joints' answers to a SYNC into a sample, publishes it, and builds the arm's snapshot."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
+from hardware.arm import ArmSnapshot, Fault, JointMode, JointState
+from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample
+from hardware.monitors.dropout import Dropout
+from hardware.monitors.latency import LatencyMonitor
+from hardware.monitors.node_monitor import NodeMonitor
+from hardware.scale import JointScale
 
-DOUBLED_SYNCS = 10
-"""Frames may come twice now and then; whoever is so many answers ahead of one a SYNC is two."""
+DUPLICATE_SYNCS = 10
+"""Surplus answers from which a joint counts as two devices; single frames may be doubled."""
 
 SPEED_SYNCS = 5
 """Speeds are means over this many control periods."""
@@ -17,9 +24,9 @@ SPEED_SYNCS = 5
 
 @dataclass(frozen=True, slots=True)
 class CyclicView:
-    """What other threads see of the cyclic traffic, replaced as a whole after every sample.
+    """Latest sample for other threads, replaced as a whole.
 
-    `late_at_s` is how late the loop had been in all when each joint answered.
+    `late_at_s` is the accumulated host latency when each joint answered.
     """
 
     sample: Sample
@@ -29,27 +36,23 @@ class CyclicView:
 
 
 class Sampler:
-    """Collects the answers of joints 1..n, whose frames are given.
+    """Collects the answers of joints 1..n; a joint has answered when all of its TPDOs have come.
 
-    A joint has answered when each of its TPDOs has come.
-
-    A joint that missed `patience` samples in a row is lost: it is no longer waited for, and comes
-    back with its next answer.
+    A joint that missed `max_misses` samples in a row is lost: it is no longer waited for, until it answers again.
 
     Attributes
     ----------
     view
         The latest sample, to be read from any thread.
     waiting
-        Joints whose answer to the present SYNC is still expected.
+        Number of joints whose answer to the present SYNC is still expected.
     answered_late
-        A joint had answered after the sample before was closed: what was taken for its answer there
-        may have been one to an earlier SYNC.
+        Whether a joint answered after the previous sample was closed: that sample may hold an earlier answer.
     """
 
-    def __init__(self, frames: Sequence[JointFrames], *, patience: int, now_s: float) -> None:
+    def __init__(self, frames: Sequence[JointFrames], *, max_misses: int, now_s: float) -> None:
         joints = len(frames)
-        self._patience = patience
+        self._max_misses = max_misses
         self._parts = {
             identifier: (at, part, answer)
             for at, joint in enumerate(frames)
@@ -58,14 +61,13 @@ class Sampler:
         self._blank = [(0,) * len(joint.answers) for joint in frames]
         self._came = [list(none) for none in self._blank]
         self._closed = [list(none) for none in self._blank]
-        # Statusword, counts, torque.
-        self._states = [[0, 0, 0] for _ in frames]
+        self._states = [[0, 0, 0] for _ in frames]  # statusword, counts, torque
         self._answered_at_s = [now_s] * joints
         self._late_at_s = [0.0] * joints
         self._missed = [0] * joints
         self._awaited = [False] * joints
-        self._doubled = [0] * joints
-        self._owed = [0] * joints
+        self._surplus = [0] * joints
+        self._overdue = [0] * joints
         blank = Sample(
             sync_count=0,
             **self._columns(),
@@ -81,27 +83,25 @@ class Sampler:
         self.answered_late = any(
             came != closed for came, closed in zip(self._came, self._closed, strict=True)
         )
-        # A second answer may have come after the sample was closed: it is looked at only now. It may
-        # also come after the next SYNC, and be counted there: what is too many in one sample is kept,
-        # and a sample with one answer takes only one of it away.
+        # A second answer may come after its sample was closed, or after the next SYNC, and count there: a surplus
+        # is kept, and reduced by one for each sample with one answer.
         for at, came in enumerate(self._came):
             answers = max(came)
-            # Whoever was held up answers all that he owes at once, or now and then: meanwhile he may have
-            # answered every SYNC once, each time to an earlier one.
-            late = min(self._owed[at], max(answers - 1, 0))
-            self._owed[at] = min(self._owed[at] - late + (answers == 0), MAX_LATE_SYNCS)
+            # A delayed node delivers overdue answers later, all at once or one by one: they are no surplus.
+            late = min(self._overdue[at], max(answers - 1, 0))
+            self._overdue[at] = min(self._overdue[at] - late + (answers == 0), MAX_LATE_SYNCS)
             surplus = answers - 1 - late if answers - late > 1 else -1
-            self._doubled[at] = min(max(self._doubled[at] + surplus, 0), DOUBLED_SYNCS)
+            self._surplus[at] = min(max(self._surplus[at] + surplus, 0), DUPLICATE_SYNCS)
             came[:] = self._blank[at]
-        self._awaited = [missed < self._patience for missed in self._missed]
+        self._awaited = [missed < self._max_misses for missed in self._missed]
         self.waiting = sum(self._awaited)
 
     def note(
         self, identifier: int, data: bytes | bytearray, now_s: float, late_s: float = 0.0
     ) -> bool:
-        """Take in a frame if it is a TPDO of a joint; whether it is. One of another length says nothing.
+        """Take in a frame; return whether it is a joint's TPDO. `late_s` is the accumulated host latency.
 
-        `late_s` is how late the loop has been in all.
+        A TPDO of another length is ignored.
         """
         found = self._parts.get(identifier)
         if found is None:
@@ -113,22 +113,21 @@ class Sampler:
         self._late_at_s[at] = late_s
         came = self._came[at]
         came[part] += 1
-        if self._missed[at] >= self._patience:
-            # It was not waited for: this answer may come after its sample was closed, and counts.
-            self._missed[at] = 0
+        if self._missed[at] >= self._max_misses:
+            self._missed[at] = 0  # a lost joint is back, even if its sample was closed
         elif self._awaited[at] and came[part] == min(came) == 1:
             self.waiting -= 1
         return True
 
     def close(self) -> None:
-        """End the sample and publish it."""
+        """Close the sample and publish it."""
         self._closed = [list(came) for came in self._came]
         for at, came in enumerate(self._came):
             self._missed[at] = 0 if min(came) else self._missed[at] + 1
         sample = Sample(
             sync_count=self.view.sample.sync_count + 1,
             **self._columns(),
-            # Two answers in one window: one of them is late and belongs to another SYNC.
+            # Of two answers one belongs to another SYNC.
             missing=tuple(
                 j for j, came in enumerate(self._came, 1) if not min(came) == max(came) == 1
             ),
@@ -137,14 +136,80 @@ class Sampler:
         self._history.append(sample)
         self.view = CyclicView(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
 
-    def doubled(self) -> tuple[int, ...]:
-        """Joints that go on answering a SYNC more than once."""
-        return tuple(j for j, times in enumerate(self._doubled, 1) if times >= DOUBLED_SYNCS)
+    def duplicates(self) -> tuple[int, ...]:
+        """Joints that keep answering a SYNC more than once."""
+        return tuple(j for j, times in enumerate(self._surplus, 1) if times >= DUPLICATE_SYNCS)
 
     def lost(self) -> tuple[int, ...]:
         """Joints that are no longer waited for."""
-        return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._patience)
+        return tuple(j for j, missed in enumerate(self._missed, 1) if missed >= self._max_misses)
 
     def _columns(self) -> dict[str, tuple[int, ...]]:
         statuswords, counts, torques = zip(*self._states, strict=True)
         return {"statuswords": statuswords, "counts": counts, "torques_per_mille": torques}
+
+
+def build_snapshot(
+    view: CyclicView,
+    nodes: NodeMonitor,
+    dropouts: Sequence[Dropout],
+    *,
+    scales: Sequence[JointScale],
+    rated_torques_nm: Sequence[float],
+    modes: Sequence[JointMode | None],
+    token: int,
+    stopped: bool,
+    stopped_for: str,
+    moving: bool,
+    period_s: float,
+    now_s: float,
+    latency: LatencyMonitor,
+) -> ArmSnapshot:
+    """Snapshot at `now_s`; speeds are means over `SPEED_SYNCS` control periods."""
+    listened_s = latency.listened_s
+    sample, earlier = view.sample, view.earlier
+    elapsed_s = (sample.sync_count - earlier.sync_count) * period_s
+    joints = tuple(
+        JointState(
+            joint=joint + 1,
+            position_counts=counts,
+            position_rad=scale.to_rad(counts),
+            speed_rad_per_s=(
+                (counts - earlier.counts[joint]) / scale.counts_per_rad / elapsed_s
+                if elapsed_s > 0.0
+                else 0.0
+            ),
+            torque_nm=sample.torques_per_mille[joint] * 1e-3 * rated_torques_nm[joint],
+            drive=state_of(sample.statuswords[joint]),
+            mode=modes[joint],
+            age_s=now_s - view.answered_at_s[joint],
+        )
+        for joint, (scale, counts) in enumerate(zip(scales, sample.counts, strict=True))
+    )
+    return ArmSnapshot(
+        sync_count=sample.sync_count,
+        joints=joints,
+        late_s=max(0.0, latency.late_s - min(view.late_at_s, default=0.0)),
+        heartbeat_age_s=MappingProxyType(
+            {node: listened_s - heard for node, heard in dict(nodes.heard_at_s).items()}
+        ),
+        token=token,
+        faults=nodes.faults or tuple(_fault(nodes, each) for each in dropouts),
+        stopped=stopped,
+        stopped_for=stopped_for,
+        moving=moving,
+        lateness=latency.lateness,
+    )
+
+
+def _fault(nodes: NodeMonitor, dropout: Dropout) -> Fault:
+    """Fault of a drive that sent no emergency."""
+    return Fault(
+        node=nodes.profile.drives[dropout.joint - 1],
+        joint=dropout.joint,
+        code=0,
+        text="the drive does not follow its target"
+        if dropout.not_following
+        else f"the drive is in {dropout.state.value}",
+        sync_count=dropout.sync_count,
+    )

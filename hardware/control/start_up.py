@@ -1,9 +1,8 @@
-"""Bringing the nodes of an arm up, so that they run and are known to be the ones expected. Knows no motion.
+"""Starts the nodes of an arm and checks that they are the ones expected.
 
-Order: listen for another operator or master before a single frame is sent; ask drives and supervisor whether
-somebody works with them; reset the communication of the arm's nodes (and of nothing else on the bus) and wait
-for every boot-up; compare the arm with its description;
-heartbeat; NMT start; SYNC.
+Order: listen for another operator or master before a frame is sent; check by SDO that no operator uses the arm;
+reset the communication of the arm's nodes only, and wait for every boot-up; compare the arm with its
+description; heartbeat; NMT start; SYNC.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ from hardware.timing import Pace
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Started:
-    """What was learned on the way; `token` is the holder of the control token, 0 for nobody."""
+    """Result of a start-up; `token` is the node in control, 0 if none."""
 
     identity: ArmIdentity
     rated_torques_nm: tuple[float, ...]
@@ -65,16 +64,14 @@ class StartUp:
 
     Parameters
     ----------
-    on_bus
-        The arm expected.
+    on_bus, scales
+        The arm expected, and the scales of joints 1..n.
     loop, access, send
         Cyclic traffic, object access, and what puts a frame on the bus.
-    scales
-        Of joints 1..n.
     listen_s
-        How long to listen for others before anything is sent.
+        Time to listen for others before anything is sent.
     boot_timeout_s
-        How long a node may take to boot, and to start.
+        Time-out for a node to boot, and to start.
     """
 
     def __init__(
@@ -90,7 +87,7 @@ class StartUp:
     ) -> None:
         self._description, self._profile = on_bus.description, on_bus.profile
         self._period_s = on_bus.timing.period_s
-        # In fast forward no time passes for the drives, and nobody else has that arm.
+        # In fast forward no time passes for the drives, and no other program has that arm.
         self._shared = on_bus.pace is Pace.REAL_TIME
         self._loop, self._access, self._send, self._scales = loop, access, send, tuple(scales)
         self._listen_s, self._boot_timeout_s = listen_s, boot_timeout_s
@@ -99,10 +96,7 @@ class StartUp:
         self._pressed: Callable[[], bool] = lambda: False
 
     def run(self, press: object | None, *, takes_over: bool) -> Started:
-        """Find the nodes, check them, start heartbeat and SYNC; a STOP newer than `press` ends this.
-
-        `takes_over`: see `in_use.require_unused`.
-        """
+        """Find the nodes, check them, start heartbeat and SYNC; arguments as `Connection.open`."""
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
@@ -110,80 +104,80 @@ class StartUp:
         self._listen(self._listen_s)
         if self._shared:
             in_use.require_unused(access, loop.nodes, self._listen, takes_over=takes_over)
-            self._listen(0.0)  # who commanded while the nodes were asked, before that is forgotten
+            self._listen(0.0)  # commands of others meanwhile, before they are cleared
         loop.nodes.expect_boot_up()
-        missing = self._told(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
+        missing = self._send_nmt(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
         loop.nodes.expect_no_boot_up()
         if missing and not profile.configures_pdos:
-            # Of an arm that is set up in another way some nodes may well be there: say all of it.
+            # The present nodes may show that the arm is set up differently: report both.
             check_mapping(access, profile, missing)
         _require(missing)
         identity = identifying.read_identity(access, profile, self._description)
-        self._require_single()
-        self.go_on()
+        self._require_unique_nodes()
+        self.raise_if_cancelled()
         identity, rated_torques_nm = self._check_drives(identity)
-        self._require_single()
-        for words in zero_residual_torques(access, profile):
-            self._zeroed.append(words)
+        self._require_unique_nodes()
+        for text in zero_residual_torques(access, profile):
+            self._zeroed.append(text)
         zeroed = tuple(self._zeroed)
         identity = replace(identity, configured=(*self._configured, *zeroed), zeroed=zeroed)
-        self.go_on()
+        self.raise_if_cancelled()
         loop.begin_heartbeat()
-        _require(
-            self._told(NmtCommand.START, partial(loop.nodes.wait_for_state, NmtState.OPERATIONAL))
-        )
+        started = partial(loop.nodes.wait_for_state, NmtState.OPERATIONAL)
+        _require(self._send_nmt(NmtCommand.START, started))
         token = 0
         if profile.supervisor is not None:
             token = access.read_unsigned(profile.supervisor, TOKEN)
         loop.begin_sync()
-        first = loop.run(steps.look_until_whole(loop), despite=(DriveFault, Stopped, DriveDiverged))
+        first = loop.run(
+            steps.first_complete_sample(loop), despite=(DriveFault, Stopped, DriveDiverged)
+        )
         check_positions(access, profile, first.counts, self._scales)
-        self._learn_of_trips(first)
+        self._read_fault_codes(first)
         return Started(identity=identity, rated_torques_nm=rated_torques_nm, token=token)
 
     def _listen(self, for_s: float) -> None:
-        """Let nobody else be at work on this bus, as far as he is heard."""
+        """Listen for `for_s` seconds; raise for another operator or master."""
         nodes = self._loop.nodes
         if nodes.wait_for_other_operator(for_s):
             raise ControlDenied(OPERATOR_NODE)
-        self.go_on()
+        self.raise_if_cancelled()
         if nodes.foreign_command:
             raise OtherMaster(
                 f"Somebody else works on this bus: {nodes.foreign_command} came from another program. Nothing "
-                "was told to the arm. End that program, or take its device off this bus, then connect again; "
+                "was sent to the arm. End that program, or take its device off this bus, then connect again; "
                 "`sarcal monitor` shows what it sends."
             )
 
     def undo(self, failure: BaseException) -> None:
-        """Give the drives their own PDOs back, after what failed; what was set to 0 stays, and is told with it."""
+        """After a failure restore the drives' own PDOs; objects set to 0 stay so and are added to the error."""
         if self._configured:
             with suppress(BusError):
                 self._command_nodes(NmtCommand.RESET_COMMUNICATION)
         if isinstance(failure, HardwareError):
-            failure.stays = tuple(self._zeroed)
+            failure.kept_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
-        """Compare PDOs and the arm with profile and description; PDOs are written before, if the profile says so.
+        """Compare PDOs and arm with profile and description; write the PDOs first if the profile says so.
 
-        The identity with what is known of the drives' watch, and rated torques in N m.
+        Returns the identity with the joints whose drives do not monitor the operator, and rated torques in N m.
         """
         access, profile = self._access, self._profile
         if profile.configures_pdos:
-            # First all that can be refused by reading: nothing is written into another arm, nor into one that
-            # is not driven afterwards.
+            # All checks that only read come first: nothing is written into a wrong or refused arm.
             found = self._check_arm(identity)
             check_communication(access, profile)
-            self.go_on()
+            self.raise_if_cancelled()
             self._configured = configure(access, profile, self._command_nodes)
             check_mapping(access, profile)
-            self.go_on()
+            self.raise_if_cancelled()
             return found
         check_mapping(access, profile)
-        self.go_on()
+        self.raise_if_cancelled()
         return self._check_arm(identity)
 
     def _check_arm(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
-        """Compare all but the PDOs, and take in how the nodes are watched."""
+        """Compare all but the PDOs; set heartbeat time-out and following windows."""
         access, profile, loop = self._access, self._profile, self._loop
         identifying.check_arm(access, identity, self._description, profile, period_s=self._period_s)
         loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
@@ -192,8 +186,8 @@ class StartUp:
         rated_torques_nm = identifying.read_rated_torques_nm(access, profile)
         return replace(identity, unwatching=unwatching), rated_torques_nm
 
-    def go_on(self) -> None:
-        """Raise if STOP was pressed since this began, or nobody listens any more: nothing was, or will be, enabled."""
+    def raise_if_cancelled(self) -> None:
+        """Raise if STOP was pressed since the start, or the control loop has ended."""
         failure = self._loop.failure
         if failure is not None:
             raise failure
@@ -203,36 +197,35 @@ class StartUp:
                 "is closed. Connect again first"
             )
 
-    def _told(
-        self, command: NmtCommand, obeyed: Callable[[float], tuple[int, ...]]
+    def _send_nmt(
+        self, command: NmtCommand, wait: Callable[[float], tuple[int, ...]]
     ) -> tuple[int, ...]:
-        """Give the nodes an NMT command and return those that do not obey; `obeyed` waits for them and says which.
+        """Send an NMT command; return the nodes that `wait` still reports after a second attempt.
 
-        Nobody answers such a command: a node that is heard and does not obey is told once more, for either frame
-        may have been lost.
+        NMT commands are not acknowledged, and either frame may be lost: nodes that are heard get it twice.
         """
         self._command_nodes(command)
-        missing = obeyed(self._boot_timeout_s)
-        self.go_on()
+        missing = wait(self._boot_timeout_s)
+        self.raise_if_cancelled()
         heard = [node for node in missing if node in self._loop.nodes.heard_at_s]
         if heard:
             self._command_nodes(command, heard)
-            missing = obeyed(self._boot_timeout_s)
-            self.go_on()
+            missing = wait(self._boot_timeout_s)
+            self.raise_if_cancelled()
         return missing
 
     def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
-        """Send an NMT command to these of the arm's nodes, or all: what else is on this bus is not ours to reset."""
+        """Send an NMT command to these or all of the arm's nodes, never to others on the bus."""
         for node in nodes or self._profile.nodes:
             self._send(COB_NMT, bytes([command, node]))
 
-    def _require_single(self) -> None:
-        twice = self._access.duplicate_nodes()
-        if twice:
-            raise DuplicateNodeId(twice)
+    def _require_unique_nodes(self) -> None:
+        duplicates = self._access.duplicate_nodes()
+        if duplicates:
+            raise DuplicateNodeId(duplicates)
 
-    def _learn_of_trips(self, first: Sample) -> None:
-        """Ask drives that are in a fault why (603Fh): their emergencies were sent before we listened."""
+    def _read_fault_codes(self, first: Sample) -> None:
+        """Read 603Fh of drives in fault: their emergencies were sent before this program listened."""
         codes = {
             node: self._access.read_unsigned(node, ERROR_CODE)
             for node, status in zip(self._profile.drives, first.statuswords, strict=True)

@@ -1,8 +1,7 @@
-"""What the arm does SYNC by SYNC: enable, change modes, move, hold, reset. Knows no bus and no thread.
+"""Motions as steps, SYNC by SYNC: enable, change modes, move, hold, reset.
 
-Each function is a generator in the sense of `hardware.control.tasks.Steps`: it yields the commands of
-the next SYNC, is sent the sample of that SYNC, and returns its result. Whatever ends one early, the
-joints in position mode are left at rest on the target they were given last.
+Each is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, is sent its sample,
+and returns a result. If one ends early, joints in position mode rest at their last targets.
 """
 
 from __future__ import annotations
@@ -37,14 +36,13 @@ from hardware.errors import (
 from hardware.scale import JointScale
 
 INCOMPLETE_SYNCS = 200
-"""SYNCs in a row that some joint did not answer as it should, after which a move is given up."""
-
+"""Consecutive incomplete samples after which a move ends."""
 TRANSITION_SYNCS = 50
-"""A drive may take this many SYNCs from one end of its state machine to the other."""
+"""Time for a drive to pass through its whole state machine."""
 
 
 class LoopView(Protocol):
-    """What steps see of the control loop."""
+    """The control loop as steps see it."""
 
     commands: Setpoints | None
     latch: StopLatch
@@ -56,7 +54,7 @@ class LoopView(Protocol):
         ...
 
     def alarm(self) -> HardwareError | None:
-        """Why the steps should end, if anything."""
+        """The alarm for which the steps should end, if any."""
         ...
 
 
@@ -66,7 +64,7 @@ def follows_command(statusword: int) -> bool:
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
-    """The first joint asked for position mode whose enabled drive does not say that it follows; None if all do."""
+    """First joint in position mode whose enabled drive does not report following; None if all do."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
         enabled = state_of(status) is DriveState.OPERATION_ENABLED
         if mode is JointMode.POSITION and enabled and not follows_command(status):
@@ -74,8 +72,8 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
     return None
 
 
-def look_until_whole(loop: LoopView) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange SYNCs without a command until one was answered by every joint; at least two."""
+def first_complete_sample(loop: LoopView) -> Generator[Setpoints | None, Sample, Sample]:
+    """Exchange SYNCs without commands until a sample is complete; at least two."""
     sample = loop.sample
     for seen in range(INCOMPLETE_SYNCS):
         sample = yield None
@@ -86,36 +84,33 @@ def look_until_whole(loop: LoopView) -> Generator[Setpoints | None, Sample, Samp
 
 
 def drive_to(
-    loop: LoopView, wish: TargetState
+    loop: LoopView, target: TargetState
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
-    """Bring all drives to a state, in position mode, the target being where each one is now.
+    """Bring all drives to a state, in position mode at their present positions.
 
-    One that was there is told to stay, and no more: whether it does is the alarm's affair.
-
-    Returns
-    -------
-    Joints that did not get there, in time or because they are in a fault.
+    A drive that reached it keeps its controlword; if it leaves, that is an alarm. Returns the joints that did not
+    reach it in time.
     """
     sample = yield None
-    targets = sample.counts
-    words, there = [0] * len(targets), [False] * len(targets)
+    positions = sample.counts
+    words, done = [0] * len(positions), [False] * len(positions)
     for _ in range(TRANSITION_SYNCS):
         raise_alarm(loop)
         words = [
-            word if stays else _next_controlword(status, wish, word)
-            for status, word, stays in zip(sample.statuswords, words, there, strict=True)
+            word if stays else _next_controlword(status, target, word)
+            for status, word, stays in zip(sample.statuswords, words, done, strict=True)
         ]
-        there = [
-            stays or reached(state_of(status), wish)
-            for status, stays in zip(sample.statuswords, there, strict=True)
+        done = [
+            stays or reached(state_of(status), target)
+            for status, stays in zip(sample.statuswords, done, strict=True)
         ]
         sample = yield tuple(
-            Setpoint(word, target, CYCLIC_POSITION)
-            for word, target in zip(words, targets, strict=True)
+            Setpoint(word, position, CYCLIC_POSITION)
+            for word, position in zip(words, positions, strict=True)
         )
-        if not _lagging(sample, wish):
+        if not _not_reached(sample, target):
             break
-    return _lagging(sample, wish)
+    return _not_reached(sample, target)
 
 
 def reset(
@@ -123,13 +118,8 @@ def reset(
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
-    `clear` forgets the emergencies known so far; `press` is the STOP to be lifted. Returns the
-    joints whose fault stays.
-
-    Raises
-    ------
-    Stopped
-        If STOP was pressed after `press`; nothing was changed.
+    `clear` clears the known emergencies; `press` is the STOP to release. Returns the joints that stay in fault.
+    `Stopped` if STOP was pressed after `press`; nothing is changed then.
     """
     if not loop.latch.release(press):
         raise Stopped("STOP was pressed again before it was reset: reset it once more")
@@ -141,25 +131,25 @@ def reset(
 def change_modes(
     loop: LoopView, modes: Sequence[JointMode], *, syncs: int
 ) -> Generator[Setpoints | None, Sample, None]:
-    """Ask for one mode per joint, and give the drives `syncs` SYNCs to follow.
+    """Request one mode per joint for `syncs` SYNCs.
 
-    A joint that enters position mode is given the position it has until its drive says that it
-    follows; one that is in position mode already keeps its target.
+    A joint that enters position mode gets its measured position until its drive follows; one that is in it keeps
+    its target.
     """
     sample = yield None
-    wanted = [MODE_CODE[mode] for mode in modes]
+    codes = [MODE_CODE[mode] for mode in modes]
     entering = [
         command.mode != CYCLIC_POSITION and mode == CYCLIC_POSITION
-        for command, mode in zip(_given(loop), wanted, strict=True)
+        for command, mode in zip(_last_commands(loop), codes, strict=True)
     ]
     for _ in range(syncs):
         raise_alarm(loop)
-        commands = list(_given(loop))
-        for at, (command, mode) in enumerate(zip(commands, wanted, strict=True)):
+        commands = list(_last_commands(loop))
+        for at, (command, mode) in enumerate(zip(commands, codes, strict=True)):
             if mode != CYCLIC_POSITION:
                 commands[at] = Setpoint(CONTROLWORD_ENABLE_OPERATION, sample.counts[at], mode)
             elif entering[at] and (
-                # In free mode bit 12 may be set as well: there it is the torque that is followed.
+                # In free mode bit 12 may mean that the torque is followed.
                 command.mode != mode or not follows_command(sample.statuswords[at])
             ):
                 commands[at] = replace(command, target_counts=sample.counts[at], mode=mode)
@@ -178,16 +168,15 @@ def move(
     watch: Watch | None,
     snapshot: Callable[[], ArmSnapshot],
 ) -> Generator[Setpoints | None, Sample, MoveResult]:
-    """Move joints in step along a straight line in joint space.
+    """Move joints synchronously along a straight line in joint space.
 
-    A watch's sentence ends the move with that reason. Any alarm but STOP first brings the joints to
-    rest along the line and is then raised, also one that comes while they are coming to rest; after
-    a tripped drive all others hold where they are.
+    A non-empty result of `watch` ends the move with that reason. Alarms other than STOP first bring the joints to
+    rest along the line, then are raised; after a tripped drive all others hold where they are.
     """
     sample = yield None
     raise_alarm(loop)
     joints = sorted(targets_rad)
-    commands = _given(loop)
+    commands = _last_commands(loop)
     path = StraightMove(
         np.array([scales[j - 1].to_rad(commands[j - 1].target_counts) for j in joints]),
         np.array([targets_rad[j] for j in joints]),
@@ -197,22 +186,21 @@ def move(
     )
     reason, first, incomplete = "", sample.sync_count, 0
     ending: Exception | None = None
-    # Whatever turns out to be the reason, the others hold once a drive was not as it was put.
-    faulted = False
+    faulted = False  # once a drive tripped or dropped out, whichever error is raised
     loop.moving = True
     try:
         while not path.finished:
             if sample.complete or path.braking:
                 point = path.next().tolist()
                 for joint, angle in zip(joints, point, strict=True):
-                    if _enabled(sample, joint):  # a tripped drive is not led any further
+                    if _enabled(sample, joint):  # a tripped drive gets no further targets
                         target = scales[joint - 1].to_counts(angle)
                         commands = _with_target(commands, joint, target)
             sample = yield commands
             if loop.latch.latched:
                 raise_alarm(loop)
             incomplete = 0 if sample.complete else incomplete + 1
-            ending = _more_urgent(loop.alarm() or _not_enabled(sample), ending)
+            ending = _higher_priority(loop.alarm() or _not_enabled(sample), ending)
             faulted = faulted or isinstance(ending, DriveFault)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
@@ -241,34 +229,33 @@ def move(
 
 
 def incomplete_samples(sample: Sample) -> BusError:
-    """Why nothing goes on where hardly any SYNC is answered by all joints once."""
-    named = ", ".join(map(str, sample.missing)) or "now one, now another"
+    """Error for a long run of incomplete samples."""
+    named = ", ".join(map(str, sample.missing)) or "varying joints"
     return BusError(
-        "Hardly any SYNC is answered by every joint, and once: the last one was not by joint "
-        f"{named}. Look at the cable, the bus load and that drive, then go on."
+        "Hardly any SYNC is answered exactly once by every joint; missing in the last one: joint "
+        f"{named}. Check the cable, the bus load and that drive, then go on."
     )
 
 
 def hold_where_it_is(loop: LoopView) -> Generator[Setpoints | None, Sample, None]:
-    """All joints to position mode now: free ones where they are, the others on their target."""
+    """All joints to position mode: free ones at their position, the others at their last target."""
     sample = yield None
     yield tuple(
         command
         if command.mode == CYCLIC_POSITION
         else replace(command, target_counts=counts, mode=CYCLIC_POSITION)
-        for command, counts in zip(_given(loop), sample.counts, strict=True)
+        for command, counts in zip(_last_commands(loop), sample.counts, strict=True)
     )
 
 
 def raise_alarm(loop: LoopView) -> None:
-    """Raise what should end the steps, if anything."""
+    """Raise the alarm for which the steps should end, if any."""
     found = loop.alarm()
     if found is not None:
         raise found
 
 
-def _given(loop: LoopView) -> Setpoints:
-    """Return the commands sent last."""
+def _last_commands(loop: LoopView) -> Setpoints:
     if loop.commands is None:
         raise CommandRefused("the drives are not enabled: take control first")
     return loop.commands
@@ -279,7 +266,7 @@ def _enabled(sample: Sample, joint: int) -> bool:
 
 
 def _not_enabled(sample: Sample) -> CommandRefused | None:
-    """Why the arm cannot move on: a drive is not enabled, whether its joint is led or follows freely."""
+    """Error for the first drive that is not enabled, in position or free mode; None if all are."""
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:
@@ -287,12 +274,11 @@ def _not_enabled(sample: Sample) -> CommandRefused | None:
     return None
 
 
-def _more_urgent(found: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """Why a move ends: the first reason, unless what was found since asks for more than rest."""
+def _higher_priority(found: HardwareError | None, ending: Exception | None) -> Exception | None:
+    """The error to end a move with: the first one, unless `found` requires more than coming to rest."""
     if ending is None or isinstance(found, Stopped):
         return found
-    # A trip is often seen in the statusword first, as a drive that is not enabled: its own, or its neighbour's.
-    # A node that is cut off shows so as well: its neighbours stop before it is missed.
+    # A trip, or a node cut off, often shows first as a drive (or its neighbours) that is not enabled.
     if isinstance(ending, DriveDropout) and isinstance(found, DriveFault | BusError):
         stopped = ending.state == DriveState.QUICK_STOP_ACTIVE.value
         own = isinstance(found, DriveFault) and found.joint == ending.joint
@@ -307,16 +293,16 @@ def _with_target(commands: Setpoints, joint: int, counts: int) -> Setpoints:
     return (*commands[: joint - 1], changed, *commands[joint:])
 
 
-def _lagging(sample: Sample, wish: TargetState) -> tuple[int, ...]:
+def _not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:
     return tuple(
         joint
         for joint, status in enumerate(sample.statuswords, 1)
-        if not reached(state_of(status), wish)
+        if not reached(state_of(status), target)
     )
 
 
-def _next_controlword(status: int, wish: TargetState, previous: int) -> int:
+def _next_controlword(status: int, target: TargetState, previous: int) -> int:
     try:
-        return next_controlword(status, wish, previous=previous)
+        return next_controlword(status, target, previous=previous)
     except ValueError:
         return 0

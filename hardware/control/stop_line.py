@@ -1,4 +1,4 @@
-"""STOP: its latch, and its own way to the drives by a second handle on the bus. Takes no lock, knows no loop."""
+"""STOP: its latch, and its own path to the drives by a second handle on the bus, without locks."""
 
 from __future__ import annotations
 
@@ -18,19 +18,16 @@ from hardware.monitors.following import Divergence
 
 
 class _Press:
-    """One press of STOP, and the joint that went astray, if that was why."""
+    """One press of STOP; its cause if it was uncommanded motion."""
 
-    def __init__(self, why: Divergence | None) -> None:
-        self.cause: Final = why
+    def __init__(self, cause: Divergence | None) -> None:
+        self.cause: Final = cause
 
 
 class StopLatch:
-    """Whether STOP is latched, and by which press: a reset lifts only the STOP it was asked for.
+    """Latch of STOP; it outlives a connection. A reset lifts only the press that it names.
 
-    It outlives a connection, and so does why it was latched.
-
-    Each side writes one name only, so that no press is lost between a look and a write; without a
-    lock, since STOP waits for nothing.
+    Lock-free: pressing and releasing write one attribute each, so that no press is lost.
     """
 
     def __init__(self) -> None:
@@ -49,16 +46,16 @@ class StopLatch:
 
     @property
     def cause(self) -> Divergence | None:
-        """The joint that went astray, for which this is latched; None where a person pressed it, or it is not."""
+        """Uncommanded motion for which it is latched; None if a person pressed it, or it is not latched."""
         pressed = self._pressed
         return None if pressed is None or pressed is self._released else pressed.cause
 
-    def press(self, why: Divergence | None = None) -> None:
-        """Latch, for a joint that went `why` astray. From any thread; a second press keeps the first one's cause."""
-        self._pressed = _Press(self.cause or why)
+    def press(self, cause: Divergence | None = None) -> None:
+        """Latch, from any thread; a second press keeps the first one's cause."""
+        self._pressed = _Press(self.cause or cause)
 
     def release(self, press: object | None) -> bool:
-        """Lift the latch if nothing was pressed after `press`; whether it is lifted."""
+        """Release if `press` is the latest press; return whether the latch is released."""
         if self._pressed is press:
             self._released = press
         return not self.latched
@@ -70,12 +67,12 @@ class StopLine:
     Parameters
     ----------
     bus
-        Handle that nobody else sends on; `close` shuts it down. None where an adapter opens only once:
-        then STOP goes out by the one handle there is, past its lock.
+        Handle for STOP alone; `close` shuts it down. None if the adapter opens only once: STOP then uses the
+        shared handle, past its lock.
     spare
-        Where a frame goes that the handle does not take; it records what was sent.
+        Shared bus: takes frames that `bus` does not, and records those sent.
     frames
-        Of joints 1..n.
+        Frames of joints 1..n.
     """
 
     def __init__(
@@ -85,35 +82,25 @@ class StopLine:
         own = () if bus is None else (partial(bus.send, timeout=0.0),)
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
-    def send(self, given: Setpoints | None, counts: Sequence[int]) -> None:
-        """Quick stop to every drive; target and mode stay what they were.
+    def send(self, last: Setpoints | None, counts: Sequence[int]) -> None:
+        """Quick stop to every drive, with target and mode of the `last` setpoints, or the positions `counts`.
 
-        Parameters
-        ----------
-        given
-            Setpoints sent last, None if there were none.
-        counts
-            Positions, one for each joint.
-
-        Raises
-        ------
-        BusError
-            If a frame could not be sent at all; the others were.
+        Raises `BusError` if a frame could not be sent; the others were.
         """
         failure: Exception | None = None
         deadline_s = time.monotonic() + CONTROL_PERIOD_S
         sent: list[can.Message] = []
         frames: list[tuple[int, bytes]] = []
         for at, measured in enumerate(counts):
-            target = given[at].target_counts if given else measured
-            mode = given[at].mode if given else CYCLIC_POSITION
+            target = last[at].target_counts if last else measured
+            mode = last[at].mode if last else CYCLIC_POSITION
             stop = Setpoint(CONTROLWORD_QUICK_STOP, target, mode)
             frames += self._frames[at].pack_controlword(stop)
         for identifier, data in frames:
             message = can.Message(arbitration_id=identifier, data=data, is_extended_id=False)
             message.timestamp = time.time()
             problem = self._send_one(message)
-            # A full queue empties within a millisecond; a bus that takes nothing is tried once.
+            # A full queue empties within a millisecond; other errors are final.
             while problem is not None and queue_is_full(problem) and time.monotonic() < deadline_s:
                 problem = self._send_one(message)
             if problem is None:
@@ -122,16 +109,16 @@ class StopLine:
         for message in sent:
             self._spare.note_sent(message)
         if failure is not None:
-            words = str(failure).rstrip(".")
-            raise BusError(f"STOP could not be sent: {words}. Use the emergency stop.") from failure
+            text = str(failure).rstrip(".")
+            raise BusError(f"STOP could not be sent: {text}. Use the emergency stop.") from failure
 
     def _send_one(self, message: can.Message) -> Exception | None:
-        """Send a frame by the first way that takes it; return why none did."""
+        """Send a frame by the first handle that takes it; return the last error if none does."""
         problem: Exception | None = None
         for way in self._ways:
             try:
                 way(message)
-            except Exception as error:  # noqa: BLE001 - whatever a driver raises, the drive gets its frame
+            except Exception as error:  # noqa: BLE001 - drivers raise anything; try the other handle
                 problem = error
             else:
                 return None

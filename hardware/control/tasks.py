@@ -1,4 +1,4 @@
-"""Hands commands from the caller's thread to the control loop's and back, Ctrl-C included. Knows no bus."""
+"""Passes steps from the caller's thread to the control loop and their results back, Ctrl-C included."""
 
 from __future__ import annotations
 
@@ -12,23 +12,15 @@ from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.errors import HardwareError
 
 Steps = Generator[Setpoints | None, Sample, Any]
-"""Yields commands for the next SYNC (None: as before), is sent its sample, returns its result."""
+"""Yields commands for the next SYNC (None: unchanged), is sent its sample, returns a result."""
 
-_LOOK_S = 0.2
-"""How often a waiting caller makes sure that somebody is still there to answer."""
+_ALIVE_POLL_S = 0.2
+"""How often a waiting caller checks that the loop's thread is alive."""
 
 
 @dataclass(slots=True)
 class LoopTask:
-    """Steps on their way through the control loop.
-
-    Attributes
-    ----------
-    despite
-        Alarms that do not end these steps.
-    abandoned
-        The caller was interrupted: come to rest and end.
-    """
+    """Steps to run; `despite` are ignored alarms, `abandoned` means that the caller was interrupted."""
 
     steps: Steps
     despite: tuple[type[HardwareError], ...] = ()
@@ -46,53 +38,43 @@ class LoopTask:
         return next(self.steps)
 
     def finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
-        """Tell the caller how it ended."""
+        """Hand result or error to the caller."""
         self.steps.close()
         self._result, self._error = result, error
         self._done.set()
 
-    def wait(self, someone_there: Callable[[], bool]) -> bool:
-        """Wait for `finish`; false if nobody is there to call it."""
-        while not self._done.wait(_LOOK_S):
-            if not someone_there():
+    def wait(self, loop_alive: Callable[[], bool]) -> bool:
+        """Wait for `finish`; false if the loop has ended without it."""
+        while not self._done.wait(_ALIVE_POLL_S):
+            if not loop_alive():
                 return self._done.is_set()
         return True
 
     def outcome(self) -> Any:
-        """Return the result, or raise what ended the steps."""
+        """Return the result, or raise the error that ended the steps."""
         if self._error is not None:
             raise self._error
         return self._result
 
 
 class TaskQueue:
-    """Tasks in the order they were asked for; the loop works on the first one.
+    """Tasks in order of request; the loop works on the first. `gone` makes the error for a loop that ended."""
 
-    Parameters
-    ----------
-    someone_there
-        Whether the loop's thread is alive.
-    gone
-        What to raise when it is not.
-    """
-
-    def __init__(
-        self, someone_there: Callable[[], bool], gone: Callable[[], HardwareError]
-    ) -> None:
-        self._someone_there, self._gone = someone_there, gone
+    def __init__(self, loop_alive: Callable[[], bool], gone: Callable[[], HardwareError]) -> None:
+        self._loop_alive, self._gone = loop_alive, gone
         self._tasks: deque[LoopTask] = deque()
 
     def run(self, task: LoopTask) -> Any:
-        """Have a task run and return its result; for every thread but the loop's.
+        """Run a task and return its result; from any thread but the loop's.
 
-        An interrupt (Ctrl-C) is held back until the steps have brought the arm to rest.
+        An interrupt (Ctrl-C) is raised after the steps have brought the arm to rest.
         """
         try:
             self._tasks.append(task)
-            answered = task.wait(self._someone_there)
+            answered = task.wait(self._loop_alive)
         except BaseException:
             task.abandoned = True
-            task.wait(self._someone_there)
+            task.wait(self._loop_alive)
             raise
         if not answered:
             raise self._gone()

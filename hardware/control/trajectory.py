@@ -1,8 +1,8 @@
-"""A straight, smooth move of several joints in step, that can brake at any time. Knows no bus.
+"""Synchronised straight move of several joints with bounded jerk, which can brake at any time.
 
-Along the straight line in joint space, the distance is that of the joint with the farthest to go. It
-follows a trapezoid of speed; a moving average over `smoothing_periods` of its positions bounds the
-jerk, never leaves the line between start and end, and comes to rest exactly on the trapezoid's end.
+The distance along the straight line in joint space is that of the joint with the largest travel. It follows a
+trapezoidal speed profile; a moving average over `smoothing_periods` positions bounds the jerk, stays on the line
+and comes to rest exactly at its end.
 """
 
 from __future__ import annotations
@@ -16,16 +16,15 @@ from hardware.arm import FloatArray
 from hardware.canopen.objects import CONTROL_PERIOD_S
 
 ACCELERATION_RAD_PER_S2 = 1.0
-"""How quickly joints speed up and slow down, unless told otherwise."""
+"""Default acceleration and deceleration of joints."""
 SMOOTHING_PERIODS = 10
 
 
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
-    """How far ahead a joint comes to rest, over its present speed, once a move of this speed brakes.
+    """Braking distance of a joint over its present speed, s, in a move of this speed.
 
-    Speed falls in proportion, so that its mean over the braking is half of it; half the moving average
-    and two periods between seeing and sending come on top. It holds of a free joint, too, as long as it
-    follows the drives in proportion.
+    Half the deceleration time (the mean speed is half), half the moving average and two control periods of delay.
+    It holds for a free joint too, as long as it follows the drives in proportion.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s
@@ -62,7 +61,7 @@ class Trapezoid:
         return distance, speed - self._acceleration * braking
 
     def brake(self, time_s: float) -> None:
-        """Slow down to rest from `time_s` on; later calls change nothing."""
+        """Decelerate to rest from `time_s` on; later calls change nothing."""
         if self._brake_from_s <= time_s:
             return
         _, speed = self.at(time_s)
@@ -90,10 +89,8 @@ class StraightMove:
     ----------
     start_rad, end_rad
         Joint vectors of equal length, rad.
-    speed_rad_per_s
-        Bound on the speed of every joint.
-    acceleration_rad_per_s2
-        Bound on the acceleration of every joint.
+    speed_rad_per_s, acceleration_rad_per_s2
+        Limits of every joint.
     period_s
         Control period.
     smoothing_periods
@@ -102,12 +99,12 @@ class StraightMove:
     Attributes
     ----------
     finished
-        The last target given out was the final one.
+        Whether the last target returned was the final one.
 
     Raises
     ------
     ValueError
-        If a bound is not positive or the vectors do not match.
+        A limit is not positive or the vectors do not match.
     """
 
     def __init__(
@@ -138,25 +135,25 @@ class StraightMove:
 
     @property
     def braking(self) -> bool:
-        """Whether the move was told to end early."""
+        """Whether the move ends early."""
         return self._braking
 
     def next(self) -> FloatArray:
-        """Target for the next period, shape (n,), rad; the final one again after the end."""
+        """Target of the next period, shape (n,), rad; the final one after the end."""
         if self.finished:
             return self._place(self._window[-1])
         self._step += 1
         time_s = self._step * self._period_s
         distance, _ = self._line.at(time_s)
         self._window.append(distance)
-        # A full window of the same distance: at rest. Rounding of the mean must not leave a residue.
+        # At rest once the window is constant; the mean would leave a rounding error.
         if time_s >= self._line.end_s and self._window[0] == distance:
             self.finished = True
             return self._place(distance)
         return self._place(math.fsum(self._window) / len(self._window))
 
     def brake(self) -> None:
-        """Come to rest as fast as the bounds allow; `next` gives the way there."""
+        """Come to rest within the limits; `next` returns the remaining targets."""
         if not self._braking:
             self._braking = True
             self._line.brake(self._step * self._period_s)

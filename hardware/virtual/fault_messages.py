@@ -203,7 +203,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             says=(
                 "are not set up as this program drives them",
                 # In mid-session: seen as its pose is read, if the joint does not seem to jump before.
-                *("these nodes were set up otherwise", "jumped by", "from where it was told to be"),
+                *("these nodes were set up otherwise", "jumped by", "counts from its target"),
             ),
             remedy=_COMMISSION,
             at_connect=True,
@@ -289,7 +289,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             says=(
                 "reads as it did at pose",
                 # Of a joint that is led: its drive, or this program, misses it on the way.
-                *("following error", "from where it was told to be"),
+                *("following error", "counts from its target"),
             ),
             remedy=_SENSOR,
         ),
@@ -320,7 +320,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "sagging-drive": FaultDescription(
             broken="a drive in position mode holds nothing, and does not say so",
             says=(
-                *("following error", "from where it was told to be", "excess torque"),
+                *("following error", "counts from its target", "excess torque"),
                 *("poses could be reached", "does not come to rest", "the drive is in"),
                 "after it was stopped",
             ),
@@ -343,7 +343,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "stray": FaultDescription(
             broken="a drive goes where it was not told to, 5 deg, and does not say so",
             says=(
-                *("from where it was told to be", "after it was stopped", "excess torque"),
+                *("counts from its target", "after it was stopped", "excess torque"),
                 *("does not come to rest", "the drive is in"),
             ),
             remedy=_ASTRAY,
@@ -359,7 +359,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "deaf-drive": FaultDescription(
             broken="a drive in position mode stays where it is, and says that it does not follow (6041h, bit 12)",
-            says=("(6041h, bit 12)", "following error", "from where it was told to be"),
+            says=("(6041h, bit 12)", "following error", "counts from its target"),
             goes_on=True,
             remedy="Look at that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go "
             "on.",

@@ -225,14 +225,14 @@ def _out_of_order(failure: Exception) -> Exception:
 @contextmanager
 def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
     """Record the bus, if asked to: from before the first boot-up to after the last frame."""
-    from hardware.buses.bus_recorder import recorded
+    from hardware.buses.shared_bus import record_bus
 
     if path is None:
         yield
         return
     ended: Callable[[], str | None] | None = None
     try:
-        with recorded(settings, path) as ended:
+        with record_bus(settings, path) as ended:
             yield
     finally:
         if ended is not None and (why := ended()):

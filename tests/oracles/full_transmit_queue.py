@@ -74,11 +74,11 @@ def main() -> None:
     except can.CanOperationError as error:
         print("FULL", error.error_code)
     try:
-        SharedBus(bus, patience_s=0.01).send(0x080, b"")
+        SharedBus(bus, send_timeout_s=0.01).send(0x080, b"")
     except BusError as error:
         print("ENDS", error)
     line.reads.set()
-    wire = SharedBus(bus, patience_s=2.0)
+    wire = SharedBus(bus, send_timeout_s=2.0)
     for _ in range(BURST):
         wire.send(0x201, bytes(7))
     end_s = time.monotonic() + 10.0

@@ -176,7 +176,7 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
     [
         ("nothing", "import no_such_library\n", "No module named 'no_such_library'"),
         ("text", "OFFER = 'an arm'\n", "is a str and no sarcal.arms.ArmOffer"),
-        ("broken", BROKEN, "the arm broken broke: KeyError: 'deg'. Tell its author"),
+        ("broken", BROKEN, "the arm broken failed: KeyError: 'deg'. Tell its author"),
     ],
     ids=["nothing", "text", "broken"],
 )

@@ -8,7 +8,7 @@ from pathlib import Path
 import can
 import pytest
 
-from hardware.buses.recording import LATEST_S, Recording
+from hardware.buses.recording import REORDER_S, Recording
 
 
 def frame(number: int, stamp: float) -> can.Message:
@@ -32,7 +32,7 @@ def test_frames_that_were_taken_late_are_written_in_their_place(
     chance = random.Random(4)  # noqa: S311 - no secret
     stamps = [1.7e9 + 0.001 * k for k in range(3000)]
     taken = sorted(
-        range(len(stamps)), key=lambda k: stamps[k] + chance.uniform(0.0, 0.9 * LATEST_S)
+        range(len(stamps)), key=lambda k: stamps[k] + chance.uniform(0.0, 0.9 * REORDER_S)
     )
     assert taken != sorted(taken)
     recording = Recording(tmp_path / f"bus{suffix}")

@@ -46,7 +46,7 @@ def test_a_frame_that_the_queue_has_no_room_for_is_offered_again_and_counted(
 ) -> None:
     bus = FullQueue(3, error)
     # One's own process may stand still for longer than a control period.
-    wire = SharedBus(bus, patience_s=5.0)
+    wire = SharedBus(bus, send_timeout_s=5.0)
     wire.send(0x201, b"1")
     wire.send(0x080, b"")
     assert bus.sent == [0x201, 0x080]
@@ -54,7 +54,7 @@ def test_a_frame_that_the_queue_has_no_room_for_is_offered_again_and_counted(
 
 
 def test_a_queue_that_stays_full_ends_it_when_a_sync_would_be_late() -> None:
-    wire = SharedBus(FullQueue(1_000_000, no_buffer_space()), patience_s=0.02)
+    wire = SharedBus(FullQueue(1_000_000, no_buffer_space()), send_timeout_s=0.02)
     begun_s = time.monotonic()
     with pytest.raises(BusError, match="ip link set can0 txqueuelen") as full:
         wire.send(0x080, b"")
@@ -65,7 +65,7 @@ def test_a_queue_that_stays_full_ends_it_when_a_sync_would_be_late() -> None:
 
 def test_a_bus_that_is_gone_is_not_waited_for() -> None:
     bus = FullQueue(1, OSError(errno.ENETDOWN, "Network is down"))
-    wire = SharedBus(bus, patience_s=5.0)
+    wire = SharedBus(bus, send_timeout_s=5.0)
     with pytest.raises(BusError, match="Check adapter"):
         wire.send(0x080, b"")
     assert bus.refusals == 0

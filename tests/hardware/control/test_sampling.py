@@ -17,7 +17,7 @@ def answered(sampler: Sampler, joint: int, now_s: float) -> None:
 
 
 def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed() -> None:
-    sampler = Sampler(frames_of(sarcos(2)), patience=PATIENCE, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(2)), max_misses=PATIENCE, now_s=0.0)
     for _ in range(PATIENCE):
         sampler.open()
         sampler.close()
@@ -40,7 +40,7 @@ def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed() ->
 
 def doubled_after(pattern: tuple[int, ...], syncs: int) -> tuple[int, ...]:
     """Who is seen as two when joint 1 answers so many times between one SYNC and the next, in turn."""
-    sampler = Sampler(frames_of(sarcos(2)), patience=PATIENCE, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(2)), max_misses=PATIENCE, now_s=0.0)
     for sync in range(syncs):
         sampler.open()
         answered(sampler, 2, float(sync))
@@ -48,7 +48,7 @@ def doubled_after(pattern: tuple[int, ...], syncs: int) -> tuple[int, ...]:
             answered(sampler, 1, float(sync))
         sampler.close()
     sampler.open()
-    return sampler.doubled()
+    return sampler.duplicates()
 
 
 def test_second_answers_are_counted_however_they_fall_between_the_syncs() -> None:
@@ -65,7 +65,7 @@ def test_frames_that_come_twice_now_and_then_are_no_second_device() -> None:
 
 
 def test_who_answers_once_again_is_one_device_at_once() -> None:
-    sampler = Sampler(frames_of(sarcos(1)), patience=PATIENCE, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(1)), max_misses=PATIENCE, now_s=0.0)
     for _ in range(100):
         sampler.open()
         answered(sampler, 1, 0.0)
@@ -73,14 +73,14 @@ def test_who_answers_once_again_is_one_device_at_once() -> None:
         sampler.close()
     sampler.open()
     answered(sampler, 1, 0.0)
-    assert sampler.doubled() == (1,)
+    assert sampler.duplicates() == (1,)
     sampler.close()
     sampler.open()
-    assert sampler.doubled() == ()
+    assert sampler.duplicates() == ()
 
 
 def test_who_was_held_up_and_answers_all_at_once_is_one_device() -> None:
-    sampler = Sampler(frames_of(sarcos(1)), patience=100, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(1)), max_misses=100, now_s=0.0)
     for _ in range(20):
         for _ in range(30):  # nothing comes for 30 SYNCs
             sampler.open()
@@ -91,25 +91,25 @@ def test_who_was_held_up_and_answers_all_at_once_is_one_device() -> None:
             sampler.open()
             answered(sampler, 1, 1.0)
             sampler.close()
-        assert sampler.doubled() == ()
+        assert sampler.duplicates() == ()
 
 
 def test_two_that_were_held_up_are_two() -> None:
-    sampler = Sampler(frames_of(sarcos(1)), patience=100, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(1)), max_misses=100, now_s=0.0)
     for _ in range(30):
         sampler.open()
         sampler.close()
     for _ in range(62):
         answered(sampler, 1, 1.0)
     sampler.open()
-    assert sampler.doubled() == (1,)
+    assert sampler.duplicates() == (1,)
 
 
 def test_who_lags_behind_for_a_while_before_he_catches_up_is_one_device() -> None:
-    sampler = Sampler(frames_of(sarcos(1)), patience=100, now_s=0.0)
+    sampler = Sampler(frames_of(sarcos(1)), max_misses=100, now_s=0.0)
     for answers in [*[0] * 12, *[1] * 40, 13, *[1] * 5]:
         sampler.open()
         for _ in range(answers):
             answered(sampler, 1, 1.0)
         sampler.close()
-        assert sampler.doubled() == ()
+        assert sampler.duplicates() == ()

@@ -133,7 +133,7 @@ def seen_through_a_sampler(
 ) -> bool:
     """Whether joint 1 of two is seen to jump; `answers` are its counts before and after a sample closes."""
     sampler, watcher = (
-        Sampler(frames_of(sarcos(2)), patience=9, now_s=0.0),
+        Sampler(frames_of(sarcos(2)), max_misses=9, now_s=0.0),
         ContinuityMonitor([4.0, 4.0]),
     )
     jumped = False

@@ -183,7 +183,7 @@ def test_a_drive_that_says_no_more_that_it_follows_is_named(
 ) -> None:
     driven.capture(20)
     bus.deaf = {5}
-    with pytest.raises(DriveDropout, match=r"joint 5: .* no more that it follows .*bit 12"):
+    with pytest.raises(DriveDropout, match=r"joint 5: .* no longer follows .*bit 12"):
         capture_for_ever(driven)
     bus.deaf = set()
     driven.reset_stop()
@@ -198,7 +198,7 @@ def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(
     driven.capture(20)
     bus.deaf = {5}
     bus.drives[5].noise = lambda _sync: 1600
-    with pytest.raises(DriveDiverged, match=r"joint 5 is \+1600 counts from where it was told"):
+    with pytest.raises(DriveDiverged, match=r"joint 5 is \+1600 counts from its target"):
         capture_for_ever(driven)
     assert bus.drives[5].status == OFF
 

@@ -49,8 +49,8 @@ class Asked(FakeArmBus):
 
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.in_use.LEAST_S", 0.2)
-    monkeypatch.setattr("hardware.control.in_use.LOOK_AGAIN_S", 0.02)
+    monkeypatch.setattr("hardware.control.in_use.DEFAULT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("hardware.control.in_use.POLL_S", 0.02)
     monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
 
 

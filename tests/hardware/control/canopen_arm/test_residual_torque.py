@@ -24,7 +24,7 @@ def test_what_a_drive_would_add_is_refused_by_name(
     said = str(refused.value)
     assert f"Set {index:04X}h in these drives as expected, with their maker's tool" in said
     assert "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect" in said
-    for wrong in ("probe --draft", "no bus profile can say that"):
+    for wrong in ("probe --draft", "no bus profile can allow for that"):
         assert wrong not in said
     assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
 

@@ -95,7 +95,7 @@ def test_a_can_command_says_that_it_is_no_bus(
     desk: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]) == 3
-    assert "line_arm is an arm that an installed package offers" in capsys.readouterr().err
+    assert "line_arm is an arm of an installed package" in capsys.readouterr().err
 
 
 def made(name: str, channel: str) -> arms.Arm:

@@ -14,6 +14,8 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
+_CYCLIC = np.array([0, 1, 2, 0, 1])
+
 
 class ChainPoint(ABC):
     """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; buffers are overwritten by every call.
@@ -57,6 +59,10 @@ class ChainPoint(ABC):
         self.origins_m = self._frames[:, :3, 3]
         self.error = np.zeros(components)
         self.jacobian = np.zeros((components, links))
+        # Axis and origin of every joint, (2, x y z x y, n + 1): a cross product is two products of slices.
+        self._joints = np.empty((2, 5, links))
+        self._axes_and_origins = self._frames[:-1, :3, 2:].transpose(2, 1, 0)
+        self._lever = np.empty((5, links))
 
     @abstractmethod
     def at(self, theta_rad: FloatArray) -> None:
@@ -76,13 +82,13 @@ class ChainPoint(ABC):
 
     def _swung(self, p: FloatArray, rows: FloatArray) -> None:
         """Put into `rows` (3, n + 1) how fast each joint moves a point `p` (3,) of the last link."""
-        z = self.axes_z[:-1]
-        arm = p - self.origins_m[:-1]
-        z0, z1, z2 = z[:, 0], z[:, 1], z[:, 2]
-        d0, d1, d2 = arm[:, 0], arm[:, 1], arm[:, 2]
-        rows[0] = z1 * d2 - z2 * d1
-        rows[1] = z2 * d0 - z0 * d2
-        rows[2] = z0 * d1 - z1 * d0
+        joints, lever = self._joints, self._lever
+        joints[:, :3] = self._axes_and_origins
+        joints[:, 3:] = joints[:, :2]
+        np.subtract(p[_CYCLIC, None], joints[1], out=lever)
+        z = joints[0]
+        np.multiply(z[1:4], lever[2:], out=rows)
+        rows -= z[2:] * lever[1:4]
 
 
 class LoopPoint(ChainPoint):

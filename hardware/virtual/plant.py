@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
 from hardware.virtual.port import JointCommand, PlantReading
@@ -123,7 +124,7 @@ class Plant:
         self._dynamics = dynamics
         self._angles = np.concatenate(([start_hinge_rad], start_rad))
         self._offsets = np.concatenate(([0.0], truth.offsets_rad))
-        self._last = np.zeros(n + 1)
+        self._last = self._last_but_one = np.zeros(n + 1)
         self._drive: bytes | None = None
         self._bristle = np.zeros(n + 1)
         self._valve: list[float | None] = [None] * n
@@ -139,6 +140,7 @@ class Plant:
         self._friction = np.concatenate(([0.0], dynamics.friction_nm))
         self._rubs = bool(np.any(self._friction > 0.0))
         self._loaded = bool(np.any(dynamics.payload_kg > 0.0))
+        self._lever, self._across = _gravity_levers(dynamics)
 
     @property
     def true_angles_rad(self) -> FloatArray:
@@ -211,11 +213,11 @@ class Plant:
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
-        """Newton's method for the increment, started from the previous period's motion."""
+        """Newton's method for the increment, started from where the last two periods' motions lead."""
         start, point, K = self._angles, self._point, self._dynamics.fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping
-        angles = start + self._last
+        angles = start + (2.0 * self._last - self._last_but_one)
         for _ in range(MAX_NEWTON_STEPS):
             point.at(angles)
             J = point.jacobian
@@ -229,14 +231,21 @@ class Plant:
                 force -= rubbing
                 tangent = diagonal + hardening
             H.flat[:: angles.size + 1] += tangent
-            step = np.linalg.solve(H, force)
+            _, step, singular = dposv(H, force)
+            if singular:
+                raise np.linalg.LinAlgError(
+                    "damping keeps every step solvable, and this one is not"
+                )
             longest = float(np.abs(step).max())
             if longest > LONGEST_NEWTON_STEP_RAD:
                 step *= LONGEST_NEWTON_STEP_RAD / longest
             angles = angles + step
             if longest < CONVERGED_RAD:
                 break
-        self._last = angles - start
+        else:
+            # Nothing to go by: the next period starts from this one's motion alone.
+            self._last = angles - start
+        self._last_but_one, self._last = self._last, angles - start
         if self._rubs:
             limit = self._dynamics.presliding_rad
             self._bristle = np.clip(self._bristle + self._last, -limit, limit)
@@ -254,19 +263,20 @@ class Plant:
 
         Frame 0 stands on the table, so the hinge's coordinate lifts nothing: entry 0 is zero.
         """
-        origins, mass = self._point.origins_m, self._dynamics.payload_kg
-        g = self._point.base_axes @ self._dynamics.gravity_m_per_s2
-        # Everything from frame j on hangs on joint j: sums from the tip back.
-        moment = np.cumsum((mass[:, None] * origins[2:])[::-1], axis=0)[::-1]
-        weight = np.cumsum(mass[::-1])[::-1]
-        lever = moment - weight[:, None] * origins[1:-1]
-        z = self._point.axes_z[1:-1]
+        axes = self._point.base_axes
+        moment = self._lever @ self._point.origins_m @ (axes @ self._across @ axes.T)
         torque = np.zeros(self.joint_count + 1)
         # g . (z x lever) = z . (lever x g)
-        x, y, w = lever[:, 0], lever[:, 1], lever[:, 2]
-        torque[1:] = (
-            z[:, 0] * (y * g[2] - w * g[1])
-            + z[:, 1] * (w * g[0] - x * g[2])
-            + z[:, 2] * (x * g[1] - y * g[0])
-        )
+        np.einsum("jk,jk->j", self._point.axes_z[1:-1], moment, out=torque[1:])
         return torque
+
+
+def _gravity_levers(dynamics: Dynamics) -> tuple[FloatArray, FloatArray]:
+    """Mass times lever (n, n + 2) of all that hangs on joints 1..n per origin -1..n, and ``p x g = p @ G`` (3, 3)."""
+    mass, g = dynamics.payload_kg, dynamics.gravity_m_per_s2
+    n = len(mass)
+    lever = np.zeros((n, n + 2))
+    # Everything from frame j on hangs on joint j, about the origin before it.
+    lever[:, 2:] = np.triu(np.broadcast_to(mass, (n, n)))
+    lever[np.arange(n), np.arange(n) + 1] -= np.cumsum(mass[::-1])[::-1]
+    return lever, np.cross(np.eye(3), g)

@@ -12,7 +12,7 @@ from enum import Enum
 
 import numpy as np
 
-from operator_app.calibration.causes import NamedCause, in_words
+from operator_app.calibration.causes import NamedCause, in_words, rms_displacement
 from operator_app.calibration.likely import as_likely, perhaps
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
@@ -27,11 +27,14 @@ from solver.diagnostics.diagnosis import Diagnosis
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.limits import (
+    CHI2_PER_DOF_GROSS,
     CHI2_PER_DOF_REFUSED,
     COARSE_SIGMA_M,
     COARSE_SIGMA_RAD,
     FEW_DOF,
     MOST_CAUSES_REPORTED,
+    MOST_COMPLIANCE_M,
+    MOST_COMPLIANCE_RAD,
     POSSIBLE_CAUSE_PROBABILITY,
     REFUSED_DOF,
     REFUSING_SHIFT_SIGMAS,
@@ -106,6 +109,9 @@ def causes_of(
     if estimate.dof < REFUSED_DOF:
         # Refused for that, and whatever else is read into so few poses may be chance.
         return ()
+    unnamed = tuple(_unnamed(diagnosis))
+    if unnamed and _left(diagnosis) > CHI2_PER_DOF_GROSS:
+        return unnamed
     names = [p.name for p in estimate.parameters]
     here = [names.index(name) for name in judged]
     sd = estimate.standard_deviation[here]
@@ -135,7 +141,7 @@ def causes_of(
                     refuses=_refuses(x.candidate, x.evidence, estimate, impact),
                 )
             )
-    found.extend(_unnamed(diagnosis))
+    found.extend(unnamed)
     found.extend(_suspected_entries(diagnosis, labels))
     once = each_once(found)
     return tuple(c for k, c in enumerate(once) if k < MOST_CAUSES_REPORTED or c.refuses)
@@ -174,28 +180,62 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[NamedCause]:
     """Something is wrong that nothing here explains."""
     if not diagnosis.fires:
         return
-    last = diagnosis.rounds[-1][0] if diagnosis.rounds else None
-    if last is not None and last.evidence is not None:
-        ratio = last.evidence.chi2 / max(last.evidence.dof, 1)
-        if ratio <= CHI2_PER_DOF_REFUSED:
-            return
-        probability = 1.0 - sum(x.probability for x in diagnosis.rounds[-1] if x.candidate)
-    else:
-        ratio = diagnosis.stated_chi2_per_dof
-        probability = 1.0 if last is None else last.probability
+    ratio, probability = _left(diagnosis), 1.0
+    if diagnosis.rounds:
+        last = diagnosis.rounds[-1][0]
+        probability = last.probability
+        if last.evidence is not None:
+            if ratio <= CHI2_PER_DOF_REFUSED:
+                return
+            probability = 1.0 - sum(x.probability for x in diagnosis.rounds[-1] if x.candidate)
     fired = ", ".join(test.code for test in diagnosis.tests if test.fires)
+    times = TIMES(float(np.sqrt(ratio))).shown
+    remedy = (
+        "check that arm file, fixture file and poses belong together, and what was done "
+        "between the poses; try --global-start"
+    )
+    if ratio > CHI2_PER_DOF_GROSS:
+        text = (
+            f"these poses do not fit this arm and fixture: the readings scatter {times} times as much as "
+            "the files state, and no fault of a joint, a length or a pose explains it"
+        )
+        remedy = (
+            f"they may be of another arm, of another fixture or of an arm changed since: {remedy}"
+        )
+    elif ratio > 1.0:
+        text = (
+            f"the readings scatter {times} times as much as the files state and no single fault "
+            "explains it"
+        )
+    else:
+        text = (
+            f"the readings scatter no more than the files state, but not as they would by chance ({fired}), "
+            "and no single fault explains it"
+        )
     yield NamedCause(
         code="UNNAMED",
         probability=max(0.0, probability),
-        text=f"the readings scatter {TIMES(float(np.sqrt(ratio))).shown} times as much as the files "
-        "state and no single fault explains it"
-        if ratio > 1.0
-        else f"the readings scatter no more than the files state, but not as they would by chance ({fired}), "
-        "and no single fault explains it",
-        remedy="check that arm file, fixture file and poses belong together, and what was done "
-        "between the poses; try --global-start",
+        text=text,
+        remedy=remedy,
         refuses=ratio > CHI2_PER_DOF_REFUSED,
     )
+
+
+def _left(diagnosis: Diagnosis) -> float:
+    """chi2/dof that is left by the best explanation of the last round, if there is one."""
+    last = diagnosis.rounds[-1][0].evidence if diagnosis.rounds else None
+    if last is None or _impossible_compliance(diagnosis):
+        return diagnosis.stated_chi2_per_dof
+    return last.chi2 / max(last.dof, 1)
+
+
+def _impossible_compliance(diagnosis: Diagnosis) -> bool:
+    """Whether what explains it best is a fixture that gives as no metal does: that fits anything."""
+    best = diagnosis.rounds[0][0]
+    if best.candidate is None or best.evidence is None or best.candidate.cause is not Cause.GIVES:
+        return False
+    turn, shift = rms_displacement(best.candidate, best.evidence, diagnosis.scene)
+    return shift > MOST_COMPLIANCE_M or turn > MOST_COMPLIANCE_RAD
 
 
 def each_once(causes: Iterable[NamedCause]) -> tuple[NamedCause, ...]:

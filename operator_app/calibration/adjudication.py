@@ -140,14 +140,16 @@ def adjudicate(
         )
     elif not by_tests:
         by_tests = rvdt_causes(known.rvdt, arm)
-    if by_tests and not rivals and not gross and not _single_cause(diagnosis):
+    nothing_fits = not rivals and [(c.code, c.refuses) for c in by_tests] == [("UNNAMED", True)]
+    if by_tests and not (rivals or gross or nothing_fits) and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(found.linear, diagnosis), *by_tests)
     if scale > CHI2_PER_DOF_REFUSED and by_tests:
         # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
         by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
+    # Where poses of another arm lead these files' loops says nothing.
     far = (
         other_basin(model, found.estimate, design.q, judged)
-        if known.search is None and not unsensed
+        if known.search is None and not unsensed and not nothing_fits
         else ()
     )
     if far and not gross:

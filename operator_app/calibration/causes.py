@@ -125,7 +125,7 @@ def in_words(
         case Cause.LENGTH | Cause.TWIST:
             return _entry(candidate, found, scene)
         case Cause.GIVES:
-            size = _rms_displacement(candidate, found, scene)
+            size = rms_displacement(candidate, found, scene)
             stated = (scene.design.errors.give_rad or 0.0, scene.design.errors.give_m or 0.0)
             more = any(one > np.sqrt(3.0) * known for one, known in zip(size, stated, strict=True))
             return Words(
@@ -238,7 +238,7 @@ def _slipped(
     candidate: Candidate, found: Evidence, scene: FaultModels, labels: tuple[str, ...]
 ) -> Words:
     side = candidate.subject
-    size = _displacement(_rms_displacement(candidate, found, scene))
+    size = _displacement(rms_displacement(candidate, found, scene))
     where = "on the table" if side == "table" else "on the hand"
     return Words(
         "SLIP_FIXTURE",
@@ -362,7 +362,7 @@ def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: FaultMo
     return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
 
 
-def _rms_displacement(
+def rms_displacement(
     candidate: Candidate, found: Evidence, scene: FaultModels
 ) -> tuple[float, float]:
     """Size of a displacement of the fixture: rad and m, largest over the poses it is about."""

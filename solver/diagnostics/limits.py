@@ -94,6 +94,10 @@ CERTAIN_SIGMAS = 3.0
 REFUSING_SHIFT_SIGMAS = 2.0
 """A cause that moves a parameter by more than this many of its sigmas shows that these do not hold."""
 
+MOST_COMPLIANCE_RAD = np.deg2rad(1.0)
+MOST_COMPLIANCE_M = 0.01
+"""A fixture that gives by more (rms) is none that anybody would use: as a cause it explains anything."""
+
 USELESS_SIGMA_RAD = np.deg2rad(10.0)
 USELESS_SIGMA_M = 0.03
 """How well a protractor and a tape measure give a parameter: a wider sigma refuses."""

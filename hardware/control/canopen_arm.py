@@ -315,10 +315,17 @@ class CanopenArm:
     # ---- parameters ------------------------------------------------------------------------------
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage, read back, commit, read the home offsets back; errors as `hardware.canopen.uploading.upload`."""
+        """Stage, read back, commit, read the home offsets back; errors as `hardware.canopen.uploading.upload`.
+
+        No drive has to be enabled: control that nobody has is taken.
+        """
         link = self._link
         if not link.in_control:
-            raise CommandRefused("parameters can be uploaded only in control: take control first")
+            if link.token or link.other_operator():
+                raise CommandRefused(
+                    "parameters can be uploaded only in control: take control first"
+                )
+            link.take_token()
         return uploading.upload(link, document)
 
     def active_parameters(self) -> bytes:

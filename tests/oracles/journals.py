@@ -57,6 +57,8 @@ def events() -> list[Named]:
         ("pose_included", {"number": 2}),
         ("pose", {"number": 3, "mean_rad": q, **POSE, "waypoint": 3}),
         ("pose_undone", {"number": 3}),
+        ("pose_restored", {"number": 3}),
+        ("pose_undone", {"number": 3}),
         ("reading", {"number": 1, "kind": "return", "of": 1, **reading}),
         ("campaign", {
             "poses": 3, "requested": {"theta_off_1": 0.001}, "unsensed_joints": [], "samples": 8,

@@ -295,6 +295,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "endpoint?": measured,
     },
     "pose_undone": {"number": COUNT},
+    "pose_restored": {"number": COUNT},
     "pose_excluded": {"number": COUNT, "text": text},
     "pose_included": {"number": COUNT},
     "pose_noted": {"number": COUNT, "text": text},

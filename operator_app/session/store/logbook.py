@@ -81,6 +81,12 @@ class Logbook:
         self.record("pose_undone", {"number": last.number})
         return last
 
+    def restore(self, number: int) -> None:
+        """Let a pose that was taken back count again, as it was."""
+        if all(pose.number != number for pose in self.state.undone):
+            raise GuardError(f"pose {number} was not taken back", "capture a pose")
+        self.record("pose_restored", {"number": number})
+
     def exclude(self, number: int, reason: str) -> None:
         """Leave a pose out of the calibration; it stays in the journal."""
         self._require_pose(number)

@@ -98,9 +98,8 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 campaign=log.step(name, data) if "planned" in data else log,
                 **UNSOLVED,
             )
-        case "pose_undone":
-            kept = tuple(p for p in state.poses if p.number != data["number"])
-            return _with_other_poses(state, kept)
+        case "pose_undone" | "pose_restored":
+            return _undone(state, data["number"], back=name == "pose_restored")
         case "pose_excluded":
             return _with_other_poses(state, _edit(state, data["number"], excluded=data["text"]))
         case "pose_included":
@@ -109,6 +108,17 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(state, poses=_edit(state, data["number"], note=data["text"]))
         case _:
             return _apply_planning(state, name, data, utc)
+
+
+def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
+    """State after a pose was taken back, or is `back`."""
+    moved = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
+    undone = tuple(p for p in state.undone if p.number != number)
+    kept = tuple(p for p in state.poses if p.number != number)
+    if not back:
+        return _with_other_poses(replace(state, undone=(*undone, *moved)), kept)
+    poses = tuple(sorted((*kept, *moved), key=lambda p: p.number))
+    return _with_other_poses(replace(state, undone=undone), poses)
 
 
 def _apply_planning(

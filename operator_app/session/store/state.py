@@ -122,6 +122,8 @@ class SessionState:
         ``position``/``free`` per joint as last confirmed; empty until set.
     poses
         All captured poses that were not undone, excluded ones included.
+    undone
+        Those that were, as they were then.
     visited
         Waypoints of the plan that are done with: captured, or passed over with a reason.
     passed_over
@@ -173,6 +175,7 @@ class SessionState:
     home_rad: FloatArray | None = None
     modes: tuple[str, ...] = ()
     poses: tuple[CapturedPose, ...] = ()
+    undone: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
     passed_over: frozenset[int] = frozenset()
     captured: int = 0

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from hardware.arm import JointMode
+from hardware.arm import DriveState, JointMode
 from operator_app.messages.errors import summary
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.store.folders import SessionEntry
@@ -60,11 +60,7 @@ def apply_modes(chosen: Chosen) -> None:
     joints = chosen.s.wanted_joints
     count = chosen.s.procedure.arm.joint_count
     driven = names(f"J{j}" for j in joints)
-    free = "" if len(joints) == count else ": those give way when pushed"
-    text = (
-        f"The drives are enabled; {driven} in position mode{and_the_others(len(joints), count)}{free}. "
-        "Nothing moves yet. Stand clear of the arm."
-    )
+    text = f"The drives are enabled; {_modes_words(chosen.s)}. Nothing moves yet. Stand clear of the arm."
     chosen.ask(
         YesNo(title="Apply the modes?", text=text, yes="Apply"),
         lambda again, _: again.hand(
@@ -73,6 +69,14 @@ def apply_modes(chosen: Chosen) -> None:
             lambda o: o.set_modes(joints),
         ),
     )
+
+
+def _modes_words(s: SessionSnapshot) -> str:
+    """Say which modes are applied, and what that means for whoever stands there."""
+    joints, count = s.wanted_joints, s.procedure.arm.joint_count
+    free = "" if len(joints) == count else ": those give way when pushed"
+    driven = names(f"J{j}" for j in joints)
+    return f"{driven} in position mode{and_the_others(len(joints), count)}{free}"
 
 
 def standing_alarms(s: SessionSnapshot) -> dict[int, str]:
@@ -182,8 +186,11 @@ def calibrate(chosen: Chosen) -> None:
 def upload(chosen: Chosen, forced: str = "") -> None:
     """Upload, after the arm's serial number was typed."""
     serial = "" if chosen.s.identity is None else chosen.s.identity.serial_number
+    drives = chosen.s.arm.joints if chosen.s.arm is not None else ()
+    held = any(j.drive is DriveState.OPERATION_ENABLED for j in drives)
+    first = "The arm is held" if held else "The drives stay off"
     text = (
-        f"The arm is held, the files are written, and the controller of {serial} takes the new "
+        f"{first}, the files are written, and the controller of {serial} takes the new "
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
     chosen.ask(
@@ -213,13 +220,16 @@ def force(chosen: Chosen) -> None:
 
 def verify(chosen: Chosen) -> None:
     """Take new poses, after a question: the arm moves by itself."""
+    joints = () if guards.in_modes(chosen.s) else chosen.s.wanted_joints
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear; any key stops it."
+    if joints:
+        text = f"The drives are enabled again, {_modes_words(chosen.s)}. {text}"
     chosen.ask(
         YesNo(title="Verify with new poses?", text=text, yes="Move"),
         lambda again, _: again.hand(
             TaskKind.VERIFY,
             f"moving to {VERIFY_POSES} new poses",
-            lambda o: o.results.verify(VERIFY_POSES),
+            lambda o: o.verify(VERIFY_POSES, joints),
         ),
     )
 

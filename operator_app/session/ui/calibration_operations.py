@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 
+from hardware.arm import DriveState
 from operator_app.calibration.result import Solution
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
@@ -110,9 +111,13 @@ class Results:
         self._export(upload_too=False)
 
     def upload(self, forced: str = "") -> None:
-        """Write the files, hold the arm, upload, read back; `forced` says why, if it was not accepted."""
+        """Write the files, hold the arm, upload, read back; `forced` says why, if it was not accepted.
+
+        Drives that are off stay so: it is a file transfer.
+        """
         session = self._session
-        session.hold()
+        if any(j.drive is DriveState.OPERATION_ENABLED for j in session.arm.snapshot().joints):
+            session.hold()
         self._export(upload_too=True, forced=forced)
 
     def _export(self, *, upload_too: bool, forced: str = "") -> None:

@@ -276,7 +276,7 @@ def may_report(s: SessionSnapshot) -> Missing:
 
 
 def may_upload(s: SessionSnapshot) -> Missing:
-    """Uploading needs an accepted calibration, an arm, and its drives under control."""
+    """Uploading needs an accepted calibration and an arm; a file is transferred with drives on or off."""
     return may_write(s) or _may_send(s)
 
 
@@ -293,23 +293,18 @@ def may_force(s: SessionSnapshot) -> Missing:
 def _may_send(s: SessionSnapshot) -> Missing:
     if s.identity is not None and not s.identity.keeps_parameters:
         return ("this arm keeps no parameters: they are in the session's folder",)
-    missing = may_use_data(s)
-    if missing:
-        return missing
-    if s.arm is not None and any(j.drive is not DriveState.OPERATION_ENABLED for j in s.arm.joints):
-        return ("the drives are not enabled: apply the modes first (step 3)",)
-    return ()
+    return may_use_data(s)
 
 
 def may_verify(s: SessionSnapshot) -> Missing:
-    """Verifying needs a calibration to judge by, drives in their modes and fresh data."""
+    """Verifying needs a calibration to judge by, and modes that are set or may be."""
     missing = idle(s) or results_ready(s) or may_use_data(s)
-    if missing:
-        return missing
-    position = sum(m is JointMode.POSITION for m in s.modes)
-    if position != s.mobility or not s.drives_ready:
-        return ("the arm is held: apply the modes first (step 3), then verify",)
-    return ()
+    return missing or (() if in_modes(s) else may_apply_modes(s))
+
+
+def in_modes(s: SessionSnapshot) -> bool:
+    """Whether the drives are enabled in modes in which the arm can move."""
+    return s.drives_ready and sum(m is JointMode.POSITION for m in s.modes) == s.mobility
 
 
 def may_reset(s: SessionSnapshot) -> Missing:

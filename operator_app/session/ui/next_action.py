@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fixtures.base import Severity
-from hardware.arm import DriveState, JointState
+from hardware.arm import DriveState
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.session.ui.guards import may_verify, missing_for, modes_problem, moves_metal
+from operator_app.session.ui.guards import missing_for, modes_problem, moves_metal
 from operator_app.session.ui.message_log import asks_to_connect_again
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
@@ -65,10 +65,6 @@ def next_thing(step: Step, s: SessionSnapshot) -> NextThing:
             return _results(s)
         case Step.EXPORT:
             return _export(s)
-
-
-def _joints(s: SessionSnapshot) -> tuple[JointState, ...]:
-    return () if s.arm is None else s.arm.joints
 
 
 def _lost(step: Step) -> NextThing:
@@ -221,13 +217,6 @@ def _export(s: SessionSnapshot) -> NextThing:
             hint="done: the files are written; this arm keeps no parameters. Enter or q leaves",
         )
     if s.receipt is None:
-        if s.connected and any(j.drive is not DriveState.OPERATION_ENABLED for j in _joints(s)):
-            return NextThing(
-                action="step_3",
-                label="To Modes",
-                hint="the files are written. The drives are off: Enter goes to step 3, apply the modes "
-                "there, then upload; q leaves",
-            )
         return NextThing(
             action="upload",
             label="Upload",
@@ -244,10 +233,5 @@ def _uploaded(s: SessionSnapshot) -> str:
         return (
             "uploaded, but new poses are worse than expected: find out why before it is used. "
             "Enter or q leaves"
-        )
-    if may_verify(s):
-        return (
-            "done: uploaded and read back; the arm is held. Enter or q leaves; to verify with new "
-            "poses, apply the modes (step 3), then y"
         )
     return "done: uploaded and read back. Enter or q leaves; y verifies with new poses"

@@ -35,10 +35,11 @@ WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose before it was edited, and how many there were then: a capture since comes first in an undo."""
+    """A pose before it was edited or taken back, and how many there were then: a capture since comes first."""
 
     before: CapturedPose
     captured: int
+    taken_back: bool = False
 
 
 class Operations:
@@ -58,6 +59,7 @@ class Operations:
         session.told = lambda text: publisher.say(Level.INFO, text)
         self._appraisal = Appraisal(session)
         self._edits: list[_Edit] = []
+        self._undone: list[_Edit] = []
         self.results = Results(session, publisher, self._listener, self.refresh)
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
@@ -223,18 +225,37 @@ class Operations:
         """Take back what was done last: an exclusion, a note, else the last pose."""
         if self._edits and self._edits[-1].captured == self._session.state.captured:
             pose = self._edits.pop().before
+            self._keep_for(self._undone, pose.number)
             self._as_before(pose)
             self.refresh()
             self._publisher.say(Level.INFO, f"the last change of pose {pose.number} taken back")
             return
         self._edits.clear()
         pose = self._session.undo()
+        self._undone.append(
+            _Edit(before=pose, captured=self._session.state.captured, taken_back=True)
+        )
         self.refresh()
         self._publisher.say(Level.INFO, f"pose {pose.number} taken back")
 
+    def redo(self) -> None:
+        """Do again what was taken back last, unless something else was done since."""
+        if not self._undone or self._undone[-1].captured != self._session.state.captured:
+            raise GuardError("Nothing was taken back since the last change", "u takes back")
+        last = self._undone.pop()
+        number = last.before.number
+        if last.taken_back:
+            self._session.restore(number)
+        else:
+            self._keep_for(self._edits, number)
+            self._as_before(last.before)
+        self.refresh()
+        self._publisher.say(Level.INFO, f"pose {number} is again as it was")
+
     def exclude(self, number: int) -> None:
         """Exclude a pose, or let it count again."""
-        pose = self._edited(number)
+        self._undone.clear()
+        pose = self._keep_for(self._edits, number)
         if pose is not None and pose.excluded:
             self._session.include(number)
             self._publisher.say(Level.INFO, f"pose {number} counts again")
@@ -245,16 +266,17 @@ class Operations:
 
     def note(self, number: int, text: str) -> None:
         """Attach a note."""
-        self._edited(number)
+        self._undone.clear()
+        self._keep_for(self._edits, number)
         self._session.note(number, text)
         self.refresh()
 
-    def _edited(self, number: int) -> CapturedPose | None:
+    def _keep_for(self, edits: list[_Edit], number: int) -> CapturedPose | None:
         """Remember what a pose is like before it is edited."""
         state = self._session.state
         pose = next((p for p in state.poses if p.number == number), None)
         if pose is not None:
-            self._edits.append(_Edit(before=pose, captured=state.captured))
+            edits.append(_Edit(before=pose, captured=state.captured))
         return pose
 
     def _as_before(self, pose: CapturedPose) -> None:
@@ -265,6 +287,14 @@ class Operations:
             self._session.include(pose.number)
         elif pose.excluded and not now.excluded:
             self._session.exclude(pose.number, pose.excluded)
+
+    # -- 7 Export ----------------------------------------------------------------------------------
+
+    def verify(self, poses: int, joints: tuple[int, ...]) -> None:
+        """Verify with new poses, after setting the modes where `joints` says so; any key ends it."""
+        if joints:
+            self.set_modes(joints)
+        self.results.verify(poses)
 
     # -- any time ----------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from operator_app.errors import Cancelled
+from operator_app.errors import Cancelled, GuardError
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Change, Level
 from operator_app.session.workflow.session import Session
@@ -86,6 +86,21 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -
     work.undo()
     assert session.state.poses[0].note == ""
     assert session.state.poses[-1].number == last
+
+    # And done again, until something else is done.
+    before = session.state.poses
+    work.redo()
+    work.redo()
+    assert session.state.poses[0].excluded
+    assert session.state.poses[0].note == "seen"
+    with pytest.raises(GuardError, match="Nothing was taken back"):
+        work.redo()
+    work.undo()
+    work.undo()
+    work.undo()
+    assert session.state.poses[-1].number < last
+    work.redo()
+    assert session.state.poses == before
 
     # A pose taken back is wanted again.
     work.undo()

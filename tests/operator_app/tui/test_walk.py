@@ -118,3 +118,23 @@ async def test_a_resumed_session_insists_on_its_arm(drive, source):
         assert not d.s.connected
         assert not source.arm.connected
         assert "belongs to arm SDA-0001" in d.s.messages[-1].text
+
+
+@pytest.mark.campaign
+async def test_after_a_stop_it_is_uploaded_with_drives_off_and_verified_by_one_key(drive, source):
+    async with drive() as d:
+        await d.to_step(Step.EXPORT)
+        await d.press("f8")
+        await d.until(lambda: d.s.stopped, "stopped")
+        await d.press("R")
+        await d.idle()
+        await d.press("u")
+        await d.press(*"SDA-0001")
+        await d.press("enter")
+        await d.idle()
+        assert d.s.receipt is not None, d.s.messages[-1].text
+        assert not d.s.drives_ready
+        await d.press("y")
+        await d.press("y")
+        await d.idle()
+        assert d.s.verification is not None, d.s.messages[-1].text

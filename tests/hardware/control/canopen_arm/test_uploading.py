@@ -8,12 +8,11 @@ import struct
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
-from hardware.arm import HostLatency
+from hardware.arm import DriveState, HostLatency
 from hardware.canopen.uploading import MAX_UPLOADS
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
-    CommandRefused,
     ControlDenied,
     HostLatencyExceeded,
     SdoRefused,
@@ -41,6 +40,12 @@ def test_an_upload_is_staged_read_back_and_committed(driven: CanopenArm, bus: Fa
     assert (receipt.slot, receipt.length) == ("A", len(DOCUMENT))
     assert receipt.home_offset_counts == tuple(-11 * j for j in range(1, JOINTS + 1))
     assert driven.active_parameters() == DOCUMENT
+
+
+def test_an_upload_enables_no_drive(arm: CanopenArm, bus: FakeArmBus) -> None:
+    arm.upload_parameters(DOCUMENT)
+    assert bus.document == DOCUMENT
+    assert {j.drive for j in arm.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
 
 
 @pytest.mark.parametrize("document", [b"", b"abc", b"abcd", b"abcdefg", bytes(range(256))])
@@ -254,8 +259,3 @@ def test_a_refusal_after_a_silence_is_a_refusal(driven: CanopenArm) -> None:
     except SdoCommunicationError:
         with pytest.raises(SdoRefused):
             access.read(1, 0x5FFF)
-
-
-def test_uploading_needs_control(arm: CanopenArm) -> None:
-    with pytest.raises(CommandRefused, match="control"):
-        arm.upload_parameters(DOCUMENT)

@@ -110,10 +110,10 @@ def not_accepted(s):
         (guards.may_write, "captured", None, "no calibration"),
         (guards.may_write, "solved", not_accepted, "not accepted"),
         (guards.may_upload, "solved", stale, "240 ms old"),
-        (guards.may_upload, "solved", tripped, "drives are not enabled"),
         (guards.may_report, "captured", None, "no calibration"),
         (guards.may_verify, "captured", None, "no calibration"),
-        (guards.may_verify, "uploaded", None, "the arm is held"),
+        (guards.may_verify, "uploaded", stopped, "STOP is latched"),
+        (guards.may_verify, "uploaded", lambda s: replace(s, wanted_joints=(3,)), "position mode"),
         (guards.may_reset, "modes", None, "STOP is not latched"),
     ],
 )
@@ -141,10 +141,15 @@ def test_what_is_missing_is_said(guard, told, change, words):
         (guards.may_upload, "solved"),
         (guards.may_report, "solved"),
         (guards.may_verify, "solved"),
+        (guards.may_verify, "uploaded"),
     ],
 )
 def test_nothing_is_missing(guard, told):
     assert guard(story()[told]) == ()
+
+
+def test_a_file_is_uploaded_with_drives_that_are_off():
+    assert guards.may_upload(tripped(story()["solved"])) == ()
 
 
 def test_a_drive_that_was_switched_off_at_the_drive_can_be_reset():

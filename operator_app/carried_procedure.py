@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hardware.virtual.scenario_names import DEFAULT_SCENARIO
+from hardware.virtual import DEFAULT_SCENARIO
 
 if TYPE_CHECKING:
     from hardware.buses.python_can import BusSettings

@@ -14,8 +14,12 @@ from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import EmbeddedBus
 from hardware.virtual.faults import ScriptedFault
-from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
-from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.parameter_store import (
+    FolderDisk,
+    MemoryDisk,
+    ParameterStore,
+    ValidatedParameters,
+)
 from hardware.virtual.scenarios import Scenario, scenario_of
 from hardware.virtual.specimens import Stated
 from hardware.virtual.supervisor_node import ArmLabel

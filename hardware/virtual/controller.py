@@ -29,14 +29,11 @@ from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
 from hardware.control.process_priority import raise_loop_priority
 from hardware.monitors.latency import LatencyMonitor
 from hardware.virtual.axis import AxisSettings
-from hardware.virtual.controller_network import ControllerNetwork
 from hardware.virtual.disturbances import Disturbances
-from hardware.virtual.drive_group import DriveGroup
-from hardware.virtual.drive_node import DriveNode
+from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
-from hardware.virtual.node import VirtualNode
-from hardware.virtual.parameter_store import ParameterStore
-from hardware.virtual.parameters import Validate, takes_no_documents
+from hardware.virtual.node import ControllerNetwork, VirtualNode
+from hardware.virtual.parameter_store import ParameterStore, Validate, takes_no_documents
 from hardware.virtual.port import PlantPort
 from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode, Surroundings
 from hardware.virtual.tracker import SimulatedTracker

@@ -2,14 +2,85 @@
 
 from __future__ import annotations
 
+import heapq
 import math
+import time
+from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, field
 
+import can
 import numpy as np
 
-from hardware.virtual.frame_faults import FaultyWire
+BABBLE_ID = 0x7EE
+"""An identifier that nobody of the arm uses."""
 
-ASTRAY_STEP_COUNTS, ASTRAY_COUNTS = 20, 5556
+LATE_S = (0.005, 0.05)
+"""A late frame comes between so much and so much later."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameFaults:
+    """Shares of all frames (0 to 1) that something happens to; `babble` frames of nobody's after each."""
+
+    lost: float = 0.0
+    doubled: float = 0.0
+    swapped: float = 0.0
+    late: float = 0.0
+    flipped: float = 0.0
+    babble: float = 0.0
+
+
+class FaultyWire:
+    """Frames in, frames out as the faults have it; the same for a seed, but for when late ones come.
+
+    `delays` says whether frames may wait here.
+    """
+
+    def __init__(
+        self, faults: FrameFaults, seed: int = 0, *, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._faults, self._rng, self._clock = faults, np.random.default_rng(seed), clock
+        self._held: can.Message | None = None
+        self._late: list[tuple[float, int, can.Message]] = []
+        self._count = 0
+        self.delays = faults.late > 0.0
+
+    def passed(self, message: can.Message) -> Iterator[can.Message]:
+        """Frames that go out when this one is sent."""
+        faults = self._faults
+        lost, doubled, swapped, flipped, late = self._rng.random(5)
+        if lost < faults.lost:
+            return
+        if flipped < faults.flipped and len(message.data):
+            message = copy(message)  # whoever else is on the bus has the same object
+            message.data = bytearray(message.data)
+            bit = int(self._rng.integers(8 * len(message.data)))
+            message.data[bit // 8] ^= 1 << bit % 8
+        if swapped < faults.swapped and self._held is None:
+            self._held = message
+            return
+        if late < faults.late:
+            self._count += 1
+            due_s = self._clock() + self._rng.uniform(*LATE_S)
+            heapq.heappush(self._late, (due_s, self._count, message))
+            return
+        yield message
+        if doubled < faults.doubled:
+            yield message
+        held, self._held = self._held, None
+        if held is not None:
+            yield held
+        for _ in range(round(faults.babble)):
+            yield can.Message(arbitration_id=BABBLE_ID, data=b"babble", is_extended_id=False)
+
+    def overdue(self) -> Iterator[can.Message]:
+        """Late frames whose time has come."""
+        while self._late and self._late[0][0] <= self._clock():
+            yield heapq.heappop(self._late)[2]
+
+
+DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
 """A control period, and in all: 5 deg of an encoder with 400,000 counts."""
 
 
@@ -35,7 +106,7 @@ class Disturbances:
         What frames of the arm go through, and those for it; None lets them pass.
     lost_counts
         Counts by which a joint's sensor is off, and its drive with it.
-    astray_counts
+    diverged_counts
         Counts by which a joint's drive is away from where it was told to be; they grow.
     ripple_counts
         Joints whose sensor has so much noise (one standard deviation) beside its own.
@@ -57,7 +128,7 @@ class Disturbances:
     doubled_tpdos: set[int] = field(default_factory=set)
     frozen_counts: dict[int, int] = field(default_factory=dict)
     lost_counts: dict[int, int] = field(default_factory=dict)
-    astray_counts: dict[int, int] = field(default_factory=dict)
+    diverged_counts: dict[int, int] = field(default_factory=dict)
     ripple_counts: dict[int, float] = field(default_factory=dict)
     blocked: set[int] = field(default_factory=set)
     sagging: set[int] = field(default_factory=set)
@@ -105,8 +176,8 @@ class Disturbances:
 
     def astray(self, joint: int) -> int:
         """By how many counts a joint's drive is astray in this period; they grow."""
-        counts = self.astray_counts.get(joint)
+        counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0
-        self.astray_counts[joint] = min(counts + ASTRAY_STEP_COUNTS, ASTRAY_COUNTS)
+        self.diverged_counts[joint] = min(counts + DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS)
         return counts

@@ -1,37 +1,39 @@
-"""Things that go wrong on purpose, for tests and demonstrations. Knows the virtual controller only.
+"""Fault injection into the virtual controller, for tests and demonstrations.
 
-`FaultInjector` changes what the controller looks at on every SYNC (`hardware.virtual.disturbances`), from
-any thread; a `ScriptedFault` does so at a given SYNC, so that a run with faults is repeatable too.
+`FaultInjector` changes the controller's `hardware.virtual.disturbances` from any thread; a `ScriptedFault` does so
+at a given SYNC, so that a run with faults is reproducible. `FAULT_KINDS` are the faults of `fault_messages` by name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from types import MappingProxyType
+from typing import Protocol
 
 from hardware.canopen.objects import (
     COB_TPDO1,
     HEARTBEAT_CONSUMER,
     HEARTBEAT_PRODUCER,
+    SUPERVISOR_NODE,
     TPDO1_MAP,
     VELOCITY_ACTUAL,
     EmergencyCode,
     NmtCommand,
     joint_node,
 )
-from hardware.virtual.disturbances import Disturbances
+from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
 from hardware.virtual.drive_node import DriveNode
-from hardware.virtual.frame_faults import FaultyWire, FrameFaults
 from hardware.virtual.port import FixturePort, PlantPort
 from hardware.virtual.supervisor_node import SupervisorNode
 
 RIPPLE_COUNTS = 10.0
-"""Ten times what an RVDT's converter has by itself."""
+"""Standard deviation: ten times the noise of an RVDT's converter."""
 
 
-class Victim(Protocol):
-    """What can be disturbed: the virtual controller."""
+class FaultTarget(Protocol):
+    """The virtual controller as fault injection sees it."""
 
     disturbances: Disturbances
     drives: tuple[DriveNode, ...]
@@ -39,7 +41,7 @@ class Victim(Protocol):
     plant: PlantPort
 
     def post(self, action: Callable[[], None]) -> None:
-        """Run something in the control loop, soon."""
+        """Run an action in the control loop, soon."""
         ...
 
     def now_s(self) -> float:
@@ -47,292 +49,319 @@ class Victim(Protocol):
         ...
 
     def restart(self) -> None:
-        """Take mains away from all nodes and give it back; in the control loop."""
+        """Power-cycle all nodes; in the control loop."""
         ...
 
     def hang(self) -> None:
-        """Let the control loop hang until `unhang`."""
+        """Suspend the control loop until `unhang`."""
         ...
 
     def unhang(self) -> None:
-        """Let it go on."""
+        """Resume the control loop."""
         ...
 
 
 class FaultInjector:
-    """Breaks and mends a virtual controller. Every call takes effect in its control loop, in order."""
+    """Injects and removes faults. Every call takes effect in the controller's loop, in order."""
 
-    def __init__(self, controller: Victim) -> None:
-        self._victim = controller
+    def __init__(self, controller: FaultTarget) -> None:
+        self._target = controller
+
+    # ---- bus ---------------------------------------------------------------------------------------
+
+    def disturb_frames(self, faults: FrameFaults) -> None:
+        """Lose, double, ... frames of all nodes in both directions; `FrameFaults()` ends it."""
+
+        def act(now: Disturbances) -> None:
+            clean = faults == FrameFaults()
+            clock = self._target.now_s
+            now.wire_out = None if clean else FaultyWire(faults, 0, clock=clock)
+            now.wire_in = None if clean else FaultyWire(faults, 1, clock=clock)
+
+        self._disturb(act)
+
+    def leave_bus(self, seconds: float) -> None:
+        """Take all nodes of the arm off the bus for some time."""
+        until = self._target.now_s
+        self._disturb(lambda now: setattr(now, "off_until_s", until() + seconds))
+
+    # ---- nodes -------------------------------------------------------------------------------------
 
     def silence(self, node: int) -> None:
-        """Cut a node's cable: it neither sends nor hears."""
-        victim = self._victim
-
-        def act() -> None:
-            victim.disturbances.cut_since_s.setdefault(node, victim.now_s())
-
-        victim.post(act)
+        """Cut a node's cable: it neither sends nor receives."""
+        self._disturb(lambda now: now.cut_since_s.setdefault(node, self._target.now_s()))
 
     def reconnect(self, node: int) -> None:
         """Mend the cable."""
-        victim = self._victim
-        victim.post(lambda: _forget(victim.disturbances.cut_since_s, node))
+        self._disturb(lambda now: now.cut_since_s.pop(node, None))
 
     def stop_heartbeat(self, node: int) -> None:
-        """Let a node work on without heartbeats."""
-        self._victim.post(lambda: self._victim.disturbances.no_heartbeat.add(node))
+        """Stop a node's heartbeat; the node works on."""
+        self._disturb(lambda now: now.no_heartbeat.add(node))
 
     def resume_heartbeat(self, node: int) -> None:
-        """Let the node's heartbeats go on."""
-        self._victim.post(lambda: self._victim.disturbances.no_heartbeat.discard(node))
+        """Resume the node's heartbeat."""
+        self._disturb(lambda now: now.no_heartbeat.discard(node))
+
+    def slow_heartbeat(self, joint: int, period_s: float) -> None:
+        """Give a drive another heartbeat period, shown in 1017h."""
+        self.override_object(joint, HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
+        self._disturb(lambda now: now.heartbeat_period_s.update({joint: period_s}))
 
     def lose_tpdos(self, joint: int, count: int) -> None:
         """Lose the next `count` TPDO1 of a joint."""
-        self._victim.post(lambda: self._victim.disturbances.lost_tpdos.update({joint: count}))
-
-    def freeze_sensor(self, joint: int) -> None:
-        """Let a sensor report what it reports now, for good."""
-        drive = self._drive(joint).drive
-        frozen = self._victim.disturbances.frozen_counts
-        self._victim.post(lambda: frozen.update({joint: drive.counts}))
-
-    def thaw_sensor(self, joint: int) -> None:
-        """Mend a frozen sensor."""
-        self._victim.post(lambda: _forget(self._victim.disturbances.frozen_counts, joint))
-
-    def disturb_frames(self, faults: FrameFaults) -> None:
-        """Let frames of all nodes and frames for them get lost, come twice, ...; no faults mend the wire."""
-        victim = self._victim
-
-        def act() -> None:
-            sound = faults == FrameFaults()
-            wrong = victim.disturbances
-            wrong.wire_out = None if sound else FaultyWire(faults, 0, clock=victim.now_s)
-            wrong.wire_in = None if sound else FaultyWire(faults, 1, clock=victim.now_s)
-
-        victim.post(act)
-
-    def leave_bus(self, seconds: float) -> None:
-        """Be off the bus, all nodes of the arm, and come back by itself."""
-        victim = self._victim
-
-        def act() -> None:
-            victim.disturbances.off_until_s = victim.now_s() + seconds
-
-        victim.post(act)
-
-    def stall_sdo(self, node: int) -> None:
-        """Let a node answer no object access any more."""
-        self._victim.post(lambda: self._victim.disturbances.stalled_sdo.add(node))
-
-    def refuse_sdo(self, node: int) -> None:
-        """Let a node refuse every object access (08000000h)."""
-        self._victim.post(lambda: self._victim.disturbances.refused_sdo.add(node))
-
-    def set_up_otherwise(self, joint: int, index: int, subindex: int, value: int) -> None:
-        """Let an object of a drive read as somebody else has set it up."""
-        node = self._drive(joint)
-        self._victim.post(lambda: node.serve(index, subindex, lambda: value))
-
-    def report_speed(self, joint: int) -> None:
-        """Let a drive's TPDO1 carry its speed where its position belongs, and 1A00h say so."""
-        node = self._drive(joint)
-
-        def act() -> None:
-            with node.lock:
-                node.reports_speed = True
-
-        self.set_up_otherwise(joint, TPDO1_MAP, 2, VELOCITY_ACTUAL << 16 | 32)
-        self._victim.post(act)
-
-    def beat_seldom(self, joint: int, period_s: float) -> None:
-        """Let a drive send a heartbeat every so often only, and 1017h say so."""
-        periods = self._victim.disturbances.heartbeat_period_s
-        self.set_up_otherwise(joint, HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
-        self._victim.post(lambda: periods.update({joint: period_s}))
-
-    def answer_as_another(self, joint: int) -> None:
-        """Let a joint's TPDO1 come with the identifier of the next one's, the last one's with the first's."""
-        node, other = self._drive(joint), joint % len(self._victim.drives) + 1
-        wrong_id = COB_TPDO1 + joint_node(other)
-        self._victim.post(lambda: setattr(node, "tpdo1_id", wrong_id))
-
-    def jump(self, joint: int, angle_rad: float) -> None:
-        """Let a joint's sensor be off by so much more, whichever sensor it is."""
-        self.lose_counts(joint, self._drive(joint).axis.scale.to_counts(angle_rad))
-
-    def ripple(self, joint: int) -> None:
-        """Let a joint's sensor have noise of ten counts beside its own, as of an unsteady supply."""
-        self._drive(joint)
-        ripple = self._victim.disturbances.ripple_counts
-        self._victim.post(lambda: ripple.update({joint: RIPPLE_COUNTS}))
-
-    def block(self, joint: int) -> None:
-        """Let a joint stay where it is whenever it should be free: a valve that does not open."""
-        self._drive(joint)
-        self._victim.post(lambda: self._victim.disturbances.blocked.add(joint))
-
-    def sag(self, joint: int) -> None:
-        """Let a joint hold nothing whenever it should be in position mode."""
-        self._drive(joint)
-        self._victim.post(lambda: self._victim.disturbances.sagging.add(joint))
-
-    def slip_fixture(self, slip_m: float) -> None:
-        """Let what holds the hand stand so much further along its x from now on."""
-        self._victim.post(lambda: self._loop().slip(slip_m))
-
-    def bind_hinge(self) -> None:
-        """Let the hinge turn no more."""
-        self._victim.post(lambda: self._loop().bind_hinge())
-
-    def stop_watching(self, joint: int) -> None:
-        """Let a drive go on when the operator's heartbeat is lost, and 1016h say that it does."""
-        node = self._drive(joint)
-
-        def act() -> None:
-            with node.lock:
-                node.drive.ignores_heartbeat = True
-
-        self.set_up_otherwise(joint, HEARTBEAT_CONSUMER, 1, 0)
-        self._victim.post(act)
-
-    def storm(self, joint: int) -> None:
-        """Let a drive send emergencies without end."""
-        self._drive(joint)
-        self._victim.post(lambda: self._victim.disturbances.storming.add(joint))
-
-    def go_astray(self, joint: int) -> None:
-        """Let a drive go 5 deg from where it is told to be, without noticing it."""
-        node = self._drive(joint)
-        astray = self._victim.disturbances.astray_counts
-
-        def act() -> None:
-            astray[joint] = 0
-            with node.lock:
-                node.drive.sees_no_following_error = True
-
-        self._victim.post(act)
-
-    def lose_enable(self, joint: int) -> None:
-        """Let a drive fall back to *switched on* once, as soon as it is enabled, and say nothing of it."""
-        self._set(joint, "loses_enable")
-
-    def ignore_targets(self, joint: int) -> None:
-        """Let a drive stay where it is in position mode, and say that it does not follow (bit 12)."""
-        self._set(joint, "ignores_targets")
-
-    def trip(self, joint: int, code: EmergencyCode) -> None:
-        """Let a drive trip."""
-        node = self._drive(joint)
-
-        def act() -> None:
-            with node.lock:
-                node.drive.trip(code)
-
-        self._victim.post(act)
-
-    def lose_counts(self, joint: int, counts: int) -> None:
-        """Let a joint's sensor be off by so many counts more, from one SYNC to the next."""
-        self._drive(joint)
-        lost = self._victim.disturbances.lost_counts
-        self._victim.post(lambda: lost.update({joint: lost.get(joint, 0) + counts}))
+        self._disturb(lambda now: now.lost_tpdos.update({joint: count}))
 
     def answer_twice(self, joint: int, *, twice: bool = True) -> None:
         """Let a joint answer every SYNC twice, as two drives with one number would."""
         self._drive(joint)
-        doubled = self._victim.disturbances.doubled_tpdos
-        self._victim.post(lambda: doubled.add(joint) if twice else doubled.discard(joint))
+        self._disturb(
+            lambda now: now.doubled_tpdos.add(joint) if twice else now.doubled_tpdos.discard(joint)
+        )
+
+    def swap_tpdo_id(self, joint: int) -> None:
+        """Send a joint's TPDO1 with the identifier of the next joint (the first, for the last)."""
+        node, other = self._drive(joint), joint % len(self._target.drives) + 1
+        wrong_id = COB_TPDO1 + joint_node(other)
+        self._target.post(lambda: setattr(node, "tpdo1_id", wrong_id))
+
+    def report_speed(self, joint: int) -> None:
+        """Map a drive's speed into TPDO1 in place of its position, shown in 1A00h."""
+        self.override_object(joint, TPDO1_MAP, 2, VELOCITY_ACTUAL << 16 | 32)
+        self._on_node(joint, lambda node: setattr(node, "reports_speed", True))
+
+    def stall_sdo(self, node: int) -> None:
+        """Let a node answer no SDO request."""
+        self._disturb(lambda now: now.stalled_sdo.add(node))
+
+    def refuse_sdo(self, node: int) -> None:
+        """Let a node abort every SDO request (08000000h)."""
+        self._disturb(lambda now: now.refused_sdo.add(node))
+
+    def override_object(self, joint: int, index: int, subindex: int, value: int) -> None:
+        """Let an object of a drive read as `value`."""
+        node = self._drive(joint)
+        self._target.post(lambda: node.serve(index, subindex, lambda: value))
 
     def restart_node(self, joint: int) -> None:
-        """Take mains away from one drive and give it back: it starts by itself, its counter at zero."""
-        node, victim = self._drive(joint), self._victim
+        """Power-cycle one drive: it starts by itself, its counter at zero."""
+        lost = self._target.disturbances.lost_counts
 
-        def act() -> None:
-            lost = victim.disturbances.lost_counts
-            with node.lock:
-                lost[joint] = lost.get(joint, 0) - node.drive.counts
-                node.drive.counts = 0
-                node.power_up()
-                node.boot()
-                node.on_nmt(NmtCommand.START)
+        def act(node: DriveNode) -> None:
+            lost[joint] = lost.get(joint, 0) - node.drive.counts
+            node.drive.counts = 0
+            node.power_up()
+            node.boot()
+            node.on_nmt(NmtCommand.START)
 
-        victim.post(act)
+        self._on_node(joint, act)
+
+    def restart(self) -> None:
+        """Power-cycle the whole controller."""
+        self._target.post(self._target.restart)
+
+    def hang(self) -> None:
+        """Suspend the control loop: no answers, no heartbeats."""
+        self._target.hang()
+
+    def unhang(self) -> None:
+        """Resume the control loop."""
+        self._target.unhang()
+
+    def stop_watching(self, joint: int) -> None:
+        """Let a drive ignore the loss of the operator's heartbeat, shown in 1016h."""
+        self.override_object(joint, HEARTBEAT_CONSUMER, 1, 0)
+        self._set(joint, "ignores_heartbeat")
+
+    def storm(self, joint: int) -> None:
+        """Let a drive send emergencies on every SYNC."""
+        self._drive(joint)
+        self._disturb(lambda now: now.storming.add(joint))
+
+    # ---- sensors -----------------------------------------------------------------------------------
+
+    def freeze_sensor(self, joint: int) -> None:
+        """Freeze a sensor's reading."""
+        drive = self._drive(joint).drive
+        self._disturb(lambda now: now.frozen_counts.update({joint: drive.counts}))
+
+    def unfreeze_sensor(self, joint: int) -> None:
+        """Mend a frozen sensor."""
+        self._disturb(lambda now: now.frozen_counts.pop(joint, None))
 
     def break_sensor(self, joint: int, *, broken: bool = True) -> None:
-        """Let the drive see that its sensor has failed (7305h), or mend it."""
-        node = self._drive(joint)
+        """Let the drive detect a failed sensor (7305h), or mend it."""
+        self._set(joint, "sensor_failed", value=broken)
 
-        def act() -> None:
-            with node.lock:
-                node.drive.sensor_failed = broken
+    def lose_counts(self, joint: int, counts: int) -> None:
+        """Shift a joint's reading by so many further counts."""
+        self._drive(joint)
+        self._disturb(
+            lambda now: now.lost_counts.update({joint: now.lost_counts.get(joint, 0) + counts})
+        )
 
-        self._victim.post(act)
+    def jump(self, joint: int, angle_rad: float) -> None:
+        """Shift a joint's reading by an angle, encoder or RVDT."""
+        self.lose_counts(joint, self._drive(joint).axis.scale.to_counts(angle_rad))
+
+    def ripple(self, joint: int) -> None:
+        """Add noise of ten counts to a joint's reading, as of an unsteady supply."""
+        self._drive(joint)
+        self._disturb(lambda now: now.ripple_counts.update({joint: RIPPLE_COUNTS}))
+
+    # ---- drives and mechanics ----------------------------------------------------------------------
+
+    def trip(self, joint: int, code: EmergencyCode) -> None:
+        """Trip a drive."""
+        self._on_node(joint, lambda node: node.drive.trip(code))
+
+    def block(self, joint: int) -> None:
+        """Let a joint not move in free mode: a valve that does not open."""
+        self._drive(joint)
+        self._disturb(lambda now: now.blocked.add(joint))
+
+    def sag(self, joint: int) -> None:
+        """Let a joint hold nothing in position mode."""
+        self._drive(joint)
+        self._disturb(lambda now: now.sagging.add(joint))
+
+    def diverge(self, joint: int) -> None:
+        """Let a drive move 5 deg from its target without reporting a following error."""
+        self._set(joint, "sees_no_following_error")
+        self._disturb(lambda now: now.diverged_counts.update({joint: 0}))
+
+    def lose_enable(self, joint: int) -> None:
+        """Let a drive fall back to *switched on* once, as soon as it is enabled, without an emergency."""
+        self._set(joint, "loses_enable")
+
+    def ignore_targets(self, joint: int) -> None:
+        """Let a drive in position mode not move and report that it does not follow (bit 12)."""
+        self._set(joint, "ignores_targets")
 
     def refuse_modes(self, joint: int, *, refuse: bool = True) -> None:
-        """Let 6061h stay what it is whatever 6060h asks for."""
-        node = self._drive(joint)
+        """Keep 6061h whatever 6060h requests."""
+        self._set(joint, "refuses_modes", value=refuse)
 
-        def act() -> None:
-            with node.lock:
-                node.drive.refuses_modes = refuse
+    def slip_fixture(self, slip_m: float) -> None:
+        """Shift the fixture along its x axis."""
+        self._target.post(lambda: self._fixture().slip(slip_m))
 
-        self._victim.post(act)
+    def bind_hinge(self) -> None:
+        """Block the hinge."""
+        self._target.post(lambda: self._fixture().bind_hinge())
 
     def external_stop(self, *, pressed: bool = True) -> None:
         """Press or release the external stop: all drives trip, valves blocked (5441h)."""
-        victim = self._victim
+        target = self._target
 
         def act() -> None:
-            for node in victim.drives:
+            for node in target.drives:
                 with node.lock:
                     node.drive.external_stop = pressed
                     if pressed:
                         node.drive.trip(EmergencyCode.EXTERNAL_STOP)
-            victim.supervisor.external_stop(active=pressed)
+            target.supervisor.external_stop(active=pressed)
 
-        victim.post(act)
+        target.post(act)
 
-    def restart(self) -> None:
-        """Take mains away from the whole controller and give it back."""
-        self._victim.post(self._victim.restart)
+    def _disturb(self, act: Callable[[Disturbances], object]) -> None:
+        """Change the disturbances in the control loop."""
 
-    def hang(self) -> None:
-        """Let the control loop hang: no answers, no heartbeats."""
-        self._victim.hang()
+        def apply() -> None:
+            act(self._target.disturbances)
 
-    def unhang(self) -> None:
-        """Let the control loop go on."""
-        self._victim.unhang()
+        self._target.post(apply)
 
-    def _set(self, joint: int, flaw: str) -> None:
+    def _on_node(self, joint: int, act: Callable[[DriveNode], None]) -> None:
+        """Act on a drive's node in the control loop, under its lock."""
         node = self._drive(joint)
 
-        def act() -> None:
+        def locked() -> None:
             with node.lock:
-                setattr(node.drive, flaw, True)
+                act(node)
 
-        self._victim.post(act)
+        self._target.post(locked)
 
-    def _loop(self) -> FixturePort:
-        plant = self._victim.plant
+    def _set(self, joint: int, flag: str, *, value: bool = True) -> None:
+        """Set a flag of a joint's `Drive`."""
+        self._on_node(joint, lambda node: setattr(node.drive, flag, value))
+
+    def _fixture(self) -> FixturePort:
+        plant = self._target.plant
         if not isinstance(plant, FixturePort):
             raise TypeError("this plant has no fixture that could slip or bind")
         return plant
 
     def _drive(self, joint: int) -> DriveNode:
-        if not 1 <= joint <= len(self._victim.drives):
+        if not 1 <= joint <= len(self._target.drives):
             raise ValueError(f"there is no joint {joint}")
-        return self._victim.drives[joint - 1]
+        return self._target.drives[joint - 1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScriptedFault:
-    """Something that happens at a SYNC, before the plant moves on; SYNCs count from 1, 0 is before the first."""
+    """A fault at a SYNC, before the plant's step; SYNCs count from 1, and 0 is before the first."""
 
     at_sync: int
     happen: Callable[[FaultInjector], None]
 
 
-def _forget(mapping: dict[int, Any], key: int) -> None:
-    mapping.pop(key, None)
+Happen = Callable[[FaultInjector, int], None]
+"""Injects a fault; the number is the joint, for faults of one joint."""
+
+
+def _frames(**shares: float) -> Happen:
+    return lambda faults, _joint: faults.disturb_frames(FrameFaults(**shares))
+
+
+FAULT_KINDS: Mapping[str, Happen] = MappingProxyType(
+    {
+        "frames-lost": _frames(lost=0.01),
+        "frames-lost-10": _frames(lost=0.1),
+        "frames-doubled": _frames(doubled=0.1),
+        "frames-reordered": _frames(swapped=0.1),
+        "frames-late": _frames(late=0.05),
+        "frames-flipped": _frames(flipped=0.01),
+        "babbling": _frames(babble=5.0),
+        "bus-flicker": lambda faults, _joint: faults.leave_bus(0.2),
+        "bus-off": lambda faults, _joint: faults.leave_bus(3.0),
+        "silent-node": FaultInjector.silence,
+        "silent-supervisor": lambda faults, _joint: faults.silence(SUPERVISOR_NODE),
+        "no-heartbeat": FaultInjector.stop_heartbeat,
+        "other-heartbeat": lambda faults, joint: faults.slow_heartbeat(joint, 5.0),
+        "missed-answers": lambda faults, joint: faults.lose_tpdos(joint, 10),
+        "double-answers": FaultInjector.answer_twice,
+        "wrong-node": FaultInjector.swap_tpdo_id,
+        "other-map": FaultInjector.report_speed,
+        "sdo-stall": FaultInjector.stall_sdo,
+        "sdo-stall-supervisor": lambda faults, _joint: faults.stall_sdo(SUPERVISOR_NODE),
+        "sdo-abort": FaultInjector.refuse_sdo,
+        "restart-node": FaultInjector.restart_node,
+        "restart": lambda faults, _joint: faults.restart(),
+        "hang": lambda faults, _joint: faults.hang(),
+        "unwatched": FaultInjector.stop_watching,
+        "lost-counts-5": lambda faults, joint: faults.lose_counts(joint, -5),
+        "lost-counts-500": lambda faults, joint: faults.lose_counts(joint, -500),
+        "sensor-jump": lambda faults, joint: faults.jump(joint, math.radians(2.0)),
+        "ripple": FaultInjector.ripple,
+        "frozen-sensor": FaultInjector.freeze_sensor,
+        "broken-sensor": FaultInjector.break_sensor,
+        "collision": lambda faults, joint: faults.trip(joint, EmergencyCode.EXCESS_TORQUE),
+        "blocked-joint": FaultInjector.block,
+        "sagging-drive": FaultInjector.sag,
+        "slipped-fixture": lambda faults, _joint: faults.slip_fixture(1e-3),
+        "bound-hinge": lambda faults, _joint: faults.bind_hinge(),
+        "stray": FaultInjector.diverge,
+        "lost-enable": FaultInjector.lose_enable,
+        "deaf-drive": FaultInjector.ignore_targets,
+        "emcy-storm": FaultInjector.storm,
+        "refused-modes": FaultInjector.refuse_modes,
+        "external-stop": lambda faults, _joint: faults.external_stop(),
+    }
+)
+
+
+def scripted(kind: str, *, joint: int, at_sync: int) -> ScriptedFault:
+    """The fault of this name at a SYNC; KeyError if there is none."""
+    happen = FAULT_KINDS[kind]
+    return ScriptedFault(at_sync=at_sync, happen=lambda faults: happen(faults, joint))

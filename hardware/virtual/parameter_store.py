@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import math
 import os
 import stat
 import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
 from hardware.canopen.objects import Slot, SlotState
+from hardware.virtual.axis import AxisSettings
 
 _POINTER: Final = "active"
 _FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}
@@ -170,3 +174,55 @@ def _unwrap(stored: bytes) -> bytes | None:
     """Document of a slot's file, None if the file is not as it was written."""
     head, _, document = stored.partition(b"\n")
     return document if stored == _wrap(document) and head.startswith(_MAGIC) else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValidatedParameters:
+    """What the controller takes from a document that passed the strict schema.
+
+    Attributes
+    ----------
+    arm_serial
+        Serial number of the arm it was made for.
+    home_offset_counts
+        607Ch of joints 1..n.
+    theta_off_rad
+        The same offsets in radians, joints 1..n.
+    """
+
+    arm_serial: str
+    home_offset_counts: tuple[int, ...]
+    theta_off_rad: tuple[float, ...]
+
+
+Validate = Callable[[bytes], ValidatedParameters]
+"""Parses a document; raises `ValueError` with words for the operator."""
+
+
+def takes_no_documents(_document: bytes) -> ValidatedParameters:
+    """A `Validate` for a controller that was given no schema: refuses everything."""
+    raise ValueError("this controller was started without a parameter schema and takes no document")
+
+
+def objection(
+    parameters: ValidatedParameters, axes: Sequence[AxisSettings], serial_number: str
+) -> str | None:
+    """Why this arm cannot take the parameters, in words, or None."""
+    if parameters.arm_serial != serial_number:
+        return f"the document is for arm {parameters.arm_serial}, this is arm {serial_number}"
+    joints = len(axes)
+    counts, angles = parameters.home_offset_counts, parameters.theta_off_rad
+    if len(counts) != joints or len(angles) != joints:
+        return f"{len(counts)} home offsets and {len(angles)} angles for {joints} joints"
+    for axis, offset, angle in zip(axes, counts, angles, strict=True):
+        if not math.isfinite(angle):
+            return f"theta_off of joint {axis.joint} is not a finite number"
+        limit = axis.home_offset_limit_counts
+        if abs(offset) > limit:
+            return f"home offset {offset} of joint {axis.joint} is beyond +-{limit} counts"
+        if abs(angle * axis.scale.counts_per_rad - offset) > 1.0:
+            return (
+                f"home offset {offset} of joint {axis.joint} is not its theta_off, which is "
+                f"{angle * axis.scale.counts_per_rad:.1f} counts"
+            )
+    return None

@@ -16,9 +16,8 @@ from enum import IntEnum
 import numpy as np
 
 from fixtures.measured import Measured
+from hardware.virtual import SCENARIOS
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
-from hardware.virtual.random_truth import WildSpread, wild_loop
-from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
 from hardware.virtual.specimens import Stated, drawn_truth, may_be, mounted_anew, opened
 from hardware.virtual.tracker import SimulatedTracker
@@ -26,7 +25,9 @@ from hardware.virtual.truth import (
     PAPER_HOME_RAD,
     OpenTruth,
     Truth,
+    WildSpread,
     paper_loop,
+    wild_loop,
     with_length_errors,
 )
 from solver.arrays import FloatArray, frozen

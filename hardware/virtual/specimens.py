@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from fixtures.mobility import mobility
+from fixtures.setup_checks import mobility
 from hardware.virtual.truth import BallTruth, LoopTruth, OpenTruth, Truth
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel

@@ -16,8 +16,12 @@ from hardware.canopen import objects
 from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, ParameterCommand, Slot
 from hardware.virtual.axis import AxisSettings
 from hardware.virtual.node import Value, VirtualNode
-from hardware.virtual.parameter_store import ParameterStore
-from hardware.virtual.parameters import Validate, ValidatedParameters, objection
+from hardware.virtual.parameter_store import (
+    ParameterStore,
+    Validate,
+    ValidatedParameters,
+    objection,
+)
 from hardware.virtual.sdo_server import Deferred
 
 

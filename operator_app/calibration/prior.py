@@ -12,8 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import ROUGHLY_PLACED, Fixture
-from fixtures.errors import FixtureError
+from fixtures.base import ROUGHLY_PLACED, Fixture, FixtureError
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import soften
 from operator_app.calibration.verification import Fixed, stated_noise

@@ -192,7 +192,7 @@ def _patience_s(text: str) -> float:
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
     """Return the faults that were asked for, in that order; UsageError for a joint or SYNC there is not."""
-    from hardware.virtual.fault_kinds import scripted
+    from hardware.virtual.faults import scripted
 
     if not 1 <= args.fault_joint <= joints:
         raise UsageError(f"--fault-joint: joints are 1 to {joints}")

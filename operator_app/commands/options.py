@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hardware.virtual.scenario_names import DEFAULT_SCENARIO, SCENARIOS
+from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
 from operator_app.safe_output import say
 

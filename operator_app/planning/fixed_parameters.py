@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.dh_placement import IMMOBILE
-from fixtures.hidden_entries import HIDDEN
+from fixtures.setup_checks import HIDDEN
 from operator_app.config.procedure import Procedure
 from operator_app.units.figure import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.chain.arm_model import ArmModel

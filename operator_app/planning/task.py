@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 
 from fixtures.base import Fixture
-from fixtures.hidden_entries import HIDDEN
 from fixtures.measured import Measured
+from fixtures.setup_checks import HIDDEN
 from operator_app.errors import SessionError
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel

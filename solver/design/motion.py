@@ -85,7 +85,7 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
 
     Poses whose closure Jacobian loses rank there get arbitrary extra directions: judge mobility with
-    `fixtures.mobility` at the poses where it matters.
+    `fixtures.setup_checks` at the poses where it matters.
     """
     error = model.loop(x, q, u)
     J = np.concatenate((error.jac_q, error.jac_u), axis=-1)

@@ -117,7 +117,7 @@ def one_fault(kind: str, at_sync: int) -> tuple[str, float, float, int]:
 
 def faults(processes: int) -> list[str]:
     """Run every fault in every phase and in an upload; print what came of them, return what broke."""
-    from hardware.virtual.fault_kinds import FAULT_KINDS
+    from hardware.virtual.faults import FAULT_KINDS
     from tests.system.test_fault_campaign import BEFORE, FIRST_SYNCS, IN_CAPTURE
 
     phases = (BEFORE, FIRST_SYNCS, *IN_CAPTURE, -1)

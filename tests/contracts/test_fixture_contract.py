@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fixtures.base import Severity
-from fixtures.mobility import mobility
 from fixtures.registry import FIXTURES
+from fixtures.setup_checks import mobility
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.sensors import Encoder
 from solver.diagnostics.identifiability import identifiability

@@ -24,8 +24,7 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attending
-from hardware.virtual.fault_kinds import FAULT_KINDS, scripted
-from hardware.virtual.faults import ScriptedFault
+from hardware.virtual.faults import FAULT_KINDS, ScriptedFault, scripted
 from hardware.virtual.plant import Plant
 from operator_app.config.description import describe
 from operator_app.messages.errors import EXPECTED

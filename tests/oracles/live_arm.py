@@ -112,7 +112,7 @@ class LiveArm(PlantArm):
         )
         self._drives = DriveState.FAULT
 
-    def go_astray(self, joint: int, counts: int = 1300) -> None:
+    def diverge(self, joint: int, counts: int = 1300) -> None:
         """One joint is not where it was told to be: the arm stops by itself."""
         self._astray = DriveDiverged(joint, counts, self._syncs)
         self._stop_latch.set()

@@ -14,7 +14,7 @@ import can
 from hardware.arm import JointMode
 from hardware.virtual.axis import AxisSettings, axis
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.parameter_store import ValidatedParameters
 from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.supervisor_node import ArmLabel
 from solver.chain.arm_model import Joint

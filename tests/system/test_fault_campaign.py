@@ -22,8 +22,8 @@ from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.timing import Pace, Timing
-from hardware.virtual.fault_kinds import FAULT_KINDS
 from hardware.virtual.fault_messages import FAULTS, ArmReaction
+from hardware.virtual.faults import FAULT_KINDS
 from hardware.virtual.scenarios import scenario
 from operator_app.config.description import describe
 from operator_app.config.parameters_file import format_parameters

@@ -32,7 +32,7 @@ from operator_app.package_names import require_own_names
 require_own_names()
 
 if TYPE_CHECKING:
-    from fixtures.errors import FixtureError
+    from fixtures.base import FixtureError
     from operator_app.calibration.comparison import IncomparableError
     from operator_app.config.errors import ConfigError, WriteError
     from operator_app.errors import SessionError
@@ -52,7 +52,7 @@ _HOME = {
     "Comparison": "sarcal.judging",
     "ConfigError": "operator_app.config.errors",
     "Fixture": "sarcal.machines",
-    "FixtureError": "fixtures.errors",
+    "FixtureError": "fixtures.base",
     "IncomparableError": "operator_app.calibration.comparison",
     "Plan": "sarcal.planning",
     "Poses": "sarcal.poses",

@@ -44,8 +44,8 @@ from hardware.errors import (
     UploadRefused,
     UploadUnknown,
 )
+from hardware.virtual import DEFAULT_SCENARIO
 from hardware.virtual.port import JointCommand
-from hardware.virtual.scenario_names import DEFAULT_SCENARIO
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.session.workflow.opening import Choices

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from datetime import datetime
 from typing import Any
 
-from hardware.virtual.scenario_names import SCENARIOS
+from hardware.virtual import SCENARIOS
 
 Check = Callable[[Any, int | None], str]
 """Given a value and the number of joints (None while no event has told it): what is wrong, or ""."""

@@ -11,7 +11,7 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.parameter_store import ValidatedParameters
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.arm_file import load_arm

@@ -10,7 +10,7 @@ from can.interfaces.virtual import VirtualBus
 from hardware.arm import DriveState, JointMode
 from hardware.canopen.objects import EmergencyCode
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.frame_faults import FrameFaults
+from hardware.virtual.disturbances import FrameFaults
 from tests.oracles.virtual_rig import ARM, Rig, TrivialPlant, axes
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
@@ -94,7 +94,7 @@ def test_another_map_is_in_the_frames_and_not_only_read_back(arm: Rig) -> None:
 
 
 def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> None:
-    arm.controller.faults.beat_seldom(3, 5.0)
+    arm.controller.faults.slow_heartbeat(3, 5.0)
     arm.settled(lambda: None)
     arm.peer.log.clear()
     for _ in range(100):
@@ -107,7 +107,7 @@ def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> Non
 
 def test_a_drive_that_answers_as_the_next_one_leaves_its_own_number_silent(arm: Rig) -> None:
     arm.peer.start()
-    arm.controller.faults.answer_as_another(7)
+    arm.controller.faults.swap_tpdo_id(7)
     arm.settled(lambda: None)
     arm.peer.log.clear()
     arm.peer.send(0x080)

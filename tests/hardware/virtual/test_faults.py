@@ -91,7 +91,7 @@ def test_a_frozen_sensor_is_found_by_the_following_error(arm: Rig) -> None:
         arm.peer.command(2, 0x0F, target, 8)
         assert arm.peer.sync()[1][1] == states[1][1]
     expect_trip(arm, 2, 0x8611)
-    arm.controller.faults.thaw_sensor(2)
+    arm.controller.faults.unfreeze_sensor(2)
     arm.settled(lambda: None)
     assert arm.peer.sync()[1][1] != states[1][1]
 

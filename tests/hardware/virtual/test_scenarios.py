@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hardware.arm import JointMode
+from hardware.virtual import SCENARIOS
 from hardware.virtual.plant import Plant
 from hardware.virtual.port import JointCommand
-from hardware.virtual.scenario_names import SCENARIOS
 from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
 from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray

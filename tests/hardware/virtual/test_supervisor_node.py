@@ -9,8 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from hardware.virtual.parameter_store import FolderDisk, MemoryDisk, ParameterStore
-from hardware.virtual.parameters import ValidatedParameters
+from hardware.virtual.parameter_store import (
+    FolderDisk,
+    MemoryDisk,
+    ParameterStore,
+    ValidatedParameters,
+)
 from hardware.virtual.supervisor_node import ArmLabel
 from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, parse, rig
@@ -196,7 +200,7 @@ def test_a_new_document_takes_the_place_of_a_staged_one(arm: Rig) -> None:
 
 
 def test_a_controller_without_a_schema_refuses_every_document() -> None:
-    from hardware.virtual.parameters import takes_no_documents
+    from hardware.virtual.parameter_store import takes_no_documents
 
     with rig(validate=takes_no_documents) as arm:
         arm.peer.take_control()

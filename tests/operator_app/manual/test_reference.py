@@ -78,7 +78,7 @@ def test_every_exit_code_has_a_meaning_and_is_in_the_help() -> None:
 
 
 def test_every_key_of_the_app_and_every_fault_is_listed() -> None:
-    from hardware.virtual.fault_kinds import FAULT_KINDS
+    from hardware.virtual.faults import FAULT_KINDS
     from operator_app.session.ui.actions import ACTIONS
 
     page = manual().page("keys").markdown

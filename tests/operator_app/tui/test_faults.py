@@ -143,7 +143,7 @@ async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_a
         await d.to_step(Step.CAPTURE)
         await d.press("c")
         await d.idle()
-        source.arm.go_astray(5)
+        source.arm.diverge(5)
         await d.until(lambda: "STOPPED BY ITSELF joint 5 is +1300" in d.words("#banner"), "banner")
         await d.until(lambda: "Joint 5 is +1300 counts from where it" in d.words("#log"), "log")
         await d.idle()

@@ -18,7 +18,7 @@ FAR, WINDOW = 1600, 1111
 """Counts: how far it goes, and the degree that a drive without 6065h is allowed."""
 
 
-def go_astray(bus: FakeArmBus, joint: int) -> None:
+def diverge(bus: FakeArmBus, joint: int) -> None:
     """Let a joint creep away from here, 20 counts a SYNC, whatever it is told while it has power."""
     bus.says_it_follows = True
     begun = bus.syncs
@@ -55,7 +55,7 @@ def words(bus: FakeArmBus, joint: int, since: int) -> list[int]:
 def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    go_astray(bus, 5)
+    diverge(bus, 5)
     since = len(bus.sent)
     with pytest.raises(DriveDiverged, match=r"joint 5 is \+1\d\d\d counts from its target") as told:
         capture_for_ever(driven)
@@ -75,7 +75,7 @@ def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(
 def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    go_astray(bus, 2)
+    diverge(bus, 2)
     with pytest.raises(DriveDiverged):
         driven.move({5: 1.2}, speed_rad_per_s=0.2)
     begun = len(frames(bus, 0x200))
@@ -98,7 +98,7 @@ def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(bus: FakeArmBus) 
     arm.take_control()
     arm.set_modes([JointMode.POSITION] * JOINTS)
     assert arm.snapshot().stopped_for == ""
-    go_astray(bus, 3)
+    diverge(bus, 3)
     wait_for(lambda: arm.snapshot().stopped)
     assert "joint 3 is +1" in arm.snapshot().stopped_for
     wait_for(lambda: bus.drives[3].status == 0x40)
@@ -109,7 +109,7 @@ def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(bus: FakeArmBus) 
 def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    go_astray(bus, 5)
+    diverge(bus, 5)
     rpdo, lost = bus.drives[5].rpdo, []
 
     def lose_two(data: bytes) -> None:
@@ -157,7 +157,7 @@ def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more()
     arm.connect()
     arm.take_control()
     arm.set_modes(TWO_DRIVEN)
-    go_astray(bus, 5)
+    diverge(bus, 5)
     with pytest.raises(BusError, match="does not take frames any more: no buffer space"):
         capture_for_ever(arm)
     assert bus.full
@@ -166,7 +166,7 @@ def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more()
 
 
 def test_after_a_reset_a_drive_that_was_mended_goes_on(driven: CanopenArm, bus: FakeArmBus) -> None:
-    go_astray(bus, 5)
+    diverge(bus, 5)
     with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     bus.drives[5].noise = lambda _sync: 0
@@ -182,7 +182,7 @@ def test_after_a_reset_a_drive_that_was_mended_goes_on(driven: CanopenArm, bus: 
 def test_why_it_was_stopped_is_known_to_the_next_connection(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    go_astray(bus, 5)
+    diverge(bus, 5)
     with pytest.raises(DriveDiverged) as told:
         capture_for_ever(driven)
     driven.stop()  # pressed as well, as anybody would
@@ -202,13 +202,13 @@ def test_why_it_was_stopped_is_known_to_the_next_connection(
 
 
 def test_one_that_was_not_mended_is_stopped_again(driven: CanopenArm, bus: FakeArmBus) -> None:
-    go_astray(bus, 5)
+    diverge(bus, 5)
     with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     driven.reset_stop()
     driven.take_control()
     driven.set_modes(TWO_DRIVEN)
-    go_astray(bus, 5)
+    diverge(bus, 5)
     with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     assert bus.drives[5].status == 0x40
@@ -224,7 +224,7 @@ def test_a_stop_that_was_pressed_is_said_to_be_that(driven: CanopenArm) -> None:
 def test_closing_leaves_the_others_held_and_that_drive_without_power(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    go_astray(bus, 5)
+    diverge(bus, 5)
     with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
     assert driven.close()

@@ -281,7 +281,7 @@ def stopped_by_itself_while_calibrating(source: FakeSource, runner: Runner) -> N
 
     runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
     assert begun.wait(PATIENCE_S)
-    source.arm.go_astray(5)
+    source.arm.diverge(5)
     wait_until_told(runner)
 
 

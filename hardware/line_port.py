@@ -6,13 +6,10 @@ the question goes there as a line of its own; an instrument that takes no questi
 
 from __future__ import annotations
 
+import contextlib
 import os
-import queue
-import select
 import socket
 import stat
-import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -20,13 +17,12 @@ from pathlib import Path
 from typing import BinaryIO, Protocol
 
 from hardware.errors import InstrumentError
+from hardware.line_stream import LONGEST, LineStream, require_short
 
 CONNECT_S = 3.0
 """How long a port may take to answer at all."""
 LOOK_S = 0.05
 """How often a file is looked at."""
-LONGEST = 64 * 1024
-"""Characters of a line; whoever sends more sends no measurements."""
 
 
 class LinePort(Protocol):
@@ -89,7 +85,7 @@ class TcpLines:
     def __init__(self, host: str, port: int) -> None:
         self._at = (host, port)
         self._socket: socket.socket | None = None
-        self._rest = b""
+        self._stream: LineStream | None = None
 
     @property
     def name(self) -> str:
@@ -107,76 +103,47 @@ class TcpLines:
                 "say where it listens: --tracker tcp:HOST:PORT. A simulated one comes with: sarcal controller "
                 "--procedure open_loop -i loopback"
             ) from error
-        self._socket.setblocking(False)
+        self._stream = LineStream(self._socket.fileno())
         return ""
 
     def ask(self, question: str) -> None:
         """Throw away what has come, send the question."""
-        until_s = time.monotonic() + CONNECT_S
-        while self._receive(0.0):
-            self._rest = b""
-            if time.monotonic() > until_s:
-                raise InstrumentError(
-                    f"{self.name} sends faster than it can be read: let it measure when it is asked, or less "
-                    "often"
-                )
-        self._rest = b""
-        try:
-            self._connected().sendall(question.encode() + b"\n")
-        except OSError as error:
-            raise self._gone() from error
+        if self._socket is None or self._stream is None:
+            raise self._gone()
+        self._stream.forget()
+        # Of one that has gone, `line` says it, with its last words.
+        with contextlib.suppress(OSError):
+            self._socket.sendall(question.encode() + b"\n")
 
     def line(self, wait_s: float) -> str | None:
         """Return the next line."""
-        until_s = time.monotonic() + wait_s
-        while b"\n" not in self._rest:
-            left_s = until_s - time.monotonic()
-            if not self._receive(max(left_s, 0.0)) and left_s <= 0.0:
-                return None
-            _require_short(len(self._rest), self.name)
-        found, _, self._rest = self._rest.partition(b"\n")
-        return found.decode(errors="replace")
+        if self._stream is None:
+            raise self._gone()
+        try:
+            return self._stream.line(wait_s, self.name)
+        except EOFError as ended:
+            raise self._gone(str(ended)) from None
 
     def close(self) -> None:
         """Hang up."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
-        self._rest = b""
+        if self._socket is not None and self._stream is not None:
+            self._stream.end(self._socket)
+        self._socket = self._stream = None
 
-    def _receive(self, wait_s: float) -> bool:
-        connection = self._connected()
-        try:
-            if not select.select([connection], [], [], wait_s)[0]:
-                return False
-            data = connection.recv(65536)
-        except OSError as error:
-            raise self._gone() from error
-        if not data:
-            raise self._gone()
-        self._rest += data
-        return True
-
-    def _connected(self) -> socket.socket:
-        if self._socket is None:
-            raise self._gone()
-        return self._socket
-
-    def _gone(self) -> InstrumentError:
+    def _gone(self, last: str = "") -> InstrumentError:
         self.close()
+        said = f" Its last line: {last}." if last else ""
         return InstrumentError(
-            f"the tracker at {self.name} hung up. Start its program again, then go on with this session"
+            f"the tracker at {self.name} hung up.{said} Start its program again, then go on with this session"
         )
 
 
 class StdinLines:
     """Lines that another program writes into this one's standard input."""
 
-    def __init__(self, source: BinaryIO | None = None) -> None:
-        self._source = sys.stdin.buffer if source is None else source
-        self._came: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._reader: threading.Thread | None = None
-        self._ended = False
+    def __init__(self, descriptor: int = 0) -> None:
+        self._descriptor = descriptor
+        self._stream: LineStream | None = None
 
     @property
     def name(self) -> str:
@@ -185,40 +152,29 @@ class StdinLines:
 
     def open(self) -> str:
         """Begin to read."""
-        if self._reader is None:
-            self._reader = threading.Thread(target=self._read, name="sarcal-stdin", daemon=True)
-            self._reader.start()
+        self._read()
         return ""
 
     def ask(self, question: str) -> None:
         """Throw away what has come."""
-        while not self._came.empty():
-            self._ended = self._ended or self._came.get() is None
+        self._read().forget()
 
     def line(self, wait_s: float) -> str | None:
         """Return the next line."""
-        if not self._ended:
-            try:
-                said = self._came.get(timeout=wait_s)
-            except queue.Empty:
-                return None
-            if said is not None:
-                return said
-        self._ended = True
-        raise InstrumentError(
-            "standard input ended: no tracker writes into it any more. Let its program run as long as the "
-            "session: tracker-program | sarcal run open_loop --tracker stdin"
-        )
+        try:
+            return self._read().line(wait_s, self.name)
+        except EOFError:
+            raise InstrumentError(
+                "standard input ended: no tracker writes into it any more. Let its program run as long as the "
+                "session: tracker-program | sarcal run open_loop --tracker stdin"
+            ) from None
 
     def close(self) -> None:
         """Nothing to do: the reader ends with the program."""
 
-    def _read(self) -> None:
-        try:
-            while line := self._source.readline(LONGEST):
-                self._came.put(line.decode(errors="replace").rstrip("\r\n"))
-        finally:
-            self._came.put(None)
+    def _read(self) -> LineStream:
+        self._stream = self._stream or LineStream(self._descriptor)
+        return self._stream
 
 
 class GrowingFile:
@@ -278,7 +234,7 @@ class GrowingFile:
             file.seek(self._at)
             found = file.readline(LONGEST)
         if not found.endswith(b"\n"):
-            _require_short(len(found), self.name)
+            require_short(len(found), self.name)
             return ""
         self._at += len(found)
         skipped, self._begun_before = self._begun_before, False
@@ -316,11 +272,3 @@ class GrowingFile:
                 f"{self._path} is gone ({error.strerror or error}). Let the tracker's program write it again, "
                 "then go on with this session"
             ) from error
-
-
-def _require_short(length: int, name: str) -> None:
-    if length >= LONGEST:
-        raise InstrumentError(
-            f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "
-            "object a line"
-        )

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
+import json
 import socketserver
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from hardware.errors import InstrumentError
 
@@ -16,11 +19,37 @@ LONGEST = 4096
 """Characters of a question; who sends more is hung up on."""
 
 
+CLIENTS = 16
+"""At one time, a thread each; one more is told so and hung up on."""
+
+
 class _Server(socketserver.ThreadingTCPServer):
     """One thread a client; none keeps the program from ending."""
 
     allow_reuse_address = True
     daemon_threads = True
+    request_queue_size = CLIENTS
+
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self._places = threading.BoundedSemaphore(CLIENTS)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Give it a thread, where there is one left."""
+        if self._places.acquire(blocking=False):
+            super().process_request(request, client_address)
+            return
+        full = {"error": f"{CLIENTS} programs are connected, and no more may be: end one of them"}
+        with contextlib.suppress(OSError):
+            request.sendall(json.dumps(full).encode() + b"\n")
+        self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer it, then leave its place to another."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._places.release()
 
 
 @contextmanager

@@ -80,7 +80,8 @@ def correlations(covariance: FloatArray) -> FloatArray:
     sd = np.sqrt(np.diagonal(covariance))
     sure = sd == 0.0
     safe = np.where(sure, 1.0, sd)
-    out = covariance / np.outer(safe, safe)
+    # The larger first: the product of two may be larger than a float.
+    out = covariance / np.maximum.outer(safe, safe) / np.minimum.outer(safe, safe)
     np.fill_diagonal(out, 1.0)
     return np.asarray(np.clip(out, -1.0, 1.0))
 

@@ -47,6 +47,8 @@ def test_correlations() -> None:
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     expected = [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
     assert correlations(covariance) == pytest.approx(np.array(expected))
+    for scale in (1e300, 1e-300):
+        assert correlations(scale * covariance) == pytest.approx(np.array(expected))
 
 
 def test_chi2_band() -> None:

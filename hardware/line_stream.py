@@ -1,0 +1,121 @@
+"""Lines of a descriptor, a pipe's or a connection's, as they come: from those after the question, whole ones only."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import threading
+import time
+
+from hardware.errors import InstrumentError
+
+END_S = 3.0
+"""How long the reader may take to end."""
+LONGEST = 64 * 1024
+"""Characters of a line; whoever sends more sends no measurements."""
+CHUNK = 64 * 1024
+"""Bytes read at once."""
+KEPT = 1024 * 1024
+"""Bytes that wait for somebody to ask; of more, the old ones go."""
+IN_TRANSIT = 16 * 1024 * 1024
+"""Bytes more than the two ends of a connection hold: what comes after so many was sent after the question."""
+
+
+class LineStream:
+    """What comes from a descriptor, read by a thread at once: nobody who sends is kept waiting with an old line."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._news = threading.Condition()
+        self._came, self._last = bytearray(), b""
+        self._unended = 0
+        self._skipping = False
+        self._ended = False
+        # It holds no lock of sys.stdin, which would abort the interpreter as it ends.
+        self._reader = threading.Thread(target=self._read, name="sarcal-lines", daemon=True)
+        self._reader.start()
+
+    def forget(self) -> None:
+        """Throw away what was sent until now; of a line that is half here, the rest as well."""
+        left = IN_TRANSIT
+        with self._news:
+            while left > 0 and (count := self._take()):
+                left -= count
+            self._drop()
+
+    def line(self, wait_s: float, name: str) -> str | None:
+        """Return the next whole line, None where there is none in time; EOFError(its last line) at the end."""
+        with self._news:
+            self._news.wait_for(
+                lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
+            )
+            found, end, _ = self._came.partition(b"\n")
+            if end:
+                del self._came[: len(found) + 1]
+                return found.decode(errors="replace").rstrip("\r")
+            require_short(self._unended, name)
+            if self._ended:
+                raise EOFError(self._last.decode(errors="replace")[:200])
+            return None
+
+    def end(self, connection: socket.socket) -> None:
+        """Let the reader end, then let go of what it reads."""
+        self._ended = True
+        with contextlib.suppress(OSError):  # the other end hung up first
+            connection.shutdown(socket.SHUT_RDWR)
+        self._reader.join(END_S)
+        connection.close()
+
+    def _read(self) -> None:
+        while not self._ended:
+            self._ready(None)
+            with self._news:
+                full = self._take() == CHUNK
+                self._news.notify_all()
+            if full:
+                time.sleep(0.001)  # who sends without pause takes no processor from the bus
+
+    def _ready(self, wait_s: float | None) -> bool:
+        try:
+            return bool(select.select([self._descriptor], [], [], wait_s)[0])
+        except (OSError, ValueError):  # closed
+            return True
+
+    def _take(self) -> int:
+        """Read once; how many bytes."""
+        if self._ended or not self._ready(0.0):
+            return 0
+        try:
+            data = os.read(self._descriptor, CHUNK)
+        except OSError:
+            data = b""
+        if not data:
+            self._ended = True
+        count = len(data)
+        at = data.rfind(b"\n")
+        self._unended = self._unended + count if at < 0 else count - at - 1
+        if self._skipping:
+            _, end, data = data.partition(b"\n")
+            self._skipping = not end
+        self._came += data
+        if len(self._came) > KEPT:
+            self._drop()
+        return count
+
+    def _drop(self) -> None:
+        whole, end, _ = self._came.rpartition(b"\n")
+        if end:
+            self._last = bytes(whole.rpartition(b"\n")[2])
+        self._came.clear()
+        self._skipping = self._unended > 0
+
+
+def require_short(length: int, name: str) -> None:
+    """Refuse a line without end, of the port `name`."""
+    if length >= LONGEST:
+        raise InstrumentError(
+            f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "
+            "object a line"
+        )

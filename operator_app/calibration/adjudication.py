@@ -19,7 +19,11 @@ from operator_app.calibration.acceptance import (
     paper_test,
     too_few_poses,
 )
-from operator_app.calibration.alternatives import named_hinge, named_rivals, named_shift
+from operator_app.calibration.alternatives import (
+    find_alternatives,
+    hinge_alternative,
+    step_alternative,
+)
 from operator_app.calibration.causes import NamedCause, larger_in_words
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
@@ -118,13 +122,13 @@ def adjudicate(
     rivals: tuple[NamedCause, ...] = ()
     if gross:
         # Linear explanations end where nothing is near the truth any more.
-        rivals = named_rivals(
+        rivals = find_alternatives(
             arm, fixture, used, unsensed=unsensed, scale=scale, dof=diagnosis.left.dof
         )
         by_tests = rivals or by_tests
     elif scale > CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
         # A fixture that gives, or a length that is off, by so much may as well be a file that is wrong.
-        rivals = named_rivals(
+        rivals = find_alternatives(
             arm,
             fixture,
             used,
@@ -136,7 +140,8 @@ def adjudicate(
         by_tests = rivals or by_tests
     elif joint := _suspected_reading(diagnosis):
         by_tests = (
-            named_shift(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale) or by_tests
+            step_alternative(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale)
+            or by_tests
         )
     elif not by_tests:
         by_tests = rvdt_causes(known.rvdt, arm)
@@ -155,7 +160,7 @@ def adjudicate(
     if far and not gross:
         # It fits, but is it the arm of the files? A mistake that fits as well and is near them is likelier.
         far = (
-            *named_rivals(
+            *find_alternatives(
                 arm,
                 fixture,
                 used,
@@ -185,7 +190,7 @@ def adjudicate(
         # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
         of_fit = tuple(cause for cause in of_fit if cause.code != "LITTLE_MOTION")
     if far or any(cause.refuses for cause in of_fit):
-        of_fit = (*named_hinge(arm, fixture, used, unsensed=unsensed), *of_fit)
+        of_fit = (*hinge_alternative(arm, fixture, used, unsensed=unsensed), *of_fit)
     first = (
         *_screening_causes(arm, poses, known),
         *too_few_poses(judging),

@@ -14,7 +14,12 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.causes import Words
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
-from operator_app.calibration.error_model import error_model, noise_model, soften, stated_priors
+from operator_app.calibration.error_model import (
+    error_model,
+    free_within_tolerance,
+    noise_model,
+    stated_priors,
+)
 from operator_app.calibration.local_minima import far_from_nominal
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -123,7 +128,7 @@ def solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
         kept = np.ones(len(rival.poses), dtype=np.bool_)
         unsensed = tuple(sorted(rival.unsensed))
         hard = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
-        model, tolerance = soften(hard, arm)
+        model, tolerance = free_within_tolerance(hard, arm)
         errors = error_model(
             arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance,
             prior=stated_priors(hard, arm, rival.fixture),

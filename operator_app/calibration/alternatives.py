@@ -66,7 +66,7 @@ SECONDS = 4.0
 """Of CPU time of this thread: nobody waits longer for an explanation, and what runs beside takes none."""
 
 
-def named_rivals(
+def find_alternatives(
     arm: ArmModel,
     fixture: Fixture,
     poses: PoseSet,
@@ -135,7 +135,7 @@ def named_rivals(
     return _named(found)
 
 
-def named_hinge(
+def hinge_alternative(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed: tuple[int, ...]
 ) -> tuple[NamedCause, ...]:
     """Name a hinge in which everything closes, where poses in a ball tell too little: it is one.
@@ -150,7 +150,7 @@ def named_hinge(
     return _named([(rival, _weight(ratio, left, left))]) if ratio < CHI2_PER_DOF_ALTERNATIVE else ()
 
 
-def named_shift(
+def step_alternative(
     arm: ArmModel,
     fixture: Fixture,
     poses: PoseSet,

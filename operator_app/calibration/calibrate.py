@@ -1,36 +1,42 @@
-"""From a pose set to a judged calibration: both estimators, what they can see, warnings, verdict.
+"""Calibration from a pose set, as the method goes: prepare, screen, fit, diagnose, decide.
 
-The one place that decides what a calibration is worth; `sarcal solve`, the session and the terminal
-app all call it. Knows no file, no bus and no screen.
+Each stage takes one frozen record and returns the next. `sarcal solve`, the session and the library call this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from fixtures.base import Fixture
+from operator_app.calibration.acceptance import Judgement
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
-from operator_app.calibration.alternatives import named_rivals
+from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
+from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
 from operator_app.calibration.error_model import (
+    distinct_poses,
     error_model,
-    first_of_each,
-    soften,
+    free_within_tolerance,
     stated_priors,
 )
 from operator_app.calibration.failure_analysis import (
-    do_not_fit,
+    explain_unidentifiable,
+    poses_do_not_fit,
     saturated_readings,
-    why_blind,
 )
-from operator_app.calibration.instrument_registration import as_seen
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.local_minima import best_about_nominal
-from operator_app.calibration.multistart import FEW, evenly, fitted, gross_misfit
-from operator_app.calibration.observations import seen_loops
-from operator_app.calibration.placements import alike, distances
+from operator_app.calibration.multistart import FEW, evenly, fit_from_starts, gross_misfit
+from operator_app.calibration.observations import IdentifiableLoops, identifiable_loops
+from operator_app.calibration.placements import (
+    IndistinguishablePlacements,
+    distances,
+    indistinguishable_placements,
+)
 from operator_app.calibration.refusals import (
     placement_checks,
     refuse_placement,
@@ -58,19 +64,21 @@ from solver.diagnostics.limits import (
     LEAST_INFORMATION_SHARE,
     OUTLIER_NOTICE_PROBABILITY,
 )
-from solver.diagnostics.range_checks import range_findings
+from solver.diagnostics.range_checks import RangeFinding, range_findings
 from solver.errors import PosesDoNotFitError, UnidentifiableError
-from solver.estimators.estimate import require_enough_poses
+from solver.estimators.error_model import ErrorModel
+from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents
+from solver.loops.closure import ClosureModel
 from solver.posterior.scales import learned_scales, shares_of_poses
 
 ESTIMATORS = ("implicit", "paper")
 
-JUDGED = 2000
-"""Poses, evenly among all, that tests and the verdict on RVDTs look at: more tell them nothing."""
+MOST_DIAGNOSED_POSES = 2000
+"""Poses, evenly among all, that tests and verdicts on RVDTs use: more change no result."""
 
 
 def calibrate(
@@ -94,209 +102,416 @@ def calibrate(
     search
         Start from everywhere (global start) instead of from the nominal values.
     length_tolerance_m
-        How well the maker's link lengths are known (standard deviation), instead of what the arm's
-        file states. The implicit estimator corrects them within that.
+        Standard deviation of the maker's link lengths, instead of what the arm's file states.
     drop
-        Hold at their nominal values what the poses cannot see, instead of refusing.
+        Fix unidentifiable parameters at their nominal values instead of refusing.
     rereads
-        Poses that were read once more after others: no more data, but a test of all of them.
+        Repeated poses: no further data, but a test of all of them.
 
     Raises
     ------
     ReadingsOutOfRangeError
         These are no readings of this arm, or angles in another unit.
     TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
-        The data cannot give what is asked for; each says what is missing.
+        The data do not determine the parameters; each says what is missing.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
-    limits = AcceptanceLimits() if limits is None else limits
-    fixture = as_seen(arm, fixture, poses)
     unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     if estimator == "paper" and unsensed_joints:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
-    model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
-    require_enough_poses(model, len(poses))
-    out_of_range = range_findings(arm, poses, unsensed_joints=unsensed_joints)
-    refuse_placement(fixture, arm, model)
-
-    loops = seen_loops(
-        model, arm, poses, sensed=not unsensed_joints, search=search, drop=drop, progress=progress
-    )
-    hard, q, paper, found = loops.model, loops.q, loops.paper, loops.search
-    alone = loops.alone
-    if estimator == "paper":
-        hard = alone
-    kept, flipped, blind = loops.kept, loops.flipped, loops.blind
-    sigma, held = arm.sigma_rad(), loops.blind if drop else ()
-
-    def require(seen: Identifiability) -> Identifiability:
-        try:
-            require_identifiable(seen, hard, len(q), known=() if estimator == "paper" else by_arm)
-        except UnidentifiableError as error:
-            used = pick(poses, np.flatnonzero(kept))
-            raise why_blind(
-                error,
-                arm,
-                fixture,
-                used,
-                unsensed_joints,
-                paper,
-                saturated_readings(out_of_range, poses),
-            ) from error
-        return seen
-
-    prior = stated_priors(hard, arm, fixture)
-    by_arm = set(prior) - {*hard.ground_side, *hard.hand_side}
-    # Before anything is weighted: along a direction that neither poses nor files tell no estimate is worth anything.
-    if paper is not None and (estimator == "paper" or not well_conditioned_at_readings(paper, q)):
-        seen = require(identifiability(alone, paper.x, q, sigma_rad=sigma))
-    x0 = loops.x0 if paper is None else paper.x
-    # The paper's estimate is judged by what weighing every reading by its noise gives beside it.
-    model, tolerance = soften(hard, arm, length_tolerance_m=length_tolerance_m, held=held)
-    there = np.flatnonzero(kept)
-    distinct, which = first_of_each(poses, kept)
-    found_there = np.searchsorted(there, distinct)
-    errors = error_model(
-        arm,
-        fixture,
-        poses,
-        distinct,
+    task = Task(
+        arm=arm,
+        fixture=with_registered_instrument(arm, fixture, poses),
+        poses=poses,
+        by_paper=estimator == "paper",
         unsensed_joints=unsensed_joints,
+        search=search,
+        drop=drop,
+        length_tolerance_m=length_tolerance_m,
+        limits=AcceptanceLimits() if limits is None else limits,
+        rereads=rereads,
+        progress=progress,
+    )
+    return decide(diagnose(fit(screen(prepare(task)))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Task:
+    """What is asked for: the arguments of `calibrate`, checked, with an instrument's place registered."""
+
+    arm: ArmModel
+    fixture: Fixture
+    poses: PoseSet
+    by_paper: bool
+    unsensed_joints: tuple[int, ...]
+    search: bool
+    drop: bool
+    length_tolerance_m: float | None
+    limits: AcceptanceLimits
+    rereads: tuple[Reread, ...]
+    progress: Progress | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """The loops of one branch (`loops`), their unknowns (`hard`), and readings outside their ranges."""
+
+    task: Task
+    loops: IdentifiableLoops
+    hard: ClosureModel
+    out_of_range: tuple[RangeFinding, ...]
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """Unknowns that are fixed at their nominal values on request."""
+        return self.loops.unidentifiable if self.task.drop else ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Screened:
+    """What is fitted.
+
+    Attributes
+    ----------
+    model, tolerance
+        The loops with entries that are free within their tolerance (rad, m), by name.
+    errors
+        The error model of the `distinct` poses (indices into all poses); every pose on the branch is one of
+        these, by `which`.
+    prior
+        Names of the arm's entries of which the files state an uncertainty.
+    seen
+        Identifiability at the paper's estimate, where that had to be evaluated.
+    """
+
+    before: Prepared
+    model: ClosureModel
+    tolerance: Mapping[str, float]
+    errors: ErrorModel
+    distinct: IntArray
+    which: IntArray
+    prior: frozenset[str]
+    seen: Identifiability | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fitted:
+    """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result of all poses."""
+
+    before: Screened
+    whole: Calibrated
+    model: ClosureModel
+    tolerance: Mapping[str, float]
+    estimate: Estimate
+    components: VarianceComponents | None
+    implicit: Estimate | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Diagnosed:
+    """What tests say of a fit; `part` is the fit at the poses that they used."""
+
+    before: Fitted
+    part: Calibrated
+    seen: Identifiability
+    shares: Mapping[str, float]
+    known: PriorInformation
+    indistinguishable: tuple[IndistinguishablePlacements, ...]
+    judgement: Judgement
+
+
+def prepare(task: Task) -> Prepared:
+    """Build the loops; refuse too few poses, readings out of range, and placements without unique parameters."""
+    arm, poses = task.arm, task.poses
+    model = loop_of_poses(arm, task.fixture, poses, unsensed_joints=task.unsensed_joints)
+    require_enough_poses(model, len(poses))
+    out_of_range = range_findings(arm, poses, unsensed_joints=task.unsensed_joints)
+    refuse_placement(task.fixture, arm, model)
+    loops = identifiable_loops(
+        model,
+        arm,
+        poses,
+        sensed=not task.unsensed_joints,
+        search=task.search,
+        drop=task.drop,
+        progress=task.progress,
+    )
+    hard = loops.identifiable if task.by_paper else loops.model
+    return Prepared(task=task, loops=loops, hard=hard, out_of_range=out_of_range)
+
+
+def screen(prepared: Prepared) -> Screened:
+    """Refuse what the poses do not identify; free what has a tolerance and collect the error model."""
+    task, loops, hard = prepared.task, prepared.loops, prepared.hard
+    prior = stated_priors(hard, task.arm, task.fixture)
+    by_arm = frozenset(prior) - {*hard.ground_side, *hard.hand_side}
+    seen = None
+    # Before anything is weighted: along an unidentifiable direction without a prior no estimate is worth anything.
+    if (paper := loops.paper) is not None and (
+        task.by_paper or not well_conditioned_at_readings(paper, loops.q)
+    ):
+        seen = _identifiability(prepared, loops.identifiable, paper.x)
+        _require_identifiable(prepared, seen, by_arm)
+    # The paper's estimate is compared with the implicit one, so that the implicit fit is always made.
+    model, tolerance = free_within_tolerance(
+        hard, task.arm, length_tolerance_m=task.length_tolerance_m, fixed=prepared.dropped
+    )
+    distinct, which = distinct_poses(task.poses, loops.kept)
+    errors = error_model(
+        task.arm,
+        task.fixture,
+        task.poses,
+        distinct,
+        unsensed_joints=task.unsensed_joints,
         tolerance=tolerance,
         prior=prior,
     )
+    return Screened(
+        before=prepared,
+        model=model,
+        tolerance=tolerance,
+        errors=errors,
+        distinct=distinct,
+        which=which,
+        prior=by_arm,
+        seen=seen,
+    )
 
-    def starts() -> Iterator[FloatArray | None]:
-        if by_arm and not search and not unsensed_joints:
-            # Within what the files state of the arm, from where the fixture then stands.
-            fixture_only = hard.without(by_arm)
-            yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
-        yield None if x0 is None else in_order(model, alone, x0)
-        yield nominal_vector(model.parameters)
-        if not unsensed_joints:
-            few = evenly(len(q), FEW)
-            yield in_order(model, alone, best_about_nominal(alone.at_poses(few), q[few]))
 
+def fit(screened: Screened) -> Fitted:
+    """Fit by the implicit estimator from several starts; take the paper's estimate where that is asked for.
+
+    Raises
+    ------
+    PosesDoNotFitError
+        No start leads to a fit; the error lists the alternative models that fit.
+    """
+    prepared, distinct = screened.before, screened.distinct
+    task, loops = prepared.task, prepared.loops
+    here = np.searchsorted(np.flatnonzero(loops.kept), distinct)
     try:
-        whole = fitted(
-            model.at_poses(found_there),
-            q[found_there],
-            errors,
-            starts(),
-            group=poses.placement[distinct],
-            progress=progress,
+        whole = fit_from_starts(
+            screened.model.at_poses(here),
+            loops.q[here],
+            screened.errors,
+            _starts(screened),
+            group=task.poses.placement[distinct],
+            progress=task.progress,
         )
     except PosesDoNotFitError as error:
-        rivals = named_rivals(
-            arm,
-            fixture,
-            pick(poses, distinct),
-            unsensed=unsensed_joints,
-            scale=np.inf,
-            dof=len(distinct) * hard.equations_per_pose - len(alone.parameters),
-        )
-        raise do_not_fit(rivals) from error
-    components: VarianceComponents | None
+        raise poses_do_not_fit(_alternatives(screened)) from error
     estimate, components = whole.estimate, whole.components
-    if len(which) != len(distinct):
-        estimate, components = estimate.at_poses(which), components.at_poses(which)
-    judged, some = whole.few(JUDGED)
-    closes = gross_misfit(whole) < CHI2_PER_DOF_GROSS
-    same = alike(model, whole.estimate) if closes else ()
-    unknowns, seeable = (tuple(p.name for p in m.parameters) for m in (hard, alone))
-    outliers = _outliers(whole, distinct)
-    judged_paper = paper if estimator == "paper" else None
-    implicit = None
-    if judged_paper is not None:
-        implicit = estimate.without(tuple(tolerance))
-        estimate, components, model, tolerance = judged_paper, None, hard, {}
-    else:
-        # Where there was a first estimate the fit ended at loops that close.
-        seen = require(
-            identifiability_of_fit(judged.linear, seeable, taken=judged.order)
-            if paper is not None
-            else identifiability(alone, in_order(alone, model, estimate.x), q, sigma_rad=sigma)
+    if len(screened.which) != len(distinct):
+        estimate = estimate.at_poses(screened.which)
+        components = components.at_poses(screened.which)
+    if not task.by_paper or loops.paper is None:
+        return Fitted(
+            before=screened,
+            whole=whole,
+            model=screened.model,
+            tolerance=screened.tolerance,
+            estimate=estimate,
+            components=components,
+            implicit=None,
         )
-    checks = placement_checks(fixture, arm, model, estimate.x)
-    rvdt = (
-        judge_rvdts(
+    return Fitted(
+        before=screened,
+        whole=whole,
+        model=prepared.hard,
+        tolerance={},
+        estimate=loops.paper,
+        components=None,
+        implicit=estimate.without(tuple(screened.tolerance)),
+    )
+
+
+def diagnose(fitted: Fitted) -> Diagnosed:
+    """Test the fit, judge every RVDT, compare placements and repeated poses, and weigh the causes."""
+    screened, whole, model = fitted.before, fitted.whole, fitted.model
+    prepared = screened.before
+    task, loops = prepared.task, prepared.loops
+    arm, fixture, poses = task.arm, task.fixture, task.poses
+    part, some = whole.few(MOST_DIAGNOSED_POSES)
+    used = screened.distinct[some]
+    unknowns = tuple(p.name for p in prepared.hard.parameters)
+    shares = {} if task.by_paper else shares_of_poses(whole.linear)
+    seen = _seen(fitted, part)
+    closes = gross_misfit(whole) < CHI2_PER_DOF_GROSS
+    there = np.flatnonzero(loops.kept)
+    known = PriorInformation(
+        out_of_range=prepared.out_of_range,
+        flipped=loops.flipped,
+        checks=placement_checks(fixture, arm, model, fitted.estimate.x),
+        search=loops.search,
+        rvdt=judge_rvdts(
             arm,
             fixture,
             poses,
-            kept,
-            distinct[some],
-            judged,
-            held=held,
-            length_tolerance_m=length_tolerance_m,
+            loops.kept,
+            used,
+            part,
+            fixed=prepared.dropped,
+            length_tolerance_m=task.length_tolerance_m,
         )
         if closes
-        else ()
-    )
-    shares = {} if judged_paper is not None else shares_of_poses(whole.linear)
-    by_files = tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE)
-    known = PriorInformation(
-        out_of_range=out_of_range,
-        flipped=flipped,
-        checks=checks,
-        search=found,
-        rvdt=rvdt,
+        else (),
         returned=repeats_of(
-            rereads, arm, model, estimate.x, tuple(poses.label[k] for k in there), fixture.give
+            task.rereads,
+            arm,
+            model,
+            fitted.estimate.x,
+            tuple(poses.label[k] for k in there),
+            fixture.give,
         ),
-        by_files=by_files,
+        by_files=tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE),
     )
-    judgement = adjudicate(
-        judged,
-        arm,
-        fixture,
-        poses,
-        distinct[some],
-        judged=unknowns,
+    return Diagnosed(
+        before=fitted,
+        part=part,
+        seen=seen,
+        shares=shares,
         known=known,
-        paper=judged_paper,
+        indistinguishable=indistinguishable_placements(screened.model, whole.estimate)
+        if closes
+        else (),
+        judgement=adjudicate(
+            part,
+            arm,
+            fixture,
+            poses,
+            used,
+            judged=unknowns,
+            known=known,
+            paper=fitted.estimate if task.by_paper else None,
+        ),
     )
-    nominal = nominal_vector(model.parameters)
-    at_nominal = closure_at_readings(model, nominal, q)
+
+
+def decide(diagnosed: Diagnosed) -> Solution:
+    """Collect the figures of a calibration, its verdict and every notice."""
+    fitted, known = diagnosed.before, diagnosed.known
+    prepared = fitted.before.before
+    task, loops, whole = prepared.task, prepared.loops, fitted.whole
+    model, estimate, q, poses = fitted.model, fitted.estimate, loops.q, task.poses
+    at_nominal = closure_at_readings(model, nominal_vector(model.parameters), q)
     solution = Solution(
         model=model,
         estimate=estimate,
-        paper=paper,
-        seen=seen,
+        paper=loops.paper,
+        seen=diagnosed.seen,
         before=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
         poses=len(q),
-        dropped_flipped=flipped,
-        held=held,
-        tolerated=tuple(tolerance),
-        components=components,
-        search=found,
-        outliers=tuple(poses.label[k] for k in outliers),
-        rvdt=rvdt,
-        assumed=(*arm.assumed, *fixture.give.assumed),
+        dropped_flipped=loops.flipped,
+        held=prepared.dropped,
+        tolerated=tuple(fitted.tolerance),
+        components=fitted.components,
+        search=loops.search,
+        outliers=tuple(poses.label[k] for k in _outliers(whole, fitted.before.distinct)),
+        rvdt=known.rvdt,
+        assumed=(*task.arm.assumed, *task.fixture.give.assumed),
         hand=tip_sigma(model, estimate, q),
-        implicit=implicit,
-        length_tolerance_m=length_tolerance_m,
-        scales=() if judged_paper is not None else learned_scales(whole.linear, whole.found),
-        shares=shares,
+        implicit=fitted.implicit,
+        length_tolerance_m=task.length_tolerance_m,
+        scales=() if task.by_paper else learned_scales(whole.linear, whole.found),
+        shares=diagnosed.shares,
         distances=distances(model, estimate, poses.placements),
-        condition_at_readings=condition_at_readings(alone, in_order(alone, model, estimate.x), q),
+        condition_at_readings=condition_at_readings(
+            loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
+        ),
         warnings=(),
         reasons=(),
     )
-    if judged_paper is None and not unsensed_joints:
-        solution = with_best_table(solution, arm, whole, q)
+    if not task.by_paper and not task.unsensed_joints:
+        solution = with_best_table(solution, task.arm, whole, q)
+    unidentifiable = () if task.drop else loops.unidentifiable
     return with_notices(
         solution,
-        arm,
-        fixture,
+        task.arm,
+        task.fixture,
         poses,
         whole=whole,
-        judged=judged,
+        judged=diagnosed.part,
         known=known,
-        same=same,
-        as_stated=by_files if judged_paper is None else () if drop else blind,
-        judgement=judgement,
-        limits=limits,
+        same=diagnosed.indistinguishable,
+        as_stated=unidentifiable if task.by_paper else known.by_files,
+        judgement=diagnosed.judgement,
+        limits=task.limits,
+    )
+
+
+def _identifiability(prepared: Prepared, model: ClosureModel, x: FloatArray) -> Identifiability:
+    return identifiability(model, x, prepared.loops.q, sigma_rad=prepared.task.arm.sigma_rad())
+
+
+def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
+    """Refuse unidentifiable directions, with the fault that makes them so where there is one."""
+    task, loops = prepared.task, prepared.loops
+    known = frozenset[str]() if task.by_paper else prior
+    try:
+        require_identifiable(seen, prepared.hard, len(loops.q), known=known)
+    except UnidentifiableError as error:
+        raise explain_unidentifiable(
+            error,
+            task.arm,
+            task.fixture,
+            pick(task.poses, np.flatnonzero(loops.kept)),
+            task.unsensed_joints,
+            loops.paper,
+            saturated_readings(prepared.out_of_range, task.poses),
+        ) from error
+
+
+def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
+    """Identifiability at the fit: by its own equations where its loops close, as after a first estimate."""
+    screened = fitted.before
+    prepared = screened.before
+    loops = prepared.loops
+    if prepared.task.by_paper and screened.seen is not None:
+        return screened.seen
+    names = tuple(p.name for p in loops.identifiable.parameters)
+    seen = (
+        identifiability_of_fit(part.linear, names, taken=part.order)
+        if loops.paper is not None
+        else _identifiability(
+            prepared,
+            loops.identifiable,
+            in_order(loops.identifiable, screened.model, fitted.estimate.x),
+        )
+    )
+    _require_identifiable(prepared, seen, screened.prior)
+    return seen
+
+
+def _starts(screened: Screened) -> Iterator[FloatArray | None]:
+    """Starts of the fit: fixture only, first estimate, nominal values, best solution about these."""
+    prepared, model = screened.before, screened.model
+    loops, task = prepared.loops, prepared.task
+    q, identifiable = loops.q, loops.identifiable
+    if screened.prior and not task.search and not task.unsensed_joints:
+        # Within what the files state of the arm, from where the fixture then stands.
+        fixture_only = prepared.hard.without(screened.prior)
+        yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
+    x0 = loops.x0 if loops.paper is None else loops.paper.x
+    yield None if x0 is None else in_order(model, identifiable, x0)
+    yield nominal_vector(model.parameters)
+    if not task.unsensed_joints:
+        few = evenly(len(q), FEW)
+        yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
+
+
+def _alternatives(screened: Screened) -> tuple[NamedCause, ...]:
+    """Alternative models that fit the poses where the stated one does not."""
+    prepared, distinct = screened.before, screened.distinct
+    task = prepared.task
+    unknowns = len(prepared.loops.identifiable.parameters)
+    return find_alternatives(
+        task.arm,
+        task.fixture,
+        pick(task.poses, distinct),
+        unsensed=task.unsensed_joints,
+        scale=np.inf,
+        dof=len(distinct) * prepared.hard.equations_per_pose - unknowns,
     )
 
 

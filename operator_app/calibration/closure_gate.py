@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.error_model import soften
+from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.prior import Belief, KnownArm, believed
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -121,7 +121,7 @@ def standing_loop(
     known: KnownArm | None = None,
 ) -> StandingLoop:
     """Return the loop at a reading (n,), as open as its files leave it, and what is `known` of the arm besides."""
-    model, stated = soften(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
+    model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
         [
             arm.sigma_rad(),

@@ -7,8 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.error_model import error_model, noise_model, soften, stated_priors
-from operator_app.calibration.instrument_registration import as_calibrated
+from operator_app.calibration.error_model import (
+    error_model,
+    free_within_tolerance,
+    noise_model,
+    stated_priors,
+)
+from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -50,13 +55,13 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
         return Checks()
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
         return Checks()
-    fixture = as_calibrated(fixture, solution.model)
+    fixture = with_calibrated_places(fixture, solution.model)
     kept = np.ones(len(poses), dtype=np.bool_)
     kept[list(solution.dropped_flipped)] = False
     q, model, there = poses.q_rad[kept], solution.model, np.flatnonzero(kept)
     tolerance = {
         name: sd
-        for name, sd in soften(model.without(solution.tolerated), arm)[1].items()
+        for name, sd in free_within_tolerance(model.without(solution.tolerated), arm)[1].items()
         if name in solution.tolerated
     }
     errors = error_model(

@@ -39,7 +39,7 @@ def error_model(
     tolerance: Mapping[str, float] | None = None,
     prior: Mapping[str, float] | None = None,
 ) -> ErrorModel:
-    """Return what the files state of the kept poses; `tolerance` is that of `soften`, `prior` of `stated_priors`."""
+    """Return the stated errors of the kept poses; `tolerance` is that of `free_within_tolerance`."""
     errors = stated_errors(
         arm,
         samples=samples_of(poses)[kept],
@@ -47,13 +47,13 @@ def error_model(
         unsensed_joints=unsensed_joints,
     )
     endpoint = instrument_variance(fixture)
-    held = fixture.kind != "measured"
+    passive = fixture.kind != "measured"
     there = np.arange(len(poses))[kept]
     return replace(
         errors,
         endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
-        give_rad=fixture.give.orientation_rad if held else None,
-        give_m=fixture.give.position_m if held else None,
+        give_rad=fixture.give.orientation_rad if passive else None,
+        give_m=fixture.give.position_m if passive else None,
         tolerance={} if tolerance is None else tolerance,
         prior={} if prior is None else prior,
         discrepancy=True,
@@ -142,7 +142,7 @@ def samples_of(poses: PoseSet) -> IntArray:
     return np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
 
 
-def first_of_each(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
+def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
     """Indices of kept poses that differ, and for every kept pose which of those it is.
 
     The very same readings to the last digit are the same reading written twice, and know nothing
@@ -161,12 +161,12 @@ def first_of_each(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
     return here[first[order]], rank[which.reshape(-1)]
 
 
-def soften(
+def free_within_tolerance(
     model: ClosureModel,
     arm: ArmModel,
     *,
     length_tolerance_m: float | None = None,
-    held: Collection[str] = (),
+    fixed: Collection[str] = (),
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances: the maker's table is not exact.
 
@@ -199,7 +199,7 @@ def soften(
         known = arm.offset_tolerance_rad
         blind = model.unsensed_joints
         found |= {e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind}
-    free = {p.name for p in part.parameters} | set(held)
+    free = {p.name for p in part.parameters} | set(fixed)
     if part.dh_table(nominal_vector(part.parameters)) is not None:
         # Where the hinge is decides s_1 and the last link; the arm's table cannot know.
         free |= {"s_1", f"a_{n}", f"s_{n}", f"alpha_{n}"}

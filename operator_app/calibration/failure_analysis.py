@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.alternatives import named_hinge, named_rivals
+from operator_app.calibration.alternatives import find_alternatives, hinge_alternative
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.notices import range_text
@@ -24,7 +24,7 @@ from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
 
 
-def why_blind(
+def explain_unidentifiable(
     error: UnidentifiableError,
     arm: ArmModel,
     fixture: Fixture,
@@ -39,17 +39,17 @@ def why_blind(
         return stuck
     if saturated is not None:
         return saturated
-    if hinge := named_hinge(arm, fixture, used, unsensed=unsensed):
-        return do_not_fit(hinge)
+    if hinge := hinge_alternative(arm, fixture, used, unsensed=unsensed):
+        return poses_do_not_fit(hinge)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Poses so few, or a joint that stands still: no parameter has to be believed for that.
         return error
     if _closes(paper):
         back = _led_away(arm, fixture, used, unsensed, paper)
-        return do_not_fit(back) if back else error
+        return poses_do_not_fit(back) if back else error
     # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
-    rivals = named_rivals(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
-    return do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
+    rivals = find_alternatives(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
+    return poses_do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
 
 
 def _led_away(
@@ -64,7 +64,7 @@ def _led_away(
     nominal = nominal_vector(model.parameters)
     if identifiability(model, nominal, q, sigma_rad=arm.sigma_rad()).directions:
         return ()
-    return named_rivals(
+    return find_alternatives(
         arm,
         fixture,
         used,
@@ -106,7 +106,7 @@ def _open_words(paper: Estimate) -> str:
     )
 
 
-def do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:
+def poses_do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:
     """Say of causes that each of them would make these poses fit."""
     return PosesDoNotFitError(
         tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)

@@ -13,7 +13,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.prediction import fit_as_stated, together
 from operator_app.calibration.prior import Fitted, fitted, noise_of
 from solver.chain.arm_model import ArmModel
@@ -81,7 +81,9 @@ def innovation(
         both,
         np.arange(count + 1),
         unsensed_joints=unsensed_joints,
-        tolerance=soften(fixture.model(arm, unsensed_joints=unsensed_joints), arm)[1],
+        tolerance=free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)[
+            1
+        ],
     )
     try:
         found = fit_as_stated(by.model, both, errors, by.fit.x, old=count)

@@ -34,7 +34,7 @@ DIGITS = 4
 """Of nominal places in metres: more would be no nominal values."""
 
 
-def as_seen(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Fixture:
+def with_registered_instrument(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Fixture:
     """Return the fixture with nominal places near the true ones, where its file states none to rely on."""
     if not isinstance(fixture, Measured) or poses.endpoint is None:
         return fixture
@@ -54,7 +54,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> Fixture:
     if not found.converged or not isinstance(model, MeasuredClosure):
         return fixture
     own = model.own_values(found.x)[0]
-    return as_calibrated(
+    return with_calibrated_places(
         fixture,
         replace(
             model,
@@ -66,7 +66,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> Fixture:
     )
 
 
-def as_calibrated(fixture: Fixture, model: ClosureModel) -> Fixture:
+def with_calibrated_places(fixture: Fixture, model: ClosureModel) -> Fixture:
     """Return the fixture with the nominal places that a calibration's parameters are counted from."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):

@@ -26,7 +26,7 @@ FEW = 600
 """Poses, evenly among all, that tell which of several starts is the best one."""
 
 
-def fitted(
+def fit_from_starts(
     model: ClosureModel,
     q: FloatArray,
     errors: ErrorModel,

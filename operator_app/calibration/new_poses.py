@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.instrument_registration import as_calibrated
+from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
@@ -51,7 +51,7 @@ def judge_new(
         )
     known, there = made_from.placements, new.placements
     fixed, made = fixed_by(solution), MadeFrom(solution=solution, poses=made_from)
-    fixture = as_calibrated(fixture, solution.model)
+    fixture = with_calibrated_places(fixture, solution.model)
     if fixture.kind == "ball" and fixture.stays_on_hand:
         # Where another socket stands is found from the new poses themselves.
         return judge_poses(arm, fixture, new, fixed, calibrated=known, made=made)

@@ -11,7 +11,7 @@ from math import radians
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from operator_app.calibration.causes import NamedCause, Words, poses_named
-from operator_app.calibration.placements import Alike
+from operator_app.calibration.placements import IndistinguishablePlacements
 from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.units.figure import (
@@ -227,12 +227,12 @@ def flexure_notices(
     )
 
 
-def alike_notices(found: tuple[Alike, ...]) -> tuple[Notice, ...]:
+def indistinguishable_notices(found: tuple[IndistinguishablePlacements, ...]) -> tuple[Notice, ...]:
     """Say which placements are one and the same: whoever took them believes to know more than that."""
     return tuple(_alike_notice(a) for a in found)
 
 
-def _alike_notice(found: Alike) -> Notice:
+def _alike_notice(found: IndistinguishablePlacements) -> Notice:
     *first, last = map(str, found.numbers)
     size = Figure(found.difference, quantity_of(found.parameter), digits=2).with_unit
     return Notice(

@@ -20,26 +20,35 @@ from solver.loops.closure import ClosureModel
 from solver.search.global_start import GlobalStart, global_start
 
 
-class SeenLoops(NamedTuple):
-    """The loops that are fitted, with what is not seen taken out.
+class IdentifiableLoops(NamedTuple):
+    """The loops that are fitted, without unidentifiable parameters.
 
-    `q` (k, n) and `kept` (m,) are the poses on the main branch, `flipped` the others; `blind` is what poses alone
-    leave open, and `alone` the loops without it; `search` is the global start, where one was asked for; `x0` and
-    `paper` are first estimates of `alone`, where there are.
+    Attributes
+    ----------
+    model
+        The loops with all unknowns; with those of `identifiable` where the others are dropped on request.
+    identifiable, unidentifiable
+        The loops with the unknowns that the poses identify, and the names of the others.
+    q, kept, flipped
+        Readings (k, n), rad, of the poses on the main branch, which these are (m,), and indices of the others.
+    search
+        The global start, where one was asked for.
+    x0, paper
+        First estimates of `identifiable`, where there are any.
     """
 
     model: ClosureModel
-    alone: ClosureModel
+    identifiable: ClosureModel
     q: FloatArray
     kept: BoolArray
     flipped: tuple[int, ...]
-    blind: tuple[str, ...]
+    unidentifiable: tuple[str, ...]
     search: GlobalStart | None
     x0: FloatArray | None
     paper: Estimate | None
 
 
-def seen_loops(
+def identifiable_loops(
     model: ClosureModel,
     arm: ArmModel,
     poses: PoseSet,
@@ -48,8 +57,8 @@ def seen_loops(
     search: bool,
     drop: bool,
     progress: Progress | None,
-) -> SeenLoops:
-    """Choose the poses of one branch and the parameters that they see; estimate first where all are `sensed`."""
+) -> IdentifiableLoops:
+    """Choose the poses of one branch and the parameters they identify; estimate these where all joints are `sensed`."""
     found = global_start(model, poses.q_rad, progress=progress) if search else None
     branches = (
         on_main_branch(model, poses.q_rad)
@@ -60,45 +69,47 @@ def seen_loops(
     model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
     require_enough_poses(model, len(q))
     x0 = None if found is None else found.x
-    whole, (model, blind) = model, _without_blind(model, arm, x0, q, drop=drop)
-    if blind:
+    every_unknown = model
+    model, unidentifiable = _without_unidentifiable(model, arm, x0, q, drop=drop)
+    if unidentifiable:
         require_enough_poses(model, len(q))
         if search:
-            # What is held now has other values than in the search: it is done again without it.
+            # The fixed parameters have other values than in the search: it is repeated without them.
             found = global_start(model, q, progress=progress)
         x0 = None if found is None else found.x
     paper = None
     if sensed:
-        made = branches.paper if x0 is None and not blind else None
+        made = branches.paper if x0 is None and not unidentifiable else None
         paper = made or estimate_paper(model, q, x0=x0)
-    return SeenLoops(model if drop else whole, model, q, kept, flipped, blind, found, x0, paper)
+    return IdentifiableLoops(
+        model if drop else every_unknown, model, q, kept, flipped, unidentifiable, found, x0, paper
+    )
 
 
-def _without_blind(
+def _without_unidentifiable(
     model: ClosureModel, arm: ArmModel, x0: FloatArray | None, q: FloatArray, *, drop: bool
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Take out what the poses cannot see: on request, or because the arm's file says how well it is known."""
+    """Fix unidentifiable parameters: on request, or where the arm's file states their uncertainty."""
     if not drop and arm.offset_tolerance_rad is None:
         return model, ()
-    smaller, blind = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
-    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in blind)
-    # Of others than offsets no file states anything: they are asked for and cannot be had.
-    return (smaller, blind) if drop or known else (model, ())
+    smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
+    known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in unidentifiable)
+    # No file states anything of parameters other than offsets: they stay, and are refused later.
+    return (smaller, unidentifiable) if drop or known else (model, ())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Branches:
-    """Which poses lie on the main branch.
+    """Poses by the branch of the hinge on which they close.
 
     Attributes
     ----------
     kept
-        (m,): those that do.
+        (m,): those on the main branch.
     flipped
         Indices of the others.
     paper
-        The paper's estimate from the kept poses, where telling them apart has made just that, with all
-        joints sensed.
+        The paper's estimate from the kept poses with all joints sensed, where it was made on the way.
     """
 
     kept: BoolArray
@@ -107,20 +118,20 @@ class Branches:
 
     @classmethod
     def without(cls, flipped: tuple[int, ...], poses: int) -> Branches:
-        """All of so many poses but these."""
+        """Return all poses but the flipped ones."""
         kept = np.ones(poses, dtype=np.bool_)
         kept[list(flipped)] = False
         return cls(kept=kept, flipped=flipped)
 
 
 def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
-    """Tell poses (m, n), rad, on the main branch of the hinge from those on the other.
+    """Separate poses (m, n), rad, on the main branch of the hinge from those on the other.
 
-    Told apart at the nominal placement, where the hand of a flipped pose is upside down whatever
-    the last degrees are; a fit through poses of both branches would be dragged between them.
+    At the nominal placement, where the tool of a flipped pose is upside down however inaccurate the nominal
+    values are; a fit through poses of both branches would lie between them.
     """
     everything = Branches.without((), len(q))
-    # Readings that are not believed to a degree are still good enough to tell up from down.
+    # Readings with errors of a degree still tell up from down.
     model = model.with_all_joints_sensed()
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return everything

@@ -25,7 +25,7 @@ SINGULAR = 1e-10
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Alike:
+class IndistinguishablePlacements:
     """Placements whose own parameters do not differ.
 
     Attributes
@@ -43,15 +43,17 @@ class Alike:
     sigmas: float
 
 
-def alike(model: ClosureModel, estimate: Estimate) -> tuple[Alike, ...]:
+def indistinguishable_placements(
+    model: ClosureModel, estimate: Estimate
+) -> tuple[IndistinguishablePlacements, ...]:
     """Find placements between which the fixture was not mounted anew; `estimate` is of all unknowns of `model`."""
     if not isinstance(model, Placements):
         return ()
-    found: list[Alike] = []
+    found: list[IndistinguishablePlacements] = []
     for pair in _pairs(model, estimate):
         joined = [other for other in found if set(other.numbers) & set(pair.numbers)]
         most = max([pair, *joined], key=lambda a: a.sigmas)
-        together = Alike(
+        together = IndistinguishablePlacements(
             numbers=tuple(sorted({n for a in (pair, *joined) for n in a.numbers})),
             parameter=most.parameter,
             difference=most.difference,
@@ -61,7 +63,7 @@ def alike(model: ClosureModel, estimate: Estimate) -> tuple[Alike, ...]:
     return tuple(sorted(found, key=lambda a: a.numbers))
 
 
-def _pairs(model: Placements, estimate: Estimate) -> Iterator[Alike]:
+def _pairs(model: Placements, estimate: Estimate) -> Iterator[IndistinguishablePlacements]:
     from scipy.special import chdtri
 
     for one, other in combinations(model.numbers, 2):
@@ -78,7 +80,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[Alike]:
         sigmas, chi2 = _in_sigmas(difference, there)
         if chi2 < chdtri(len(a), REMOUNT_FALSE_ALARM_PROBABILITY):
             k = int(np.argmax(sigmas))
-            yield Alike(
+            yield IndistinguishablePlacements(
                 numbers=(one, other),
                 parameter=model.of(one)[0].parameters[int(np.flatnonzero(own)[k])],
                 difference=abs(float(difference[k])),

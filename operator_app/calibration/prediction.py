@@ -14,9 +14,9 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses, pick
 from operator_app.calibration.error_model import (
+    distinct_poses,
     error_model,
-    first_of_each,
-    soften,
+    free_within_tolerance,
     stated_priors,
 )
 from operator_app.calibration.result import Solution
@@ -112,9 +112,9 @@ def predict_new_poses(
     model, x0, column = _model(arm, fixture, made, old, both, start)
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     asked = model.without(tuple(tolerated))
-    stated = soften(asked, arm, length_tolerance_m=solution.length_tolerance_m, held=solution.held)[
-        1
-    ]
+    stated = free_within_tolerance(
+        asked, arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
+    )[1]
     prior = stated_priors(asked, arm, fixture) if solution.estimate.estimator == "implicit" else {}
     errors = error_model(
         arm,
@@ -214,7 +214,7 @@ def _used(made: MadeFrom) -> PoseSet:
     """The poses that the calibration counted, each once."""
     kept = np.ones(len(made.poses), dtype=np.bool_)
     kept[list(made.solution.dropped_flipped)] = False
-    distinct: IntArray = first_of_each(made.poses, kept)[0]
+    distinct: IntArray = distinct_poses(made.poses, kept)[0]
     if len(distinct) > MOST:
         order = canonical_order(made.poses.q_rad[distinct])
         distinct = np.sort(distinct[order[np.linspace(0, len(order) - 1, MOST).astype(int)]])

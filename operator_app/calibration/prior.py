@@ -14,7 +14,7 @@ import numpy as np
 
 from fixtures.base import ROUGHLY_PLACED, Fixture, FixtureError
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.error_model import soften
+from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.verification import Fixed, stated_noise
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -71,7 +71,7 @@ def believed(
     stated: Mapping[str, float],
     known: KnownArm | None = None,
 ) -> Belief:
-    """What is believed of the unknowns of one placement's loop; `stated` and `model` are those of `soften`."""
+    """Return the prior of one placement's loop; `stated` and `model` are those of `free_within_tolerance`."""
     mean, sd = nominal_vector(model.parameters), _by_files(model, arm, fixture, stated)
     if known is None:
         return Belief(mean=mean, covariance=np.diag(sd**2))
@@ -117,7 +117,7 @@ def fitted(
     """Fit poses by what their files state; None where they do not give a fit."""
     try:
         given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
-        model, stated = soften(given, arm)
+        model, stated = free_within_tolerance(given, arm)
         sd = np.maximum(_by_files(model, arm, fixture, stated), EXACT)
         nominal = nominal_vector(model.parameters)
         rough = estimate_paper(given, poses.q_rad)

@@ -10,7 +10,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
-from operator_app.calibration.error_model import samples_of, soften
+from operator_app.calibration.error_model import free_within_tolerance, samples_of
 from operator_app.calibration.motion_during_sampling import moved_while_read
 from operator_app.units.numbers import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
@@ -43,7 +43,7 @@ def judge_rvdts(
     distinct: IntArray,
     whole: Calibrated,
     *,
-    held: tuple[str, ...] = (),
+    fixed: tuple[str, ...] = (),
     length_tolerance_m: float | None = None,
 ) -> tuple[RvdtVerdict, ...]:
     """Judge every RVDT by its noise and by the loops of one placement.
@@ -65,7 +65,7 @@ def judge_rvdts(
         return none_decided("it is measured on one placement only: solve one placement alone")
     blind = tuple(sorted({*sensors, *whole.linear.design.model.unsensed_joints}))
     loop = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
-    model = loop.at_poses(distinct).without(held)
+    model = loop.at_poses(distinct).without(fixed)
     q = poses.q_rad[distinct]
     without = f"without the readings of {joints_named(tuple(sensors))}"
     if len(q) * model.equations_per_pose <= len(model.parameters):
@@ -77,7 +77,9 @@ def judge_rvdts(
     if unseen:
         blurred = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
         return none_decided(f"{without} these poses leave {blurred} open: judge it in the hinge")
-    model, tolerance = soften(model, arm, length_tolerance_m=length_tolerance_m, held=held)
+    model, tolerance = free_within_tolerance(
+        model, arm, length_tolerance_m=length_tolerance_m, fixed=fixed
+    )
     # The loads are the same whether a joint's reading is used or not.
     errors = whole.linear.design.errors
     prior = {p.name: errors.prior[p.name] for p in model.parameters if p.name in errors.prior}

@@ -20,13 +20,13 @@ from operator_app.calibration.calibrated_arm import (
 from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
 from operator_app.calibration.notices import (
     ASTRAY,
-    alike_notices,
     as_stated_notices,
     cause_notices,
     condition_notices,
     endpoint_notices,
     flexure_notices,
     held_notices,
+    indistinguishable_notices,
     left_out_notices,
     noise_notices,
     not_sought_notices,
@@ -37,7 +37,7 @@ from operator_app.calibration.notices import (
     rvdt_notices,
     setup_notices,
 )
-from operator_app.calibration.placements import Alike
+from operator_app.calibration.placements import IndistinguishablePlacements
 from operator_app.calibration.result import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from solver.chain.arm_model import ArmModel
@@ -54,7 +54,7 @@ def with_notices(
     whole: Calibrated,
     judged: Calibrated,
     known: PriorInformation,
-    same: tuple[Alike, ...],
+    same: tuple[IndistinguishablePlacements, ...],
     as_stated: tuple[str, ...],
     judgement: Judgement,
     limits: AcceptanceLimits,
@@ -90,7 +90,7 @@ def with_notices(
             *as_stated_notices(as_stated, solution.estimate, solution.shares),
             *rival_notices(solution.search),
             *(() if astray else flexure_notices(solution.components, solution.tolerated)),
-            *alike_notices(same),
+            *indistinguishable_notices(same),
             *(() if astray else outlier_notices(solution.outliers)),
             *rvdt_notices(solution.rvdt),
             *cause_notices(judgement.causes),

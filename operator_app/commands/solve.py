@@ -83,7 +83,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.calibrate import calibrate
     from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
     from operator_app.calibration.cross_validation import check
-    from operator_app.calibration.instrument_registration import as_calibrated
+    from operator_app.calibration.instrument_registration import with_calibrated_places
     from operator_app.calibration.notices import Notice
     from operator_app.calibration.prediction import MadeFrom
     from operator_app.calibration.remedies import corrected_poses
@@ -150,7 +150,7 @@ def execute(args: argparse.Namespace) -> int:
         calibrated = poses.placements if _stays_on_hand(fixture) else None
         tested = judge_poses(
             arm,
-            as_calibrated(fixture, solution.model),
+            with_calibrated_places(fixture, solution.model),
             new,
             fixed_by(solution),
             calibrated=calibrated,

@@ -177,14 +177,14 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     meant |= {*other_unit.values()}
     for ending, right in (("_deg", "degrees"), ("_m", "metres")):
         # Seven columns in radians are one mistake.
-        alike = {name: c for name, c in other_unit.items() if c.endswith(ending)}
-        if alike:
+        matching = {name: c for name, c in other_unit.items() if c.endswith(ending)}
+        if matching:
             remedy = (
                 f"angles are in degrees, lengths in metres: give {right} and call "
-                f"{'it' if len(alike) == 1 else 'them'} {', '.join(alike.values())}"
+                f"{'it' if len(matching) == 1 else 'them'} {', '.join(matching.values())}"
             )
-            text = f"unknown column{'' if len(alike) == 1 else 's'}"
-            yield names.index(next(iter(alike))) + 1, ", ".join(alike), text, remedy
+            text = f"unknown column{'' if len(matching) == 1 else 's'}"
+            yield names.index(next(iter(matching))) + 1, ", ".join(matching), text, remedy
     for k, name in enumerate(names):
         if name and name in names[:k]:
             first = names.index(name) + 1

@@ -12,7 +12,7 @@ import numpy as np
 from fixtures.base import Fixture, SetupCheck, Severity
 from fixtures.measured import Measured
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.instrument_registration import as_seen
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
 from operator_app.planning.measured_axes import from_home_rad
@@ -136,7 +136,7 @@ def seen_by(
         The poses and the fixture do not go together.
     """
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
-    fixture = as_seen(arm, fixture, poses)
+    fixture = with_registered_instrument(arm, fixture, poses)
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
     return _seen(without_hidden(arm, fixture, model), poses.q_rad)
 

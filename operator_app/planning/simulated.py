@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hardware.virtual.sensors import JointSensor, RvdtCurve, joint_sensor
-from operator_app.calibration.error_model import soften
+from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError
 from operator_app.planning.task import margin_rad, ranges_of, require_closed_chain
@@ -62,7 +62,7 @@ def simulated_poses(
     """
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])
-    model, spread = soften(fixture.fixture.model(arm), arm)
+    model, spread = free_within_tolerance(fixture.fixture.model(arm), arm)
     x, reached = _moving(arm, fixture, model, spread, rng, most=ROOM * poses, least=poses)
     chosen = np.sort(rng.choice(reached.size, size=poses, replace=False))
     sensors = [_sensor(arm, j, rng) for j in range(arm.joint_count)]

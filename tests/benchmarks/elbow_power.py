@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.config.poses_file import parse_poses
 from solver.estimators.variance_components import estimate_with_errors
 from tests.benchmarks.shop_floor_outcome import packaged
@@ -35,7 +35,7 @@ def information(seed: int, names: tuple[str, ...]) -> list[float]:
     """Root of what a sound session tells of each length, 1/m, everything else as stated."""
     arm, hinge = packaged()
     poses = parse_poses(session(seed).csv().encode(), "poses.csv").poses
-    model, tolerance = soften(loop_of_poses(arm, hinge, poses), arm)
+    model, tolerance = free_within_tolerance(loop_of_poses(arm, hinge, poses), arm)
     errors = error_model(arm, hinge, poses, np.arange(len(poses)), tolerance=tolerance)
     stated = estimate_with_errors(model, poses.q_rad, errors).linear.stated
     rates = stated.system.part(slice(0, len(poses))).A

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
-from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
@@ -38,7 +38,7 @@ def scatter(placements: tuple[int, ...]) -> Scatter:
     poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
     there = np.flatnonzero(np.isin(poses.placement, placements))
     model = loop_of_poses(arm, ball, pick_placements(poses, placements)).without(UNSEEN)
-    model, tolerance = soften(model, arm, held=UNSEEN)
+    model, tolerance = free_within_tolerance(model, arm, fixed=UNSEEN)
     everywhere = error_model(arm, ball, poses, np.ones(len(poses), dtype=bool))
     errors = replace(everywhere.at_poses(there), tolerance=tolerance)
     found = estimate_with_errors(model, poses.q_rad[there], errors, group=poses.placement[there])

@@ -15,7 +15,10 @@ from fixtures.base import Fixture, FixtureError
 from hardware.arm import ArmIdentity, Reading
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.innovation import Innovation, innovation
-from operator_app.calibration.instrument_registration import as_calibrated, as_seen
+from operator_app.calibration.instrument_registration import (
+    with_calibrated_places,
+    with_registered_instrument,
+)
 from operator_app.calibration.verification import Fixed, fixed_by, judge_poses, stated_noise
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, StandingRefusedError
@@ -210,8 +213,8 @@ def placed(state: SessionState, procedure: Procedure) -> Fixture:
     known = recorded(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
-        return as_calibrated(fixture, known.solution.model)
-    return as_seen(procedure.arm, fixture, state.pose_set())
+        return with_calibrated_places(fixture, known.solution.model)
+    return with_registered_instrument(procedure.arm, fixture, state.pose_set())
 
 
 def fixed_by_poses(state: SessionState, procedure: Procedure) -> Fixed | None:

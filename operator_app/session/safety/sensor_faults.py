@@ -78,8 +78,10 @@ class SensorFaults:
         state = self._logbook.state
         if fault.stuck:
             return read_alike(state, self._logbook.model, fault.joint)
-        if isinstance(fault, DriveDiverged) and (alike := self._stood_still(fault.joint)):
-            return alike
+        if isinstance(fault, DriveDiverged) and (
+            indistinguishable_placements := self._stood_still(fault.joint)
+        ):
+            return indistinguishable_placements
         if fault.since_sync is None or fault.since_sync > self.read_until:
             return ()
         return tuple(pose.number for pose in state.poses[-1:])
@@ -94,8 +96,8 @@ class SensorFaults:
             return ()
         last = state.poses_here[-1].mean_rad[joint - 1]
         here = self._arm.snapshot().positions_rad[joint - 1]
-        alike = abs(here - last) <= _resolution_rad(model, joint)
-        return read_alike(state, model, joint) if alike else ()
+        indistinguishable_placements = abs(here - last) <= _resolution_rad(model, joint)
+        return read_alike(state, model, joint) if indistinguishable_placements else ()
 
 
 def require_moving(state: SessionState, procedure: Procedure, reading: Reading) -> None:
@@ -131,12 +133,12 @@ def read_alike(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...
     """Numbers of the poses just before, in which a joint reads to the count what it reads in the last one."""
     near = _resolution_rad(arm, joint)
     here = state.poses_here
-    alike = []
+    indistinguishable_placements = []
     for pose in reversed(here):
         if abs(pose.mean_rad[joint - 1] - here[-1].mean_rad[joint - 1]) > near:
             break
-        alike.append(pose.number)
-    return tuple(alike)
+        indistinguishable_placements.append(pose.number)
+    return tuple(indistinguishable_placements)
 
 
 def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading) -> bool:

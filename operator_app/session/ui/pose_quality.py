@@ -9,7 +9,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.instrument_registration import as_seen
+from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.planning.forecast import Forecast, most_telling, predict
 from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.store.state import SessionState
@@ -100,7 +100,7 @@ class Appraisal:
         poses = state.pose_set()
         needed = poses_needed(len(model.parameters), model.equations_per_pose)
         if self._placed is None and len(poses) >= needed:
-            self._placed = as_seen(session.model, session.fixture, poses)
+            self._placed = with_registered_instrument(session.model, session.fixture, poses)
         return loop_of_poses(session.model, self._placed or session.fixture, poses)
 
     @property

@@ -13,7 +13,7 @@ import numpy as np
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.innovation import out_of_line
-from operator_app.calibration.instrument_registration import as_calibrated
+from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
@@ -333,7 +333,7 @@ def verify(
         )
     taken = pose_set_of(session.state.readings[before:])
     taken = replace(taken, placement=np.full(len(taken), session.state.placement))
-    fixture = as_calibrated(session.fixture, solution.model)
+    fixture = with_calibrated_places(session.fixture, solution.model)
     here = fixed_by(solution, session.state.placement)
     made = MadeFrom(solution=solution, poses=session.state.pose_set())
     verdict = judge_poses(session.model, fixture, taken, here, made=made)

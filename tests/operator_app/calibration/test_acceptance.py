@@ -12,7 +12,7 @@ import pytest
 from fixtures.base import Tolerance
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.failure_analysis import why_blind
+from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.result import Solution
 from operator_app.config.poses_file import parse_poses
 from operator_app.report.text import unidentifiable_text
@@ -230,7 +230,7 @@ def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_un
         (UnidentifiableDirection(parameters=("theta_off_1",), weights=(1.0,)),)
     )
     paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
-    why = why_blind(blind, ARM, HINGE, poses, (), paper, None)
+    why = explain_unidentifiable(blind, ARM, HINGE, poses, (), paper, None)
     assert isinstance(why, PosesDoNotFitError)
     assert "the loops stay open by 10.53 mm and" in str(why)
 

@@ -193,10 +193,12 @@ def test_differences_are_said() -> None:
 
 def test_the_arm_is_not_blamed_for_what_was_made_otherwise() -> None:
     moved = {"theta_off_3": 1.0}
-    alike = make_document(moved, poses="b")
-    assert "The arm itself changed." in comparison_text(compare(make_document(), alike))
+    indistinguishable_placements = make_document(moved, poses="b")
+    assert "The arm itself changed." in comparison_text(
+        compare(make_document(), indistinguishable_placements)
+    )
     for later in (
-        replace(alike, estimator="paper"),
+        replace(indistinguishable_placements, estimator="paper"),
         make_document(moved, without=("theta_off_6",), poses="b"),
         make_document(moved, nominal={"s_3": 0.356}, poses="b"),
     ):

@@ -12,8 +12,8 @@ import pytest
 from operator_app.calibration.acceptance import fit_causes
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.error_model import error_model, soften
-from operator_app.calibration.failure_analysis import why_blind
+from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import remedy_beside_poses
 from operator_app.config.arm_file import load_arm
@@ -82,7 +82,7 @@ def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -
         (UnidentifiableDirection(parameters=("s_0", "s_7"), weights=(0.7, 0.7)),)
     )
     paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
-    why = why_blind(blind, ARM, HINGE, poses, (), paper, None)
+    why = explain_unidentifiable(blind, ARM, HINGE, poses, (), paper, None)
     assert isinstance(why, PosesDoNotFitError)
     assert "the reading of joint 6 does not follow" in str(why)
 
@@ -105,7 +105,7 @@ def test_what_narrows_a_sigma_is_told_of_the_rvdt_that_is_worse_than_stated() ->
 def remedy_for(name: str, found: Session) -> str:
     """What to do about a parameter, were it one that its file states better than any pose can tell."""
     poses = poses_of(found)
-    model, tolerance = soften(loop_of_poses(ARM, HINGE, poses), ARM)
+    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
     errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
     fit = estimate_with_errors(model, poses.q_rad, errors)
     (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(remedy_beside_poses, fit))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from operator_app.calibration.multistart import FEW, fitted, gross_misfit
+from operator_app.calibration.multistart import FEW, fit_from_starts, gross_misfit
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import nominal_vector
@@ -35,8 +35,8 @@ def test_the_start_that_leads_somewhere_counts(readings, starts) -> None:
     """Where the second led nowhere the answer was that these poses do not fit this arm at all."""
     errors = ErrorModel(joint_variance=np.full(readings.shape, np.deg2rad(0.02) ** 2))
     group = np.ones(len(readings), dtype=np.int64)
-    found = fitted(MODEL, readings, errors, starts, group=group)
+    found = fit_from_starts(MODEL, readings, errors, starts, group=group)
     assert gross_misfit(found) > CHI2_PER_DOF_SECOND_START
     assert found.estimate.converged
     with pytest.raises(PosesDoNotFitError):
-        fitted(MODEL, readings, errors, (NOWHERE, NOWHERE), group=group)
+        fit_from_starts(MODEL, readings, errors, (NOWHERE, NOWHERE), group=group)

@@ -9,7 +9,7 @@ import pytest
 
 from operator_app.calibration.acceptance import NamedCause, causes_of, each_once
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.result import Solution
 from solver.diagnostics.diagnosis import Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
@@ -41,7 +41,7 @@ def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
 def tried(found: Session) -> tuple[Diagnosis, Estimate]:
     """What the tests say of a session, and the estimate they judge."""
     poses = poses_of(found)
-    model, tolerance = soften(loop_of_poses(ARM, HINGE, poses), ARM)
+    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
     errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
     made = estimate_with_errors(model, poses.q_rad, errors)
     return diagnose(made.linear, ARM, taken=made.order), made.estimate

@@ -10,7 +10,7 @@ import pytest
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick_placements
-from operator_app.calibration.placements import alike
+from operator_app.calibration.placements import indistinguishable_placements
 from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -87,14 +87,14 @@ def test_a_hinge_is_mounted_anew_from_a_millimetre_on(
 def test_without_uncertainty_the_smallest_difference_is_one(two_sockets: Solution) -> None:
     model, estimate = two_sockets.model, two_sockets.estimate
     exact = np.zeros_like(estimate.covariance)
-    assert alike(model, replace(estimate, covariance=exact)) == ()
+    assert indistinguishable_placements(model, replace(estimate, covariance=exact)) == ()
     own = model.columns(1) != model.columns(2)
     same = estimate.x.copy()
     same[model.columns(2)[own]] = same[model.columns(1)[own]]
-    (found,) = alike(model, replace(estimate, x=same, covariance=exact))
+    (found,) = indistinguishable_placements(model, replace(estimate, x=same, covariance=exact))
     assert (found.numbers, found.difference, found.sigmas) == ((1, 2), 0.0, 0.0)
 
 
 def test_one_placement_is_compared_with_none(two_sockets: Solution) -> None:
     model, _ = two_sockets.model.of(1)
-    assert alike(model, two_sockets.estimate) == ()
+    assert indistinguishable_placements(model, two_sockets.estimate) == ()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.error_model import error_model, soften
+from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.config.poses_file import parse_poses
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.stated_sizes import with_found_motion_noise
@@ -22,7 +22,7 @@ from tests.oracles.shop_floor_misread import slipped_joint
 def fitted(taken: Session) -> Calibrated:
     arm, hinge = packaged()
     poses = parse_poses(taken.csv().encode(), "poses.csv").poses
-    model, tolerance = soften(loop_of_poses(arm, hinge, poses), arm)
+    model, tolerance = free_within_tolerance(loop_of_poses(arm, hinge, poses), arm)
     errors = error_model(arm, hinge, poses, np.arange(len(poses)), tolerance=tolerance)
     return estimate_with_errors(model, poses.q_rad, errors)
 

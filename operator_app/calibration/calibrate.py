@@ -44,7 +44,7 @@ from operator_app.calibration.refusals import (
 )
 from operator_app.calibration.repeat_measurement import Reread, repeats_of
 from operator_app.calibration.result import Solution
-from operator_app.calibration.rvdt import judge_rvdts
+from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.calibration.with_notices import with_notices
 from operator_app.config.procedure import AcceptanceLimits
@@ -344,7 +344,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         flipped=loops.flipped,
         checks=placement_checks(fixture, arm, model, fitted.estimate.x),
         search=loops.search,
-        rvdt=judge_rvdts(
+        rvdt=check_rvdts(
             arm,
             fixture,
             poses,

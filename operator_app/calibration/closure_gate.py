@@ -17,7 +17,7 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.prior import Belief, KnownArm, believed
+from operator_app.calibration.prior import KnownArm, PlacementPrior, placement_prior
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
@@ -35,7 +35,7 @@ UNKNOWN_RAD = math.pi
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StandingFit:
+class ClosureFit:
     """The most probable way to close the loop at one reading.
 
     Attributes
@@ -54,7 +54,7 @@ class StandingFit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StandingLoop:
+class LoopAtReading:
     """The loop at one reading, with what its files leave open.
 
     Attributes
@@ -66,7 +66,7 @@ class StandingLoop:
     """
 
     model: ClosureModel
-    belief: Belief
+    prior: PlacementPrior
     reading_rad: FloatArray
     reading_sd_rad: FloatArray
 
@@ -77,10 +77,10 @@ class StandingLoop:
             j for j in range(1, len(self.reading_rad) + 1) if j not in self.model.unsensed_joints
         )
 
-    def fit(self, *disbelieved: int) -> StandingFit:
+    def fit(self, *disbelieved: int) -> ClosureFit:
         """Close it; of the readings of `disbelieved` joints (1-based) nothing is believed."""
-        model, x0, q0 = self.model, self.belief.mean, self.reading_rad
-        S, Q = self.belief.covariance, self.reading_sd_rad**2
+        model, x0, q0 = self.model, self.prior.mean, self.reading_rad
+        S, Q = self.prior.covariance, self.reading_sd_rad**2
         unknown = [j - 1 for j in disbelieved]
         Q[unknown] = UNKNOWN_RAD**2
         x, q = x0.copy(), q0.copy()
@@ -105,21 +105,21 @@ class StandingLoop:
             u = u + unsensed_step(error, (error.jac_x @ dx + (error.jac_q @ dq[..., None])[..., 0]))
             x, q = x + dx, q + dq
         if not size < CLOSED:
-            return StandingFit(chi2=math.inf, dof=dof, q_rad=q)
+            return ClosureFit(chi2=math.inf, dof=dof, q_rad=q)
         by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
         by_readings[unknown] = 0.0
         left = max(dof - len(unknown), 0)
-        return StandingFit(chi2=by_belief + float(by_readings.sum()), dof=left, q_rad=q)
+        return ClosureFit(chi2=by_belief + float(by_readings.sum()), dof=left, q_rad=q)
 
 
-def standing_loop(
+def loop_at_reading(
     arm: ArmModel,
     fixture: Fixture,
     reading_rad: FloatArray,
     *,
     unsensed_joints: tuple[int, ...] = (),
     known: KnownArm | None = None,
-) -> StandingLoop:
+) -> LoopAtReading:
     """Return the loop at a reading (n,), as open as its files leave it, and what is `known` of the arm besides."""
     model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
@@ -134,9 +134,9 @@ def standing_loop(
     )
     read = np.hypot(np.sqrt((errors**2).sum(0)), LEAST_READING_RAD)
     unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
-    return StandingLoop(
+    return LoopAtReading(
         model=model,
-        belief=believed(model, arm, fixture, stated, known),
+        prior=placement_prior(model, arm, fixture, stated, known),
         reading_rad=np.asarray(reading_rad, dtype=np.float64),
         reading_sd_rad=np.where(unsensed, 0.0, read),
     )

@@ -14,8 +14,8 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.prediction import fit_as_stated, together
-from operator_app.calibration.prior import Fitted, fitted, noise_of
+from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
+from operator_app.calibration.prior import StatedFit, noise_of, stated_fit
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import verify
@@ -71,10 +71,10 @@ def innovation(
     """Judge a reading by the poses before it, all of one placement; None where these do not give a fit."""
     away = np.abs(before.q_rad - reading.q_rad[0]).max(axis=1)
     before = pick(before, np.sort(np.argsort(away, kind="stable")[:NEAREST]))
-    by = fitted(arm, fixture, before, unsensed_joints=unsensed_joints)
+    by = stated_fit(arm, fixture, before, unsensed_joints=unsensed_joints)
     if by is None:
         return None
-    both, count = together(before, reading), len(before)
+    both, count = concatenated_poses(before, reading), len(before)
     errors = error_model(
         arm,
         fixture,
@@ -107,7 +107,7 @@ LEAST, AT_MOST = 10, 60
 """Poses before it from which it is asked, and on which it is looked back: what it costs stays the same."""
 
 
-def out_of_line(
+def is_unpredicted(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
 ) -> bool:
     """Whether the last of these poses is not where those before it have it."""
@@ -115,21 +115,21 @@ def out_of_line(
     if count <= LEAST or not fixture.holds_hand:
         return False
     before, last = pick(poses, np.arange(count - 1)), pick(poses, np.array([count - 1]))
-    by = line_of(arm, fixture, before, unsensed_joints=unsensed_joints)
-    return by is not None and is_off(by, arm, fixture, last, unsensed_joints=unsensed_joints)
+    by = fit_recent_poses(arm, fixture, before, unsensed_joints=unsensed_joints)
+    return by is not None and contradicts(by, arm, fixture, last, unsensed_joints=unsensed_joints)
 
 
-def line_of(
+def fit_recent_poses(
     arm: ArmModel, fixture: Fixture, before: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
-) -> Fitted | None:
+) -> StatedFit | None:
     """Fit the poses on which it is looked back; None where they do not give a fit."""
     count = len(before)
     recent = pick(before, np.arange(max(0, count - AT_MOST), count))
-    return fitted(arm, fixture, recent, unsensed_joints=unsensed_joints)
+    return stated_fit(arm, fixture, recent, unsensed_joints=unsensed_joints)
 
 
-def is_off(
-    by: Fitted,
+def contradicts(
+    by: StatedFit,
     arm: ArmModel,
     fixture: Fixture,
     last: PoseSet,

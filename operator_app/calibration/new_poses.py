@@ -8,7 +8,11 @@ from fixtures.base import Fixture
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
+from operator_app.calibration.verification import (
+    VerificationResult,
+    fixed_calibration,
+    verify_poses,
+)
 from solver.arrays import BoolArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
@@ -26,7 +30,7 @@ class NoTestError(ValueError):
     """These poses say nothing of the calibration, or nothing can be said of them; says why."""
 
 
-def judge_new(
+def verify_new_poses(
     arm: ArmModel, fixture: Fixture, solution: Solution, *, made_from: PoseSet, new: PoseSet
 ) -> VerificationResult:
     """Judge a calibration by poses that took no part in it.
@@ -50,11 +54,11 @@ def judge_new(
             "--open-loop judges by them; without it, leave them out"
         )
     known, there = made_from.placements, new.placements
-    fixed, made = fixed_by(solution), MadeFrom(solution=solution, poses=made_from)
+    fixed, made = fixed_calibration(solution), MadeFrom(solution=solution, poses=made_from)
     fixture = with_calibrated_places(fixture, solution.model)
     if fixture.kind == "ball" and fixture.stays_on_hand:
         # Where another socket stands is found from the new poses themselves.
-        return judge_poses(arm, fixture, new, fixed, calibrated=known, made=made)
+        return verify_poses(arm, fixture, new, fixed, calibrated=known, made=made)
     if len(there) > 1 and there != known:
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"
@@ -62,8 +66,8 @@ def judge_new(
     if len(known) > 1 and not set(there) <= set(known):
         raise NoTestError(f"the new poses are of placement {there[0]}, which was not calibrated")
     if len(there) == 1:
-        fixed = fixed_by(solution, there[0])
-    return judge_poses(arm, fixture, new, fixed, made=made)
+        fixed = fixed_calibration(solution, there[0])
+    return verify_poses(arm, fixture, new, fixed, made=made)
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: Fixture) -> None:

@@ -107,7 +107,7 @@ def predict_new_poses(
         Values (rad, m) of what the calibration does not know, such as where another socket stands.
     """
     solution, old = made.solution, _used(made)
-    both = together(old, new)
+    both = concatenated_poses(old, new)
     later = np.arange(len(both)) >= len(old)
     model, x0, column = _model(arm, fixture, made, old, both, start)
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
@@ -259,7 +259,7 @@ def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
     return covariance
 
 
-def together(old: PoseSet, new: PoseSet) -> PoseSet:
+def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
     """Both pose sets as one, the old ones first; what only one of them recorded is in neither."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)

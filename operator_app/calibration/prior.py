@@ -53,46 +53,46 @@ class KnownArm:
     covariance: FloatArray
     ends: Mapping[str, float]
     placements: int
-    farther: float
+    placement_ratio: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Belief:
+class PlacementPrior:
     """Mean (P,) and covariance (P, P) of a loop's unknowns, rad and m."""
 
     mean: FloatArray
     covariance: FloatArray
 
 
-def believed(
+def placement_prior(
     model: ClosureModel,
     arm: ArmModel,
     fixture: Fixture,
     stated: Mapping[str, float],
     known: KnownArm | None = None,
-) -> Belief:
+) -> PlacementPrior:
     """Return the prior of one placement's loop; `stated` and `model` are those of `free_within_tolerance`."""
     mean, sd = nominal_vector(model.parameters), _by_files(model, arm, fixture, stated)
     if known is None:
-        return Belief(mean=mean, covariance=np.diag(sd**2))
+        return PlacementPrior(mean=mean, covariance=np.diag(sd**2))
     names = [p.name for p in model.parameters]
     sides = {*model.ground_side, *model.hand_side} - set(known.names)
-    turned = known.farther * fixture.tolerance.orientation_rad / WITHIN
+    turned = known.placement_ratio * fixture.tolerance.orientation_rad / WITHIN
     for k, name in enumerate(names):
         if name in known.ends:
             # Where it was is as far from the file's place as where it is.
             mean[k], sd[k] = known.ends[name], turned * np.sqrt(1.0 + 1.0 / known.placements)
         elif name in sides:
-            sd[k] *= known.farther
+            sd[k] *= known.placement_ratio
     covariance = np.diag(sd**2)
     here = [names.index(name) for name in known.names]
     mean[here] = known.values
     covariance[np.ix_(here, here)] = known.covariance
-    return Belief(mean=mean, covariance=covariance)
+    return PlacementPrior(mean=mean, covariance=covariance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fitted:
+class StatedFit:
     """Poses fitted by what their files state, everything within its tolerance.
 
     Attributes
@@ -111,9 +111,9 @@ class Fitted:
     fit: ImplicitFit
 
 
-def fitted(
+def stated_fit(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
-) -> Fitted | None:
+) -> StatedFit | None:
     """Fit poses by what their files state; None where they do not give a fit."""
     try:
         given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
@@ -130,7 +130,7 @@ def fitted(
         return None
     if not found.converged or not np.isfinite(found.covariance).all():
         return None
-    return Fitted(model=model, nominal=nominal, sd=sd, fit=found)
+    return StatedFit(model=model, nominal=nominal, sd=sd, fit=found)
 
 
 def noise_of(
@@ -151,7 +151,7 @@ def known_arm(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
 ) -> KnownArm | None:
     """Return what the poses of earlier placements tell; None where they tell nothing yet."""
-    by = fitted(arm, fixture, poses, unsensed_joints=unsensed_joints)
+    by = stated_fit(arm, fixture, poses, unsensed_joints=unsensed_joints)
     if by is None:
         return None
     model, found = by.model, by.fit
@@ -173,7 +173,7 @@ def known_arm(
         covariance=worse * found.covariance[np.ix_(shared, shared)],
         ends={name: float(np.mean(values)) for name, values in ends.items()},
         placements=len(poses.placements),
-        farther=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,
+        placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,
     )
 
 

@@ -35,7 +35,7 @@ from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 
 
-def judge_rvdts(
+def check_rvdts(
     arm: ArmModel,
     fixture: Fixture,
     poses: PoseSet,

@@ -35,7 +35,7 @@ REMEDIES = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Halving:
+class SourceSensitivity:
     """One parameter: its sigma, the source that brings most of it, and what is left with half of that.
 
     `sigma` and `then` are in rad or m, `share` is of the variance.
@@ -49,7 +49,7 @@ class Halving:
     remedy: str
 
 
-def halvings(solution: Solution) -> tuple[Halving, ...]:
+def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     """Say of the parameters that are known worst what would help most; empty without a budget.
 
     So it is where the solution is astray: stiffer fixtures and longer samples lead nothing back.
@@ -66,7 +66,7 @@ def halvings(solution: Solution) -> tuple[Halving, ...]:
         source = max(budget, key=lambda name: float(budget[name][k]))
         part = float(budget[source][k])
         found.append(
-            Halving(
+            SourceSensitivity(
                 parameter=p,
                 sigma=sd,
                 source=source,

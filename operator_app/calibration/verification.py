@@ -108,7 +108,7 @@ class VerificationResult:
         return bool(found.closed.all()) and chi2.per_dof <= chi2.high
 
 
-def fixed_by(solution: Solution, placement: int | None = None) -> Fixed:
+def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Take the parameters of a calibration with everything that was found beside them.
 
     Parameters
@@ -142,7 +142,7 @@ def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
     return sd
 
 
-def judge_poses(
+def verify_poses(
     arm: ArmModel,
     fixture: Fixture,
     poses: PoseSet,

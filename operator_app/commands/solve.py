@@ -87,7 +87,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.notices import Notice
     from operator_app.calibration.prediction import MadeFrom
     from operator_app.calibration.remedies import corrected_poses
-    from operator_app.calibration.verification import fixed_by, judge_poses
+    from operator_app.calibration.verification import fixed_calibration, verify_poses
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
@@ -148,11 +148,11 @@ def execute(args: argparse.Namespace) -> int:
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
         calibrated = poses.placements if _stays_on_hand(fixture) else None
-        tested = judge_poses(
+        tested = verify_poses(
             arm,
             with_calibrated_places(fixture, solution.model),
             new,
-            fixed_by(solution),
+            fixed_calibration(solution),
             calibrated=calibrated,
             made=MadeFrom(solution=solution, poses=poses),
         )

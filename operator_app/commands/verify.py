@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Judge and report."""
-    from operator_app.calibration.new_poses import NoTestError, judge_new
+    from operator_app.calibration.new_poses import NoTestError, verify_new_poses
     from operator_app.carried_procedure import carried_procedure
     from operator_app.report.results.verification import verification_json, verification_text
     from operator_app.session.store.folders import read_session
@@ -110,7 +110,9 @@ def execute(args: argparse.Namespace) -> int:
     if args.csv:
         poses = _from_file(args.csv, arm.joint_count)
         try:
-            verdict = judge_new(arm, fixture, solution, made_from=state.pose_set(), new=poses)
+            verdict = verify_new_poses(
+                arm, fixture, solution, made_from=state.pose_set(), new=poses
+            )
         except NoTestError as error:
             raise UsageError(f"{args.csv}: {error}") from error
     else:

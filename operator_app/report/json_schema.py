@@ -13,7 +13,7 @@ import numpy as np
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.sensitivity import halvings
+from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.units.figure import ANGLE
 from solver.diagnostics.statistics import chi2_test, correlations
 
@@ -47,7 +47,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
         "budget": {},
         "halved": {
             h.parameter.name: {"source": h.source, "share": h.share, "remedy": h.remedy}
-            for h in halvings(solution)
+            for h in source_sensitivities(solution)
         },
         "stated_chi2_per_dof": solution.judgement.stated_chi2_per_dof,
         "assumed": list(solution.assumed),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from operator_app.calibration.result import Solution
-from operator_app.calibration.sensitivity import halvings
+from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units.figure import (
     CLOSURE_ANGLE,
@@ -107,7 +107,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 def halving_table(solution: Solution) -> FactTable | None:
     """What would halve the widest sigmas: the largest source of each, and what half of it leaves."""
-    found = halvings(solution)
+    found = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in found:
         quantity = quantity_of(h.parameter)

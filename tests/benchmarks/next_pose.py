@@ -55,7 +55,7 @@ Found = Counter[tuple[int, int]]
 def one_arm(how: str, counts_lost: Sequence[int], kind: str, seed: int) -> Found:
     """Try every pose as it is, and some with every slip."""
     from operator_app.calibration.closed_loops import pick
-    from operator_app.calibration.innovation import LEAST, is_off, line_of
+    from operator_app.calibration.innovation import LEAST, contradicts, fit_recent_poses
     from operator_app.config.poses_file import parse_poses
     from operator_app.config.procedure_file import load_procedure
 
@@ -66,12 +66,12 @@ def one_arm(how: str, counts_lost: Sequence[int], kind: str, seed: int) -> Found
     found = Found()
     for before in range(LEAST, len(poses)):
         by, last = (
-            line_of(arm, fixture, pick(poses, np.arange(before))),
+            fit_recent_poses(arm, fixture, pick(poses, np.arange(before))),
             pick(poses, np.array([before])),
         )
         if by is None:
             continue
-        if is_off(by, arm, fixture, last):
+        if contradicts(by, arm, fixture, last):
             found[0, 0] = 1
         if before + 1 not in SLIPPED_BEFORE[how]:
             continue
@@ -80,7 +80,7 @@ def one_arm(how: str, counts_lost: Sequence[int], kind: str, seed: int) -> Found
             for counts in counts_lost:
                 q = last.q_rad.copy()
                 q[0, joint - 1] += (1 if (seed + before) % 2 else -1) * counts * COUNT_RAD
-                found[joint, counts] += is_off(by, arm, fixture, replace(last, q_rad=q))
+                found[joint, counts] += contradicts(by, arm, fixture, replace(last, q_rad=q))
     return found
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import CalibrationComparison as Found
 from operator_app.calibration.comparison import compare as compared
-from operator_app.calibration.new_poses import judge_new
+from operator_app.calibration.new_poses import verify_new_poses
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text
@@ -93,7 +93,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
             f"result={shown(result)}: give what sarcal.calibrate or sarcal.load_result returned"
         )
     new = load_poses(poses, joint_count=result.arm.joint_count)
-    found = judge_new(
+    found = verify_new_poses(
         result.arm._model,
         result.fixture._spec.fixture,
         result._solution,

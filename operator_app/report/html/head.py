@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from operator_app.calibration.sensitivity import halvings
+from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.html.elements import bullets, plots, prose, remark, sentence
 from operator_app.report.html.figures import drawn
 from operator_app.report.html.markup import Html, element
@@ -36,7 +36,7 @@ def summary(subject: Subject) -> Html:
 
 def _widest(subject: Subject) -> list[Html]:
     """The parameter that is known worst, and what narrows it; nothing without a budget."""
-    found = () if subject.solution is None else halvings(subject.solution)
+    found = () if subject.solution is None else source_sensitivities(subject.solution)
     if not found:
         return []
     worst = found[0]

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from hardware.arm import Reading
-from operator_app.calibration.closure_gate import StandingFit, StandingLoop, standing_loop
+from operator_app.calibration.closure_gate import ClosureFit, LoopAtReading, loop_at_reading
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ConnectAgainError, StandingRefusedError
@@ -143,7 +143,7 @@ def check_first_standing(
     if not procedure.fixture.fixture.holds_hand:
         return None
     arm = procedure.arm
-    loop = standing_loop(
+    loop = loop_at_reading(
         arm,
         procedure.fixture.fixture,
         reading.mean_rad,
@@ -163,7 +163,7 @@ def check_first_standing(
     raise StandingRefusedError(_does_not_close(alone), _remedy(alone), probability=chance)
 
 
-def _begun_anew(arm: ArmModel, loop: StandingLoop, found: StandingFit) -> dict[int, float]:
+def _begun_anew(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> dict[int, float]:
     """Joints whose counters began anew, and where they are instead (rad); empty where nothing says so.
 
     Of those near zero the nearest by themselves, then with the next one, and so on.
@@ -178,7 +178,7 @@ def _begun_anew(arm: ArmModel, loop: StandingLoop, found: StandingFit) -> dict[i
 
 
 def _disbelieved(
-    arm: ArmModel, loop: StandingLoop, found: StandingFit, zeros: tuple[int, ...], at_most: float
+    arm: ArmModel, loop: LoopAtReading, found: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
     """Those of `zeros` that began anew if believing them costs more than is likely by chance `at_most`.
 
@@ -225,7 +225,7 @@ def _at_zero_remedy(joints: list[int], where: str) -> str:
     )
 
 
-def _does_not_close(alone: dict[int, StandingFit]) -> str:
+def _does_not_close(alone: dict[int, ClosureFit]) -> str:
     said = "the loop cannot close where the arm stands, with these readings and all that the files leave open"
     if not alone:
         return f"{said}, whichever joint's reading is left out"
@@ -234,7 +234,7 @@ def _does_not_close(alone: dict[int, StandingFit]) -> str:
     return f"{said}; it would with {would}"
 
 
-def _remedy(alone: dict[int, StandingFit]) -> str:
+def _remedy(alone: dict[int, ClosureFit]) -> str:
     likeliest = next(iter(alone), None)
     what = (
         "the zeros, directions and order of the joints"
@@ -249,22 +249,22 @@ def _remedy(alone: dict[int, StandingFit]) -> str:
     )
 
 
-def _near(fit: StandingFit, joint: int) -> str:
+def _near(fit: ClosureFit, joint: int) -> str:
     return REACH(float(fit.q_rad[joint - 1])).with_unit
 
 
-def _alone(loop: StandingLoop) -> dict[int, StandingFit]:
+def _alone(loop: LoopAtReading) -> dict[int, ClosureFit]:
     """Joints that alone explain it, the likeliest first."""
     explain = {j: f for j, f in _fits(loop, loop.joints).items() if _chance(f) >= EXPLAINS}
     return dict(sorted(explain.items(), key=lambda item: item[1].chi2))
 
 
-def _fits(loop: StandingLoop, joints: tuple[int, ...]) -> dict[int, StandingFit]:
+def _fits(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
     """Close it without each of these joints' readings in turn."""
     return {j: loop.fit(j) for j in joints}
 
 
-def _chance(found: StandingFit) -> float:
+def _chance(found: ClosureFit) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(found.dof, found.chi2)) if np.isfinite(found.chi2) else 0.0

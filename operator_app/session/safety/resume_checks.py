@@ -19,7 +19,12 @@ from operator_app.calibration.instrument_registration import (
     with_calibrated_places,
     with_registered_instrument,
 )
-from operator_app.calibration.verification import Fixed, fixed_by, judge_poses, stated_noise
+from operator_app.calibration.verification import (
+    Fixed,
+    fixed_calibration,
+    stated_noise,
+    verify_poses,
+)
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, StandingRefusedError
 from operator_app.session.safety.counter_reset import from_zero, where_near
@@ -155,7 +160,7 @@ def check_standing(
     closes, probability = True, 1.0
     if fixed is not None:
         poses = pose_set_of([*state.used_poses, here])
-        found = judge_poses(arm, fixture, poses, fixed).verification
+        found = verify_poses(arm, fixture, poses, fixed).verification
         probability, closes = float(found.pose_probability[-1]), bool(found.closed[-1])
         worst = float(found.pose_chi2[:-1].max())
         as_usual = probability >= IMPROBABLE or found.pose_chi2[-1] <= WORSE * worst
@@ -225,7 +230,7 @@ def fixed_by_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
     """
     known = recorded(state)
     if isinstance(known, StoredCalibration):
-        return fixed_by(known.solution)
+        return fixed_calibration(known.solution)
     arm, fixture = procedure.arm, placed(state, procedure)
     poses, unsensed = state.pose_set(), procedure.unsensed_joints
     try:

@@ -12,11 +12,15 @@ import numpy as np
 
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
-from operator_app.calibration.innovation import out_of_line
+from operator_app.calibration.innovation import is_unpredicted
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
+from operator_app.calibration.verification import (
+    VerificationResult,
+    fixed_calibration,
+    verify_poses,
+)
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.forecast import is_clear
@@ -184,7 +188,7 @@ def doubt(session: Session) -> str:
     if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
         return ""
     poses = state.here.pose_set()
-    if not out_of_line(session.model, session.fixture, poses, unsensed_joints=unsensed):
+    if not is_unpredicted(session.model, session.fixture, poses, unsensed_joints=unsensed):
         return ""
     return (
         f"Pose {state.poses_here[-1].number} is not where the poses before it have it: something may have slipped "
@@ -334,9 +338,9 @@ def verify(
     taken = pose_set_of(session.state.readings[before:])
     taken = replace(taken, placement=np.full(len(taken), session.state.placement))
     fixture = with_calibrated_places(session.fixture, solution.model)
-    here = fixed_by(solution, session.state.placement)
+    here = fixed_calibration(solution, session.state.placement)
     made = MadeFrom(solution=solution, poses=session.state.pose_set())
-    verdict = judge_poses(session.model, fixture, taken, here, made=made)
+    verdict = verify_poses(session.model, fixture, taken, here, made=made)
     session.record("verified", _summary(verdict, taken))
     return verdict, taken
 

@@ -9,7 +9,11 @@ import pytest
 
 from operator_app.calibration.prediction import FIXTURE, MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
+from operator_app.calibration.verification import (
+    VerificationResult,
+    fixed_calibration,
+    verify_poses,
+)
 from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 
@@ -17,15 +21,15 @@ from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, ta
 def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(
     sound: Solution,
 ) -> None:
-    fixed = fixed_by(sound)
-    assert judge_poses(ARM, HINGE, poses_of(session(SEED, walk=1, poses=12)), fixed).holds
+    fixed = fixed_calibration(sound)
+    assert verify_poses(ARM, HINGE, poses_of(session(SEED, walk=1, poses=12)), fixed).holds
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = np.array([0.0, 0.0, 0.0, 4e-3, 2e-3, 2e-3])
     walk = closed_walk(specimen, 12, walk=1, slipped=(0, slip, np.zeros(6)))
     moved = poses_of(taken(specimen, *walk))
-    assert not judge_poses(ARM, HINGE, moved, fixed).holds
+    assert not verify_poses(ARM, HINGE, moved, fixed).holds
     excused = replace(fixed, fixture_variance=np.full(6, 1e-2), rvdt_sd_rad={6: 1.0, 7: 1.0})
-    assert not judge_poses(ARM, HINGE, moved, excused).holds
+    assert not verify_poses(ARM, HINGE, moved, excused).holds
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +42,7 @@ def retaken(sound: Solution) -> tuple[MadeFrom, Session]:
 def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> VerificationResult:
     made, later = retaken
     poses = poses_of(replace(later, readings=readings))
-    return judge_poses(ARM, HINGE, poses, fixed_by(made.solution), made=made)
+    return verify_poses(ARM, HINGE, poses, fixed_calibration(made.solution), made=made)
 
 
 def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(

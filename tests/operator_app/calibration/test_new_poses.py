@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.new_poses import NoTestError, judge_new, require_new
+from operator_app.calibration.new_poses import NoTestError, require_new, verify_new_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
@@ -35,12 +35,12 @@ def again(poses: PoseSet, rows: slice = slice(None)) -> PoseSet:
 def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured: PoseSet) -> None:
     arm, tracker = load_arm("sarcos_dextrous"), load_fixture("tracker").fixture
     made = calibrate(arm, tracker, measured, drop=True)
-    found = judge_new(arm, tracker, made, made_from=measured, new=again(measured))
+    found = verify_new_poses(arm, tracker, made, made_from=measured, new=again(measured))
     assert found.holds
     assert found.poses == len(measured)
     moved = again(measured)
     moved = replace(moved, endpoint=moved.endpoint + np.array([0.0, 0.0, 3e-3]))
-    assert not judge_new(arm, tracker, made, made_from=measured, new=moved).holds
+    assert not verify_new_poses(arm, tracker, made, made_from=measured, new=moved).holds
 
 
 def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_with(

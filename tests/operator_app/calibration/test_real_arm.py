@@ -16,7 +16,11 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
-from operator_app.calibration.verification import VerificationResult, fixed_by, judge_poses
+from operator_app.calibration.verification import (
+    VerificationResult,
+    fixed_calibration,
+    verify_poses,
+)
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -187,7 +191,7 @@ def test_what_the_papers_estimate_claims_is_what_it_is_judged_by() -> None:
             estimate=replace(by_paper.estimate, covariance=times**2 * by_paper.estimate.covariance),
         )
         made = MadeFrom(solution=claims, poses=own)
-        return judge_poses(arm, ball, new, fixed_by(claims), calibrated=(3,), made=made)
+        return verify_poses(arm, ball, new, fixed_calibration(claims), calibrated=(3,), made=made)
 
     claimed, ten_times = judged(1.0), judged(10.0)
     # The lengths that it held at their nominal values stay: nothing it claims excuses these.

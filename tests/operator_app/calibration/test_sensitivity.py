@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from fixtures.hinge import Hinge
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.sensitivity import REMEDIES, WORST, halvings, remedy_of
+from operator_app.calibration.sensitivity import REMEDIES, WORST, remedy_of, source_sensitivities
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
@@ -18,7 +18,7 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said() -> None:
     arm, hinge = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     assert isinstance(hinge, Hinge)
     found = calibrate(arm, hinge, poses)
-    said = halvings(found)
+    said = source_sensitivities(found)
     assert len(said) == WORST
     give = hinge.give
     stiffer = replace(

@@ -13,7 +13,7 @@ import sarcal
 from operator_app.calibration.adjudication import adjudicate
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.rvdt import judge_rvdts
+from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
 from operator_app.cli import main
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
@@ -31,7 +31,7 @@ from solver.search.global_start import global_start
 
 SOLVING = (
     calibrate, check, close_loops, estimate_implicit, estimate_paper, estimate_with_errors,
-    fit_implicit, fit_mixed, global_start, hold_out, identifiability, jackknife, diagnose, judge_rvdts,
+    fit_implicit, fit_mixed, global_start, hold_out, identifiability, jackknife, diagnose, check_rvdts,
     newton_step, solve_damped, tip_sigma, unsensed_step, adjudicate,
 )  # fmt: skip
 MADE = ("run", "paper", "app", "resumed")

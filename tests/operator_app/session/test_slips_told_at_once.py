@@ -10,7 +10,7 @@ import pytest
 
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario
-from operator_app.calibration.innovation import LEAST, out_of_line
+from operator_app.calibration.innovation import LEAST, is_unpredicted
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
@@ -52,7 +52,7 @@ def first(poses: PoseSet, count: int, joint: int = 1, counts: int = 0) -> PoseSe
 
 def seen(poses: PoseSet) -> bool:
     procedure = load_procedure("hinge")
-    return out_of_line(procedure.arm, procedure.fixture.fixture, poses)
+    return is_unpredicted(procedure.arm, procedure.fixture.fixture, poses)
 
 
 @pytest.mark.parametrize("sizes", [Sizes(), AS_REPORTED], ids=["stated", "as reported"])

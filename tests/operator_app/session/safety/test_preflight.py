@@ -11,7 +11,7 @@ import pytest
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import Stated
-from operator_app.calibration.closure_gate import standing_loop
+from operator_app.calibration.closure_gate import loop_at_reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
@@ -178,8 +178,8 @@ def _reading(procedure: Procedure, q_rad: np.ndarray) -> Reading:
 def test_at_its_own_nominal_values_a_loop_costs_nothing() -> None:
     procedure = load_procedure("hinge")
     fixture = procedure.fixture.fixture
-    q = standing_loop(procedure.arm, fixture, procedure.arm.home_rad).fit().q_rad
-    found = standing_loop(procedure.arm, fixture, procedure.arm.home_rad).fit()
+    q = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit().q_rad
+    found = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit()
     assert 0.0 <= found.chi2 < 1.0
     assert found.dof == 5
     np.testing.assert_allclose(q, procedure.arm.home_rad, atol=np.deg2rad(3.0))

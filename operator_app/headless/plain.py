@@ -14,11 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
+from operator_app.documents import arm_history
 from operator_app.headless.plain_messages import describe, results
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
+from operator_app.report.results.history import history_text
 from operator_app.safe_output import harmless, lines, say
 from operator_app.session.ui import actions, guards
 from operator_app.session.ui.runner import Runner
@@ -266,6 +268,15 @@ class Plain:
     def show_page(self, topic: str) -> None:
         """Say a page."""
         self._terminal.say(as_text(self._manual.page(topic).markdown, PAGE_WIDTH))
+
+    def show_history(self, serial: str) -> None:
+        """Say a history."""
+        try:
+            found = arm_history(serial, self.sessions.root)
+        except EXPECTED as error:
+            self.refuse(words(error).happened)
+        else:
+            self._terminal.say(history_text(found))
 
     # -- inside ------------------------------------------------------------------------------------
 

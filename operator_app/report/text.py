@@ -169,6 +169,6 @@ def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
     return "\n".join(lines)
 
 
-def paragraph(text: str, indent: int = 0) -> str:
+def paragraph(text: str, indent: int = 0, width: int = WIDTH) -> str:
     """Wrap one sentence or more to the width of a terminal."""
-    return textwrap.fill(text, WIDTH, subsequent_indent=" " * indent, break_long_words=False)
+    return textwrap.fill(text, width, subsequent_indent=" " * indent, break_long_words=False)

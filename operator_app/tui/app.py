@@ -20,6 +20,7 @@ from textual.app import App, SystemCommand
 from textual.binding import BindingType
 from textual.driver import Driver
 from textual.screen import Screen
+from textual.scrollbar import ScrollBar, ScrollBarRender
 from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
@@ -44,6 +45,13 @@ POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 SCREEN_PATIENCE_S = 5.0
 """How long a screen may take to come to its end after a signal."""
+
+
+class AsciiScrollBar(ScrollBarRender):
+    """Whole cells only: no eighths of a block."""
+
+    VERTICAL_BARS: ClassVar = [" "] * 8
+    HORIZONTAL_BARS: ClassVar = [" "] * 8
 
 
 class SarcalApp(App[str]):
@@ -71,6 +79,7 @@ class SarcalApp(App[str]):
             self.register_theme(made)
         self.theme = NO_COLOUR if colourless else theme
         self.look: Look = look(self.theme, ascii_only=ascii_only)
+        ScrollBar.renderer = AsciiScrollBar if ascii_only else ScrollBarRender
         self.resume_first = resume
         self.manual = manual or Manual(reference())
         self.runner: Runner | None = None

@@ -7,8 +7,10 @@ from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from operator_app.documents import arm_history
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
+from operator_app.report.results.history import history_text
 from operator_app.session.ui import actions, guards, selection
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.runner import Runner
@@ -160,6 +162,18 @@ class ScreenFace:
         page = await asyncio.to_thread(self.app.manual.page, topic)
         text = as_text(page.markdown, min(86, self.app.size.width - 8))
         self.app.push_screen(Read(f"Manual: {topic}", text))
+
+    def show_history(self, serial: str) -> None:
+        """Show a history; reading all journals takes a moment, in a thread."""
+        self.app.run_worker(self._show_history(serial))
+
+    async def _show_history(self, serial: str) -> None:
+        try:
+            found = await asyncio.to_thread(arm_history, serial, self.sessions.root)
+        except EXPECTED as error:
+            self.refuse(words(error).happened)
+            return
+        self.app.push_screen(Read(f"History of {serial}", history_text(found, brief=True)))
 
     # -- sessions ----------------------------------------------------------------------------------
 

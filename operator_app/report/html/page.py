@@ -8,6 +8,7 @@ from operator_app.report.html.head import summary, tiles, verdict_words
 from operator_app.report.html.markup import Html, element
 from operator_app.report.html.sections import sections_of
 from operator_app.report.html.style import STYLE
+from operator_app.session.workflow.importing import UNSTATED
 
 if TYPE_CHECKING:
     from operator_app.report.html.elements import Section
@@ -44,10 +45,21 @@ def report_html(subject: Subject) -> bytes:
             f"Made from the journal of session {subject.name} by sarcal "
             f"{subject.software_version}. ",
             element("code", "sarcal report"),
-            " makes this page again.",
+            " makes this page again. ",
+            *_history(subject.serial_number),
         ),
     )
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n".encode()
+
+
+def _history(serial: str) -> tuple[Html | str, ...]:
+    if not serial or serial == UNSTATED:
+        return ()
+    return (
+        "All calibrations of this arm, with control charts: ",
+        element("code", f"sarcal history {serial} -o history.html"),
+        ".",
+    )
 
 
 def _contents(sections: tuple[Section, ...]) -> Html:

@@ -9,7 +9,7 @@ import numpy as np
 from operator_app.calibration.comparison import Side
 from operator_app.calibration.history import ArmHistory, EntryHistory, EntryShift
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.report.text import paragraph, table_lines
+from operator_app.report.text import WIDTH, paragraph, table_lines
 from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity
 from operator_app.units.numbers import places_to_show, plural
 from solver.chain.parameters import DhEntry
@@ -23,6 +23,10 @@ HOW = (
     "every session. Type A is what the same poses taken again would scatter; shift is what the next three sessions "
     "would show in 90 % of cases. NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
 )
+
+
+FRAMED = 72
+"""Columns in a frame on a terminal of 80."""
 
 
 def quantity(name: str) -> Quantity:
@@ -91,10 +95,10 @@ def sessions_table(part: EntryHistory) -> FactTable:
     )
 
 
-def verdict_text(found: ArmHistory) -> str:
+def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
     """Say what has shifted, or that nothing has, or that it is too early."""
     lines = [
-        paragraph(f"- {_shift_text(part, shift)}", indent=2)
+        paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
         for part in found.parts
         for shift in part.shifts
     ]
@@ -104,7 +108,8 @@ def verdict_text(found: ArmHistory) -> str:
     if most <= BASELINE:
         return paragraph(
             f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions by one fixture before the one that is judged, "
-            f"there are {most} in all. Compare two sessions with sarcal compare."
+            f"there are {most} in all. Compare two sessions with sarcal compare.",
+            width=width,
         )
     return "IN CONTROL: no entry has shifted."
 
@@ -123,23 +128,24 @@ def checks_lines(found: ArmHistory) -> list[str]:
     ]
 
 
-def history_text(found: ArmHistory) -> str:
-    """Return everything worth knowing, the verdict first, for a terminal."""
-    last = found.calibrations[-1].document
+def history_text(found: ArmHistory, *, brief: bool = False) -> str:
+    """Return everything worth knowing, the verdict first, for a terminal; `brief` for one of 80 columns in a frame."""
+    last, width = found.calibrations[-1].document, FRAMED if brief else WIDTH
     counts = (
         f"{last.arm.model} {last.arm.serial}: {plural(len(found.calibrations), 'accepted calibration')}, "
-        f"{plural(len(found.verifications), 'verification')}\n{paragraph(due_text(found))}"
+        f"{plural(len(found.verifications), 'verification')}\n{paragraph(due_text(found), width=width)}"
     )
-    blocks = [verdict_text(found), counts]
+    blocks = [verdict_text(found, width), counts]
     for part in found.parts:
-        head = [title_of(part), *table_lines(entries_table(part))]
-        if part.side is Side.ARM:
+        gap = " " if brief else "  "
+        head = [title_of(part), *table_lines(entries_table(part), gap, gap)]
+        if not brief and part.side is Side.ARM:
             head += ["", *table_lines(sessions_table(part))]
         blocks.append("\n".join(head))
     if lines := checks_lines(found):
         blocks.append("\n".join(["Verifications", *(f"  {line}" for line in lines)]))
-    blocks.append(paragraph(HOW))
-    blocks += [paragraph(f"Left out: {name} ({why})") for name, why in found.left_out]
+    blocks.append("What each column is: m, page over-the-years" if brief else paragraph(HOW))
+    blocks += [paragraph(f"Left out: {name} ({why})", width=width) for name, why in found.left_out]
     return "\n\n".join(blocks)
 
 

@@ -55,6 +55,11 @@ def manual(chosen: Chosen) -> None:
     face.ask(OneOf(title="Manual", text="Which page?", options=options), face.show_page)
 
 
+def history(chosen: Chosen) -> None:
+    """Show all calibrations of the connected arm, or of the arm of this session."""
+    chosen.face.show_history(guards.serial_number(chosen.s))
+
+
 def apply_modes(chosen: Chosen) -> None:
     """Set the modes as marked, after a question."""
     joints = chosen.s.wanted_joints

@@ -192,6 +192,10 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="help", keys=("question_mark", "f1"), shown="?", label="Help",
              help="Explain the focused panel and list the keys.", footer=EVERYWHERE,
              work=lambda f: f.explain()),
+    Action(name="history", keys=("i",), shown="i", label="History",
+           prompt="History: all calibrations of this arm",
+           help="Show every accepted calibration and verification of this arm, what has shifted, and when the next "
+           "is due.", guard=guards.may_show_history, work=action_handlers.history),
     Action(name="manual", keys=("m",), shown="m", label="Manual", prompt="Read the manual",
            help="Read a page of the manual. It needs no network.", work=action_handlers.manual),
     OnScreen(name="palette", keys=("ctrl+p", "colon"), shown="Ctrl+P", label="All actions",

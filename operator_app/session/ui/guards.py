@@ -296,6 +296,16 @@ def _may_send(s: SessionSnapshot) -> Missing:
     return may_use_data(s)
 
 
+def serial_number(s: SessionSnapshot) -> str:
+    """Of the connected arm, or of the one that the session was taken with; empty before there is one."""
+    return s.state.serial_number if s.identity is None else s.identity.serial_number
+
+
+def may_show_history(s: SessionSnapshot) -> Missing:
+    """A history is that of one arm."""
+    return () if serial_number(s) else ("of which arm? connect first (step 1)",)
+
+
 def may_verify(s: SessionSnapshot) -> Missing:
     """Verifying needs a calibration to judge by, and modes that are set or may be."""
     missing = idle(s) or results_ready(s) or may_use_data(s)

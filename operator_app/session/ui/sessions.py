@@ -64,7 +64,7 @@ class Sessions:
         join: Callable[[Opening], AbstractContextManager[Rig]],
         warning: str = "",
     ) -> None:
-        self._procedure, self._choices, self._root, self._join = procedure, choices, root, join
+        self._procedure, self._choices, self.root, self._join = procedure, choices, root, join
         self._warning = warning
         self._stack = ExitStack()
         self._runner: Runner | None = None
@@ -78,7 +78,7 @@ class Sessions:
         """Begin a session; a procedure that is named stays chosen."""
         named = procedure or self._procedure
         runner = self._open(
-            begin(named, self._choices, root=self._root), "another session was begun"
+            begin(named, self._choices, root=self.root), "another session was begun"
         )
         self._procedure = named
         return runner
@@ -89,7 +89,7 @@ class Sessions:
 
     def resumed(self, reference: str) -> Runner:
         """Go on with a session, named by its folder."""
-        opening = resume(reference, self._choices, root=self._root)
+        opening = resume(reference, self._choices, root=self.root)
         return self._open(opening, "another session was resumed")
 
     def remounted(self) -> Runner:
@@ -119,7 +119,7 @@ class Sessions:
 
     def sessions(self) -> tuple[SessionEntry, ...]:
         """All sessions there are, newest first."""
-        return list_sessions(self._root)[::-1]
+        return list_sessions(self.root)[::-1]
 
     def close(self, reason: str) -> None:
         """Close the runner that is open: arm held, journal whole. Safe to call twice."""

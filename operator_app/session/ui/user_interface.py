@@ -123,6 +123,10 @@ class Face(Protocol):
         """Show a page of the manual."""
         ...
 
+    def show_history(self, serial: str) -> None:
+        """Show what is known of an arm over the years."""
+        ...
+
 
 class FullScreen(Face, Protocol):
     """A face with a screen: something is focused, something is marked."""

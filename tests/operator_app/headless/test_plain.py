@@ -90,9 +90,13 @@ def test_from_connect_to_uploaded_parameters(source):
         "Write",
         "Upload",
         "SDA-0001",
+        "History",
         "Leave",
     )
     assert script.reason == "left"
+    assert "arm SDA-0001: 1 accepted calibration" in " ".join(script.said).replace(
+        "sarcos_dextrous", "arm"
+    )
     assert any(row.startswith("ACCEPTED") for row in script.said), script.said[-40:]
     assert "Identified parameters" in script.said, "the results come line by line"
     assert not any("\ufffd" in row for row in script.said)
@@ -106,7 +110,8 @@ def test_from_connect_to_uploaded_parameters(source):
 
 
 def test_what_is_closed_says_why_and_is_not_done(source):
-    script = run(source, "Go on to step 2")
+    script = run(source, "History", "Go on to step 2")
+    assert "Not done: of which arm? connect first (step 1)." in script.said
     assert "Not done: no arm is connected: connect first (step 1)." in script.said
     assert script.reason == "end of input"
 

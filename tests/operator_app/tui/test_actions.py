@@ -112,7 +112,7 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first(monkeypatch) -> None:
 def test_guards_close_everything_that_works_while_work_is_in_hand() -> None:
     at_work = busy(story()["captured"], actions.TaskKind.CALIBRATE, moves=False)
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
-            "new_session", "acknowledge", "hold", "manual"}  # fmt: skip
+            "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip
     for action in actions.ACTIONS:
         if isinstance(action, Action):
             assert bool(action.guard(at_work)) == (action.name not in free), action.name

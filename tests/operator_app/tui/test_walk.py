@@ -11,7 +11,7 @@ from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
 from operator_app.session.ui.next_action import next_thing
 from operator_app.session.ui.steps import Step
-from operator_app.tui.dialogs import Ask, Confirm
+from operator_app.tui.dialogs import Ask, Confirm, Read
 
 MOST_KEYS = 25
 
@@ -138,3 +138,6 @@ async def test_after_a_stop_it_is_uploaded_with_drives_off_and_verified_by_one_k
         await d.press("y")
         await d.idle()
         assert d.s.verification is not None, d.s.messages[-1].text
+        await d.press("i")
+        await d.until(lambda: isinstance(d.app.screen, Read), "history")
+        assert "1 accepted calibration, 1 verification" in d.app.screen._text

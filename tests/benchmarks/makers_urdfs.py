@@ -34,11 +34,14 @@ from solver.posterior.best_table import BestTable, tool_point
 from tests.oracles.makers_urdfs import Chain, Held, Steps, built, nominal, read
 
 NAMES = ("ur5", "xarm6", "kinova_gen3_lite", "abb_irb120", "kuka_iiwa14")
-NEAR = np.deg2rad([20.0, -60.0, 70.0, 40.0, 60.0, 30.0, 20.0])
+NEAR = {
+    6: np.deg2rad([20.0, -60.0, 70.0, 40.0, 60.0, 30.0]),
+    7: np.deg2rad([20.0, 30.0, 10.0, 80.0, 20.0, 50.0, 30.0]),
+}
 BOX_RAD = 1.2
 GIVE_M, GIVE_RAD, PLACED_M, PLACED_RAD = 0.1e-3, 0.1e-3, 5e-3, np.deg2rad(1.0)
 ECCENTRICITY_RAD = np.deg2rad(0.01)
-TIP = np.array([0.03, 0.0, 0.1])
+TIP = np.array([0.06, 0.0, 0.1])
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,7 @@ def drawn(name: str, size: float, rng: np.random.Generator, folder: Path) -> Rig
         true_arm=arm_file(true, folder / f"{name}_true.yaml"),
         moves=Chain(true),
         stated=Chain(steps),
-        near=NEAR[: len(steps.axes)],
+        near=NEAR[len(steps.axes)],
         tip=TIP + rng.normal(0.0, PLACED_M, 3),
         axis=axis / np.linalg.norm(axis),
     )

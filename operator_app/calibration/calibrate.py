@@ -17,6 +17,7 @@ from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
+from operator_app.calibration.distances import compared, distances
 from operator_app.calibration.error_model import (
     distinct_poses,
     error_model,
@@ -34,7 +35,6 @@ from operator_app.calibration.multistart import FEW, evenly, fit_from_starts, gr
 from operator_app.calibration.observations import IdentifiableLoops, identifiable_loops
 from operator_app.calibration.placements import (
     IndistinguishablePlacements,
-    distances,
     indistinguishable_placements,
 )
 from operator_app.calibration.refusals import (
@@ -415,7 +415,12 @@ def decide(diagnosed: Diagnosed) -> Solution:
         length_tolerance_m=task.length_tolerance_m,
         scales=() if task.by_paper else learned_scales(whole.linear, whole.found),
         shares=diagnosed.shares,
-        distances=distances(model, estimate, poses.placements),
+        distances=distances(
+            model,
+            estimate,
+            poses.placements,
+            () if task.by_paper else compared(task.fixture, poses, whole.linear),
+        ),
         condition_at_readings=condition_at_readings(
             loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
         ),

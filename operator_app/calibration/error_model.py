@@ -12,6 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from fixtures.ball import Ball, KnownDistance
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import instrument_variance, loop_of_poses, pick
 from solver.arrays import BoolArray, FloatArray, IntArray
@@ -23,7 +24,9 @@ from solver.chain.statics import unstated_masses
 from solver.estimators.error_model import ErrorModel, stated_errors
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
+from solver.estimators.measured_distances import MeasuredDistance, Names
 from solver.loops.closure import ClosureModel, unsensed_at_readings
+from solver.loops.point import GROUND
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 """A joint that differs by more than this between two poses was driven to the second."""
@@ -56,9 +59,34 @@ def error_model(
         give_m=fixture.give.position_m if passive else None,
         tolerance={} if tolerance is None else tolerance,
         prior={} if prior is None else prior,
+        distances=_measured(stated_distances(fixture, poses.placements)),
         discrepancy=True,
         loads=_loads(arm, fixture, poses, there, unsensed_joints),
         approach=approach_of(arm, poses, there),
+    )
+
+
+def stated_distances(fixture: Fixture, placements: tuple[int, ...]) -> tuple[KnownDistance, ...]:
+    """Return the distances of a ball's sockets that its file states, of sockets that poses were taken in."""
+    known = fixture.distances if isinstance(fixture, Ball) else ()
+    return tuple(d for d in known if set(d.between) <= set(placements))
+
+
+def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, ...]:
+    """Return these distances by the names of the loop's parameters."""
+
+    def names(number: int) -> Names:
+        x, y, z = (f"{name}[{number}]" for name in GROUND)
+        return x, y, z
+
+    return tuple(
+        MeasuredDistance(
+            first=names(d.between[0]),
+            second=names(d.between[1]),
+            value_m=d.value_m,
+            sigma_m=d.sigma_m,
+        )
+        for d in distances
     )
 
 

@@ -11,6 +11,7 @@ from math import radians
 
 from fixtures.base import Fixture, SetupCheck, Severity
 from operator_app.calibration.causes import NamedCause, Words, poses_named
+from operator_app.calibration.distances import Distance
 from operator_app.calibration.placements import IndistinguishablePlacements
 from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
@@ -54,6 +55,19 @@ def setup_notices(checks: tuple[SetupCheck, ...]) -> tuple[Notice, ...]:
         Notice(code=c.code, text=f"{c.text}: {c.remedy}")
         for c in checks
         if c.severity is not Severity.OK and not c.code.startswith("HIDDEN")
+    )
+
+
+def distance_notices(contradicted: tuple[Distance, ...]) -> tuple[Notice, ...]:
+    """Say which measured distances of sockets the poses contradict."""
+    return tuple(
+        Notice(
+            code="DISTANCE",
+            text=f"the distance of sockets {d.between[0]} and {d.between[1]} in the fixture's file is "
+            f"{abs(d.deviation):.1f} sigma {'above' if d.deviation > 0.0 else 'below'} what the poses say: measure "
+            "it again and correct distance there; the arm's lengths are scaled by it",
+        )
+        for d in contradicted
     )
 
 

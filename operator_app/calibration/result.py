@@ -12,8 +12,8 @@ import numpy as np
 
 from operator_app.calibration.acceptance import Judgement, Verdict
 from operator_app.calibration.causes import NamedCause
+from operator_app.calibration.distances import Distance
 from operator_app.calibration.notices import Notice
-from operator_app.calibration.placements import Distance
 from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.rvdt import RvdtVerdict

@@ -29,6 +29,7 @@ REMEDIES = {
     "fixture_give": "mount a fixture twice as stiff, or pull less at it, and state its give",
     "joint_play": "take half of the joints' play out and state it",
     "sag": "state the links' masses, or how much less the joints sag",
+    "distances": "measure the distances of the sockets twice as well and state their sigma_mm",
     "discrepancy": "find what bends with the pose that no file states",
     "counts": "fit encoders of more counts: one that stands still reads alike however often it is asked",
 }

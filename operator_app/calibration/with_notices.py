@@ -17,12 +17,14 @@ from operator_app.calibration.calibrated_arm import (
     offsets_not_sought,
     with_held,
 )
+from operator_app.calibration.distances import contradicted
 from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
 from operator_app.calibration.notices import (
     ASTRAY,
     as_stated_notices,
     cause_notices,
     condition_notices,
+    distance_notices,
     endpoint_notices,
     flexure_notices,
     held_notices,
@@ -91,6 +93,7 @@ def with_notices(
             *rival_notices(solution.search),
             *(() if astray else flexure_notices(solution.components, solution.tolerated)),
             *indistinguishable_notices(same),
+            *distance_notices(contradicted(solution.distances)),
             *(() if astray else outlier_notices(solution.outliers)),
             *rvdt_notices(solution.rvdt),
             *cause_notices(judgement.causes),

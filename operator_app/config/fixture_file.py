@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from fixtures.ball import Ball
+from fixtures.ball import Ball, KnownDistance
 from fixtures.base import Fixture, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
@@ -89,6 +89,8 @@ def load_fixture(reference: str | Path) -> FixtureSpec:
 
 PointMm = tuple[LengthMm, LengthMm, LengthMm]
 TurnVectorDeg = tuple[TwistDeg, TwistDeg, TwistDeg]
+
+PlacementNumber = Annotated[int, Field(ge=1)]
 
 SMALLEST_MM = 5.0
 """A placement without any dimension of this size was written in metres."""
@@ -207,6 +209,14 @@ class BallPlacement(StrictModel):
     ground_mm: PointMm
 
 
+class DistanceModel(StrictModel):
+    """A distance between two sockets that was measured."""
+
+    between: tuple[PlacementNumber, PlacementNumber]
+    mm: Annotated[LengthMm, Field(gt=0.0)]
+    sigma_mm: PositiveNumber
+
+
 class BallModel(MetalFields):
     """A ball in a socket."""
 
@@ -215,6 +225,26 @@ class BallModel(MetalFields):
     kind: Literal["ball"]
     placement: BallPlacement
     stays_on_hand: Yes = True
+    distance: tuple[DistanceModel, ...] = ()
+
+    @field_validator("distance")
+    @classmethod
+    def _of_two(
+        cls, value: tuple[DistanceModel, ...], info: ValidationInfo
+    ) -> tuple[DistanceModel, ...]:
+        for k, d in enumerate(value):
+            if d.between[0] == d.between[1]:
+                text = f"placement {d.between[0]} twice"
+                report(info, ("distance", k, "between"), text, "name two placements")
+        return value
+
+    def own(self) -> dict[str, Any]:
+        """Tell how far it yields, and which distances between sockets were measured."""
+        known = tuple(
+            KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
+            for d in self.distance
+        )
+        return {**MetalFields.own(self), "distances": known}
 
 
 class MeasuredPlacement(StrictModel):

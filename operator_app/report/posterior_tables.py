@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from operator_app.calibration.distances import Distance
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.units.figure import ANGLE, LENGTH, NUMBER, Figure
@@ -41,19 +42,32 @@ def distance_table(solution: Solution) -> FactTable | None:
     """Distances between the sockets of a ball."""
     if not solution.distances:
         return None
+    known = any(d.measured for d in solution.distances)
     return FactTable(
         ident="distances",
         title="Distances between placements [mm]",
-        columns=(*words("between"), *figures("distance", "sigma")),
+        columns=(
+            *words("between"),
+            *figures("distance", "sigma", *(("measured", "its sigma") if known else ())),
+        ),
         rows=tuple(
             (
                 f"{d.between[0]} and {d.between[1]}",
                 Figure(d.value_m, LENGTH, places=3, role="found"),
                 Figure(d.sigma_m, LENGTH, places=3),
+                *(_measured(d) if known else ()),
             )
             for d in solution.distances
         ),
     )
+
+
+def _measured(distance: Distance) -> tuple[Cell, ...]:
+    """Cells of what was measured of a distance."""
+    if distance.measured is None:
+        return ("", "")
+    stated = distance.measured
+    return tuple(Figure(v, LENGTH, places=3) for v in (stated.value_m, stated.sigma_m))
 
 
 def best_table_table(solution: Solution) -> FactTable | None:
@@ -103,6 +117,9 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
                     1e3 * (d.value_m - NORMAL_95 * d.sigma_m),
                     1e3 * (d.value_m + NORMAL_95 * d.sigma_m),
                 ],
+                "measured_mm": None if d.measured is None else 1e3 * d.measured.value_m,
+                "measured_sigma_mm": None if d.measured is None else 1e3 * d.measured.sigma_m,
+                "deviation_sigmas": None if d.measured is None else d.deviation,
             }
             for d in solution.distances
         ],

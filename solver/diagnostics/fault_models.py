@@ -51,13 +51,7 @@ class FaultModels:
         return cls(
             arm=arm,
             design=design,
-            system=System(
-                w=system.w[order],
-                A=system.A[order],
-                B=system.B[order],
-                E=system.E[order],
-                angle=system.angle[order],
-            ),
+            system=system.at_poses(order),
             readings=design.q[order],
             order=order,
         )

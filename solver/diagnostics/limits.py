@@ -22,6 +22,9 @@ CHI2_BAND_PROBABILITY = 0.99
 CHI2_NOTICE_PROBABILITY = 0.01
 """A chi2 at stated noise that is less likely than this is reported."""
 
+DISTANCE_NOTICE_PROBABILITY = 0.01
+"""Chance of reporting any measured distance of sockets as contradicted by sound poses."""
+
 OUTLIER_NOTICE_PROBABILITY = 0.01
 """Chance of reporting any pose of a sound pose set as an outlier."""
 

@@ -33,7 +33,8 @@ CHUNK = 1024
 class System:
     """Reduced linear system of m poses: w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
 
-    `angle` (m, n) are the corrected joint angles at which curves are evaluated.
+    `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
+    rates (k, P) of measured distances, which belong to no pose.
     """
 
     w: FloatArray
@@ -41,11 +42,12 @@ class System:
     B: FloatArray
     E: FloatArray
     angle: FloatArray
+    distances: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 0)))
 
     @property
     def equations(self) -> int:
-        """Of all poses."""
-        return self.w.size
+        """Of all poses, and of distances."""
+        return self.w.size + self.distances[0].size
 
     def part(self, poses: slice) -> System:
         """Return the equations of some poses in a row."""
@@ -59,6 +61,7 @@ class System:
             B=self.B[poses],
             E=self.E[poses],
             angle=self.angle[poses],
+            distances=self.distances,
         )
 
 
@@ -67,7 +70,12 @@ class Equations(Protocol):
 
     @property
     def equations(self) -> int:
-        """Number of equations of all poses."""
+        """Number of equations of all poses, and of distances."""
+        ...
+
+    @property
+    def distances(self) -> tuple[FloatArray, FloatArray]:
+        """Misclosures (k,) and rates (k, P) of measured distances, in units of their sigmas."""
         ...
 
     def part(self, poses: slice) -> System:

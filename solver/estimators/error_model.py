@@ -15,6 +15,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
+from solver.estimators.measured_distances import MeasuredDistance
 
 SD_OF_PEAK = 0.5
 """Amplitude of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
@@ -69,6 +70,8 @@ class ErrorModel:
         How far the fixture yields along each closure component; None where nothing is held that could.
     tolerance
         Standard deviation (rad, m) of entries of the maker's table that are corrected within it.
+    distances
+        Distances between points of the loop that were measured.
     prior
         The same of the unknowns that are asked for, as far as a file states how well they are known.
     discrepancy
@@ -91,6 +94,7 @@ class ErrorModel:
     give_m: float | None = None
     tolerance: Mapping[str, float] = field(default_factory=dict)
     prior: Mapping[str, float] = field(default_factory=dict)
+    distances: tuple[MeasuredDistance, ...] = ()
     discrepancy: bool = False
     loads: LoadBasis | None = None
     approach: FloatArray | None = None

@@ -80,6 +80,11 @@ class LinearFit:
             if keep:
                 self._kept.append(part)
         self.H = np.zeros((design.width, design.width)) if gram is None else gram
+        w, rows = self._distances()
+        if len(w):
+            self.H += rows.T @ rows
+            right += w @ rows
+            square += float(w @ w)
         np.fill_diagonal(self.H, np.diagonal(self.H) + self._prior())
         self.half, determinant = _inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
@@ -99,6 +104,24 @@ class LinearFit:
     def H_inverse(self) -> FloatArray:
         """Inverse of H (width, width)."""
         return np.asarray(self.half @ self.half.T)
+
+    def _distances(self) -> tuple[FloatArray, FloatArray]:
+        """Misclosures (k,) of measured distances, and their columns (k, width), effects scaled to unit variance."""
+        design, soft = self.design, len(self.design.soft_index)
+        w, rates = self.system.distances
+        rows = np.zeros((len(w), design.width))
+        if not len(w):
+            return w, rows
+        rows[:, : design.hard] = rates[:, design.hard_index]
+        own = slice(design.hard, design.hard + soft)
+        rows[:, own] = rates[:, design.soft_index] * (design.soft_sd * self.root[:soft])
+        return w, rows
+
+    def distance_deviations(self) -> FloatArray:
+        """Measured distances less what the poses alone say (k,), in sigmas of this difference."""
+        w, rows = self._distances()
+        known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
+        return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
 
     def _prior(self) -> FloatArray:
         """What H has on its diagonal (width,) besides the columns' squares: effects are drawn with unit variance."""
@@ -215,6 +238,9 @@ class LinearFit:
             for component in dict.fromkeys(moved_by.tolist()):
                 source = design.components[component].source
                 add(source, self.v[component] * brought[moved_by == component].sum(0))
+        rows = self._distances()[1]
+        if len(rows):
+            add("distances", ((gain @ rows.T) ** 2).sum(-1))
         known = sum(found.values(), np.zeros(len(index)))
         add("counts", np.maximum(total - known, 0.0))
         place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))

@@ -14,6 +14,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.closing import Rates, left_null_space
 from solver.estimators.effects import LinearModel, System
+from solver.estimators.measured_distances import distance_rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -41,7 +42,9 @@ class Linearisation:
         # Effects count from the nominal values of toleranced entries, steps of the others from here.
         self._soft = state.x - design.nominal
         self._soft[design.hard_index] = 0.0
-        self.equations = len(design.q) * design.model.equations_per_pose
+        w, rates = distance_rows(design.errors.distances, design.model.parameters, state.x)
+        self.distances = (w - rates @ self._soft, rates)
+        self.equations = len(design.q) * design.model.equations_per_pose + len(w)
         self._last: tuple[slice, System, Rates] | None = None
 
     def part(self, poses: slice) -> System:
@@ -75,4 +78,5 @@ class Linearisation:
         B = Et @ error.jac_q
         w = (Et @ c[..., None])[..., 0] - A @ self._soft
         w += (B @ self._expected[poses, :, None])[..., 0]
-        return System(w=w, A=A, B=B, E=E, angle=angle), Rates.of(error, c)
+        system = System(w=w, A=A, B=B, E=E, angle=angle, distances=self.distances)
+        return system, Rates.of(error, c)

@@ -8,7 +8,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from fixtures.ball import Ball
+from fixtures.ball import Ball, KnownDistance
 from fixtures.base import Severity, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
@@ -52,6 +52,23 @@ def test_rigid_closes_near_home_and_names_the_elbow() -> None:
 def test_a_file_that_states_a_stiffness_is_still_read() -> None:
     text = GOOD + "stiffness: {n_per_m: 2e6, nm_per_rad: 3e4}\n"
     assert parse_fixture(text.encode(), "f.yaml") == load_fixture("hinge")
+
+
+def test_distances_of_sockets_that_were_measured() -> None:
+    text = (files("fixtures") / "data" / "ball.yaml").read_text("utf-8")
+    known = "distance: [{between: [1, 2], mm: 50.0, sigma_mm: 0.05}]\n"
+    ball = parse_fixture((text + known).encode(), "f.yaml").fixture
+    assert isinstance(ball, Ball)
+    assert ball.distances == (KnownDistance(between=(1, 2), value_m=0.05, sigma_m=5e-5),)
+    for wrong in (
+        known.replace("2]", "1]"),
+        known.replace("50.0", "-50.0"),
+        known.replace("0.05", "0"),
+    ):
+        with pytest.raises(ConfigError, match="distance"):
+            parse_fixture((text + wrong).encode(), "f.yaml")
+    with pytest.raises(ConfigError, match="distance"):
+        parse_fixture((GOOD + known).encode(), "f.yaml")
 
 
 def test_every_kind_there_is_has_a_file_format() -> None:

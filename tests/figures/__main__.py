@@ -91,7 +91,7 @@ def loop() -> str:
             f'<circle cx="{x}" cy="{y}" r="7" fill="{PAPER}" stroke="{COLOURS[0]}" stroke-width="3"/>'
         )
         parts.append(text(x - 12.0, y - 10.0, ", ".join(joints), anchor="end"))
-    return svg(620.0, floor + 40.0, "The closed chain: table, arm, hand, hinge, table", parts)
+    return svg(620.0, floor + 40.0, "The closed chain: table, arm, tool, hinge, table", parts)
 
 
 def budget() -> str:

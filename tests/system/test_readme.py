@@ -81,7 +81,7 @@ def test_its_script_and_its_python_run(
     monkeypatch.chdir(tmp_path)
     text = README.read_text()
     (script,) = (b for b in re.findall(r"```sh\n(.*?)```", text, re.DOTALL) if "sarcal new" in b)
-    for line in script.splitlines():
+    for line in script.replace("\\\n", " ").splitlines():
         # The URDF's last link is the ball.
         words = shlex.split(line.replace("0,0,130", "0,0,0"), comments=True)
         assert words[0] == "sarcal"

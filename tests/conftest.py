@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import gc
 import os
 import shutil
 import signal
@@ -63,13 +64,37 @@ def pytest_configure(config: pytest.Config) -> None:
     )
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put what must run alone first, and give a campaign the patience a busy machine needs."""
+    _put_into_the_campaign_what_is_no_sample(items)
     for item in items:
         if item.get_closest_marker("campaign") and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(1200))
     # The first worker has them all then, and no other one waits for its turn.
     items.sort(key=lambda item: item.get_closest_marker("real_time") is None)
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector what 5,000 tests and their modules have loaded: it is there to stay."""
+    gc.freeze()
+
+
+def _put_into_the_campaign_what_is_no_sample(items: list[pytest.Item]) -> None:
+    """Leave evenly spaced ones of a test's parameters to the default run."""
+    sampled: dict[tuple[Path, str], list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("sample") and not item.get_closest_marker("campaign"):
+            assert isinstance(item, pytest.Function)
+            sampled.setdefault((item.path, item.originalname), []).append(item)
+    for found in sampled.values():
+        marker = found[0].get_closest_marker("sample")
+        assert marker is not None
+        count = min(marker.args[0], len(found))
+        kept = {k * len(found) // count for k in range(count)}
+        for k, item in enumerate(found):
+            if k not in kept:
+                item.add_marker("campaign")
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)

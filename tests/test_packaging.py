@@ -152,6 +152,7 @@ print(sarcal.__file__)
     return ran.stdout.strip()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["fixtures", "solver", "hardware"])
 def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(
     tmp_path: Path, name: str

@@ -81,6 +81,7 @@ def test_play_lies_as_often_where_the_generator_lets_it(monkeypatch):
     assert np.sqrt(np.mean((found - drawn) ** 2)) < 0.03
 
 
+@pytest.mark.campaign
 def test_gain_is_a_line_of_the_stated_size():
     """The bound with RVDT gains alone, against the other oracle's noise and a line for each RVDT."""
     taken = session(4)
@@ -98,6 +99,7 @@ def test_gain_is_a_line_of_the_stated_size():
     assert own[5, 5] > 2.0 * exact[5, 5]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("source", ["lengths", "twists", "encoders", "backlash"])
 def test_a_source_more_is_never_less(source):
     taken = session(4)

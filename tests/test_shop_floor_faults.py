@@ -46,6 +46,7 @@ def test_slipped_joint_is_the_step_that_is_expected():
     assert other - whole.truth[name] == pytest.approx(-np.deg2rad(off[-1, joint]))
 
 
+@pytest.mark.campaign
 def test_flipped_poses_close_upside_down():
     taken = CASES["12 flipped"](SEED).taken
     chain = taken.specimen.chain
@@ -74,6 +75,7 @@ def test_bent_rvdt_strays_by_what_it_says():
     assert np.abs(stray).max() == pytest.approx(0.05 * FULL_SCALE, rel=1e-6)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [1, 7])
 def test_mount_is_that_near_to_parallel_and_closes(joint):
     chain, chart = parallel_mount(joint, 5.0)

@@ -152,6 +152,7 @@ LED = [
 ]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(("kind", "joint", "at_sync"), LED)
 def test_a_slip_in_a_joint_that_is_led_is_told_at_the_latest_when_the_first_pose_is_read_again(
     tmp_path: Path, kind: str, joint: int, at_sync: int
@@ -184,6 +185,7 @@ def test_without_a_fault_every_pose_is_right(tmp_path: Path) -> None:
     assert not any("does not read as it did" in text for text in found.told)
 
 
+@pytest.mark.campaign
 def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path: Path) -> None:
     """Poses count in the order in which they were taken; nothing is measured by the wall clock."""
     told = itertools.cycle([timedelta(0), timedelta(hours=-1), timedelta(days=400), timedelta(0)])
@@ -212,6 +214,7 @@ def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path: Path) -> No
         assert loop_error(off) > 1e-3
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(("kind", "at_sync"), QUICK)
 def test_a_fault_is_told_and_no_accepted_pose_is_wrong(
     tmp_path: Path, kind: str, at_sync: int

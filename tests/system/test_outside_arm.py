@@ -105,6 +105,7 @@ def made(name: str, channel: str) -> arms.Arm:
     return found
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["line_arm", "moving_line_arm"])
 def test_an_arm_whose_link_is_lost_closes_its_end(desk: Path, folder: Path, name: str) -> None:
     with toy(folder) as there:

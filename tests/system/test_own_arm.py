@@ -97,6 +97,7 @@ def test_geometry_is_pinocchios(capsys: pytest.CaptureFixture[str], arm: str) ->
     np.testing.assert_allclose(frames.R_end, wanted[:, :3, :3], rtol=0, atol=1e-12)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "kind"), [("iiwa", "hinge"), ("panda", "ball")])
 def test_new_files_check_without_another_key(
     capsys: pytest.CaptureFixture[str], arm: str, kind: str

@@ -16,6 +16,7 @@ from operator_app.cli import main
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
 from tests.oracles.own_process import SARCAL, environment, start
+from tests.oracles.recorded import recorded
 
 HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
 """Some of Table 2, deg and m."""
@@ -147,6 +148,11 @@ def test_what_no_pose_brings_to_the_request_is_named_with_advice(
 
 @pytest.fixture(scope="module")
 def plan_output() -> dict[str, str]:
+    return printed_plans()
+
+
+@recorded
+def printed_plans() -> dict[str, str]:
     """What `sarcal plan` prints, in the two looks; the plain one with advice."""
     found = {}
     for look, extra in (("unicode", []), ("ascii", ["--ascii", "--advise", "--tries", "1"])):

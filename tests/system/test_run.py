@@ -55,7 +55,8 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
     procedure = far_off_procedure(tmp_path)
     sessions = tmp_path / "sessions"
     code, found = run_json(
-        capsys, str(procedure), "--scenario", "exact", "--sessions", str(sessions)
+        capsys,
+        *(str(procedure), "--scenario", "exact", "--poses", "24", "--sessions", str(sessions)),
     )
     assert code == 0
     assert set(found["parameters"]) == set(TRUTH)

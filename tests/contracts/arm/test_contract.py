@@ -59,6 +59,7 @@ def test_two_driven_joints_move_the_closed_chain(driven: CanopenArm) -> None:
     assert np.all(reading.sd_rad[:5] < 1e-4)
 
 
+@pytest.mark.sample(1)
 def test_a_seeded_run_is_the_same_every_time(settings: BusSettings) -> None:
     first = run_a_little(settings)
     busy = threading.Event()
@@ -197,6 +198,7 @@ def test_an_observer_sees_standard_frames(driven: CanopenArm, settings: BusSetti
         assert counts == state.position_counts
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("frame", [2, 3, 9])
 def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(
     driven: CanopenArm, monkeypatch: pytest.MonkeyPatch, frame: int

@@ -45,6 +45,7 @@ def test_a_drive_that_refuses_a_mode_is_named(
     assert late.value.joint == 6
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("counts", [5, 500, -1111])
 def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
     driven: CanopenArm, controller: VirtualController, counts: int
@@ -58,6 +59,7 @@ def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
     assert f"by {counts:+d} counts" in str(told.value)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("counts", [500, -1111])
 def test_counts_lost_in_a_move_are_noticed(
     driven: CanopenArm, controller: VirtualController, counts: int

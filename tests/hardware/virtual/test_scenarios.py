@@ -139,6 +139,7 @@ def test_exact_lets_the_paper_estimator_find_the_truth(sarcos: ArmModel, drive: 
     assert condition < 60.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [0, 3])
 def test_as_reported_lands_on_the_papers_figures(
     sarcos: ArmModel, drive: Commands, seed: int
@@ -240,6 +241,7 @@ def test_holding_at_the_measured_position_pulls_on_nothing(sarcos: ArmModel) -> 
     assert max(map(abs, reading.torque_nm)) < 15.0
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("seed", range(20))
 def test_every_wild_arm_starts_closed_inside_its_ranges_and_moves(
     sarcos: ArmModel, drive: Commands, seed: int
@@ -265,6 +267,7 @@ def test_every_wild_arm_starts_closed_inside_its_ranges_and_moves(
     assert np.all(np.rad2deg(moved) > 2.0)
 
 
+@pytest.mark.campaign
 def test_wild_arms_differ_from_the_paper_and_from_each_other() -> None:
     found = [true_parameters(scenario("wild", seed).truth) for seed in range(6)]
     paper = true_parameters(paper_loop())

@@ -12,6 +12,7 @@ from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.shop_floor import session
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("degrees", [0.1, 0.2, 0.3])
 def test_readings_of_all_joints_that_scatter_blame_no_single_joint(degrees):
     """Said was that one encoder errs by 0.9 deg, that an RVDT is bent, or that the hinge is a ball."""

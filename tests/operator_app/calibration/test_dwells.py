@@ -10,6 +10,7 @@ from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
 def test_every_pose_once_and_none_of_twenty_slow_motions(seed: int, rate_hz: float) -> None:

@@ -36,6 +36,7 @@ def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times: f
     assert found.dof == 5
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [5, 6, 7])
 def test_a_shift_of_two_degrees_is_named_with_its_size(joint: int) -> None:
     taken = session(3, poses=13)

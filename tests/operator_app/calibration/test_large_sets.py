@@ -22,6 +22,7 @@ def test_a_sound_set_of_a_thousand_poses_is_accepted() -> None:
     assert np.abs(found.z).max() < 4.0
 
 
+@pytest.mark.campaign
 def test_an_arm_that_was_not_still_is_named_by_many_poses_as_by_few() -> None:
     """Asked of 85 poses it explained no more than those: an encoder was blamed, and an RVDT that errs by 37 deg."""
     fault, right = LARGE_FAULTS["shaken"]

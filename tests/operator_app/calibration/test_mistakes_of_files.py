@@ -18,6 +18,7 @@ from tests.oracles.panda import FOLDER
 from tests.oracles.shop_floor import session
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("joints", [(4,), (7,), (6, 7), (1, 2, 3)])
 def test_columns_in_radians_are_named(joints):
     """Some lie outside their range then, joint 7 does not."""
@@ -45,6 +46,7 @@ def test_offsets_of_the_arm_file_in_radians_are_named():
     assert said.causes[0] == "RADIANS_OFFSETS", said.said
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [61, 64])
 def test_lengths_that_the_arm_file_has_exchanged_are_named(seed):
     """Said was that the fixture gives by 35 mm, or that an entry of 0 is off by 32 mm."""

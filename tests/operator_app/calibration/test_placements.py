@@ -72,6 +72,7 @@ def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(
     assert "the same within their sigmas" in " ".join(facts_text(facts).split())
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("seed", [1100, 1101])
 @pytest.mark.parametrize(
     ("turned_deg", "shifted_m", "warned"), [(0.0, 0.0, True), (0.5, 1e-3, False)]

@@ -147,6 +147,7 @@ def test_a_cause_names_the_placement_of_a_pose() -> None:
     assert all("of placement 2 and pose" in text or "of placement 6" in text for text in said)
 
 
+@pytest.mark.campaign
 def test_a_calibration_is_judged_by_sockets_it_has_never_seen(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -61,6 +61,7 @@ def hand_seen(taken: Session) -> np.ndarray:
     return point + 20e-6 * np.random.default_rng(1).normal(size=point.shape)
 
 
+@pytest.mark.campaign
 def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
     taken = session(7003, Sizes.only())
     arm = load_arm("sarcos_dextrous")
@@ -118,6 +119,7 @@ def test_poses_on_a_ball_tell_the_noise(lsb: float, samples: int) -> None:
             assert noise.low <= lsb <= noise.high
 
 
+@pytest.mark.campaign
 def test_one_reading_of_one_lsb_is_found_though_floors_take_part_of_it() -> None:
     """Fixture and joints are quieter than stated: what their floors claim is the sensor's."""
     found = [

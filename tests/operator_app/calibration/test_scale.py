@@ -11,6 +11,7 @@ from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.shop_floor import session
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("joint", "percent"), [(2, 5.0), (5, -5.0), (3, 1.0), (4, 1.0), (5, 1.0)])
 def test_an_encoder_of_another_scale_is_named(joint, percent):
     """Joint 2 by 5 % sagged, joint 4 by 1 % was ACCEPTED without a word, 7 sigma wrong."""

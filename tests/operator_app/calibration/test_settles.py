@@ -16,6 +16,7 @@ TO_AND_FRO = {
 """Sets on which steps of the variances alone never ended: likelihoods that bend where a floor ends."""
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("kind", "seed"), TO_AND_FRO)
 def test_what_went_to_and_fro_settles(kind, seed):
     found = settlings(seed, kind=kind, counts=(*TO_AND_FRO[kind, seed], 30))

@@ -25,6 +25,7 @@ from tests.oracles.panda import FOLDER
 from tests.oracles.pinocchio_chain import PinocchioChain
 
 
+@pytest.mark.campaign
 def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
     poses = pick_placements(
         load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses, placements=(3,)

@@ -63,6 +63,7 @@ def test_a_raw_log_goes_in_with_one_command(
     assert kept.placements == (1, 2)
 
 
+@pytest.mark.campaign
 def test_one_log_of_several_placements_is_that_of_a_log_each(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -197,6 +198,7 @@ def test_what_is_wrong_is_said_with_place_and_remedy(
         load_joint_log(file, joint_count=3, **options)  # type: ignore[arg-type]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3", "csv"])
 def test_a_recording_gives_the_poses_the_arm_rested_at_and_no_other(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -36,6 +36,7 @@ def test_an_arm_that_is_what_was_found_agrees(
         assert abs(row["open_loop"] - value) < 3.0 * row["sigma"], name
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("planted", "name", "size"),
     [

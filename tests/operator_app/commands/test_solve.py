@@ -159,6 +159,7 @@ def test_bad_options_say_what_there_is(
     assert words in said.err
 
 
+@pytest.mark.campaign
 def test_the_result_is_tested_on_a_second_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

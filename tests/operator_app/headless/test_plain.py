@@ -127,6 +127,7 @@ def test_a_wrong_number_and_a_wrong_serial_do_nothing(source):
     assert source.arm.active_parameters() == b""
 
 
+@pytest.mark.campaign
 def test_what_is_not_accepted_is_uploaded_for_a_reason_only(source):
     limits = replace(source.procedure.acceptance, sigma_pos_mm=1e-6)
     source.procedure = replace(source.procedure, acceptance=limits)

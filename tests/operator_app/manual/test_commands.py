@@ -39,8 +39,10 @@ PATIENCE_S = 60.0
 REDIRECTED = re.compile(r" > (\S+)$")
 
 TOPICS = [topic for topic in written_topics() if any(b.commands for b in blocks(topic))]
-LONG = ("mounting", "own-poses", "paper", "real-can", "scripting", "still-valid")
-"""Pages that take more than three seconds also where a run is short."""
+LONG = (
+    "mounting", "own-poses", "paper", "real-can", "recordings", "scripting", "still-valid", "tutorial",
+)  # fmt: skip
+"""Pages that take a second or more also where a run is short."""
 FROM_NOTHING = ("paper", "scripting", "still-valid", "tutorial", "wrist-repair")
 """Pages that make their session themselves."""
 

@@ -38,6 +38,7 @@ def driven(truth: Truth, angles: np.ndarray, joint: int, by_deg: float) -> tuple
     return angles, fastest
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("first_deg", "then_deg", "clear"),
     [(24.0, -10.0, True), (24.0, 12.0, False)],

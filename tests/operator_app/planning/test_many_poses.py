@@ -36,6 +36,7 @@ def test_the_waypoints_of_a_session_are_made_once() -> None:
         once[0][1] = 9.0  # type: ignore[index]
 
 
+@pytest.mark.campaign
 def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_data: Path) -> None:
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses

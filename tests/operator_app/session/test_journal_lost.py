@@ -110,6 +110,7 @@ class Overwriter(Listener):
             file.write(b"1" if raw[here : here + 1] != b"1" else b"2")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("when", ["pose", "verdict"])
 def test_a_changed_journal_gets_no_verdict_and_no_upload(
     make_session: MakeSession, when: str

@@ -79,6 +79,7 @@ def resumed(folder: Path, *, wanted: int) -> tuple[Session, Watched]:
 
 
 # With poses still to come, and with nothing left to do but to read the first one again.
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("wanted", [40, POSES])
 def test_a_resume_does_not_drive_it_back_to_its_first_pose(tmp_path: Path, wanted: int) -> None:
     session, arm = resumed(tmp_path / "s", wanted=wanted)
@@ -126,6 +127,7 @@ def moved_since(exploring: tuple[Path, Procedure], folder: Path) -> tuple[Sessio
     return going_on, arm
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("withdrawn", [False, True], ids=["same campaign", "a new one"])
 def test_a_planned_session_does_not_drive_it_back_either(
     exploring: tuple[Path, Procedure], tmp_path: Path, withdrawn: bool
@@ -140,6 +142,7 @@ def test_a_planned_session_does_not_drive_it_back_either(
     session.close("refused")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("withdrawn", [False, True], ids=["same campaign", "a new one"])
 def test_with_an_agreement_a_planned_session_goes_home_slowly_first(
     exploring: tuple[Path, Procedure], tmp_path: Path, withdrawn: bool

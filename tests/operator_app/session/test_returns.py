@@ -63,6 +63,7 @@ def test_it_ends_where_it_began(make_session: MakeSession) -> None:
     assert len(session.state.readings) == 1
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [2, 5, 7])
 def test_a_joint_that_slipped_in_between_is_named_with_its_size(
     make_session: MakeSession, joint: int
@@ -216,6 +217,7 @@ def returns_of(solution: Solution) -> list[str]:
     return [c.code for c in solution.causes if c.code.startswith("RETURN")]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["exact", "datasheet"])
 def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
     make_session: MakeSession, name: str
@@ -228,6 +230,7 @@ def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
     assert solution.accepted
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["exact", "datasheet"])
 def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
     make_session: MakeSession, name: str

@@ -127,6 +127,7 @@ def _refused(q_rad: np.ndarray, known: KnownArm | None) -> bool:
     return False
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["stated", "as_reported", "wild"])
 def test_of_the_shop_floors_arms_no_sound_one_is_refused_and_slips_are_found(kind: str) -> None:
     """All of it: tests/benchmarks/second_standing.py."""
@@ -163,6 +164,7 @@ def test_offsets_are_known_as_well_as_it_says() -> None:
     assert np.mean(np.array(pulls) < 2.0) > 0.8
 
 
+@pytest.mark.campaign
 def test_a_hinge_that_stood_far_from_its_files_place_may_do_so_again() -> None:
     """Drawn evenly from 40 mm and 15 deg to either side where 30 mm and 10 deg are three sigmas."""
     found = [_known(remounted("wild", seed, poses=POSES, standings=1)).farther for seed in range(2)]

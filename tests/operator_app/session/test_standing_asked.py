@@ -129,6 +129,7 @@ def goes_on(folder: Path, arm: WrongZero, procedure: Procedure) -> str:
     return str(found.value)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("poses", [1, 2])
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
 @pytest.mark.parametrize("degrees", [-60.0, 60.0])
@@ -166,6 +167,7 @@ def _standings(folder: Path) -> list[dict[str, object]]:
     return [dict(e.data) for e in read_journal(folder).events if e.name == "standing"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("poses", [0, 1, 20])
 def test_why_it_was_refused_is_in_the_journal_and_that_it_passed(
     tmp_path: Path, poses: int

@@ -175,6 +175,7 @@ async def test_an_alarm_stays_in_sight_until_it_is_acknowledged(drive, source):
         assert d.s.alarms == ()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("size", [(80, 24), (120, 36)], ids=["80x24", "120x36"])
 async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowledged(
     drive, source, size
@@ -199,6 +200,7 @@ async def test_of_two_alarms_each_is_shown_in_all_its_words_before_it_is_acknowl
         assert d.s.alarms == ()
 
 
+@pytest.mark.campaign
 async def test_an_alarm_too_long_for_the_screen_is_marked_and_shown_before_it_is_acknowledged(
     drive, source
 ):
@@ -242,6 +244,7 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
         assert d.s.drives_ready
 
 
+@pytest.mark.campaign
 async def test_a_reading_that_jumped_is_led_to_connecting_again(drive, source, monkeypatch):
     """Enter took the same pose again, and was refused again without a word."""
     async with drive(size=(80, 24)) as d:
@@ -264,6 +267,7 @@ async def test_a_reading_that_jumped_is_led_to_connecting_again(drive, source, m
         assert d.s.connected
 
 
+@pytest.mark.campaign
 async def test_of_a_stop_in_mid_motion_one_alarm_is_shown(drive):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
@@ -277,6 +281,7 @@ async def test_of_a_stop_in_mid_motion_one_alarm_is_shown(drive):
         assert any("STOP is latched" in m.text and "automatically" in m.text for m in d.s.messages)
 
 
+@pytest.mark.campaign
 async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_session(
     drive, source, monkeypatch
 ):
@@ -346,6 +351,7 @@ async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
         assert "ended by the operator" in d.s.messages[-1].text
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 async def test_a_signal_leaves_in_order(drive, source, number):
     async with drive() as d:

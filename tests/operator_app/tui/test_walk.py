@@ -99,6 +99,7 @@ async def test_a_session_left_in_the_middle_is_offered_and_goes_on(drive, source
         assert [p.number for p in d.s.state.poses] == list(range(1, d.s.wanted_poses + 1))
 
 
+@pytest.mark.campaign
 async def test_a_resumed_session_insists_on_its_arm(drive, source):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)

@@ -99,6 +99,7 @@ def drive(campaign: Campaign, task, x, *, stop_planned: int = 0, most: int = 400
     return actions
 
 
+@pytest.mark.campaign
 def test_precision_asked_for_ends_it_early(task, x) -> None:
     campaign = at_plan(task, x, poses=12, requested={"theta_off_1": 1e-3, "a_0": 1e-3})
     actions = drive(campaign, task, x)

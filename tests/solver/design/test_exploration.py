@@ -64,6 +64,7 @@ def test_explores_inside_ranges_and_comes_home(loop, x) -> None:
     assert spans.min() > np.deg2rad(5.0)
 
 
+@pytest.mark.campaign
 def test_steps_are_small(loop, x) -> None:
     limits = ExplorationLimits()
     chain = ClosedChain(loop, x)
@@ -89,6 +90,7 @@ def test_turns_back_before_a_tight_range(loop, x) -> None:
     assert any("joint 7" in reason for reason in explorer.ended.values())
 
 
+@pytest.mark.campaign
 def test_turns_back_before_a_fold(loop, x) -> None:
     """Driving joint 2 outwards folds the chain after some 45 degrees; the readings tell in time."""
     limits = ExplorationLimits(reach_rad=float(np.deg2rad(60.0)))

@@ -77,6 +77,7 @@ def test_no_route_out_of_an_island(region, loop, x, ranges) -> None:
     assert graph.route(loop, x, ranges, source=0, target=region.size - 1, drives=(1, 5)) is None
 
 
+@pytest.mark.campaign
 def test_line_into_a_fold_is_not_safe(loop, x, region, ranges) -> None:
     # Driving joints 6 and 7 from the best posture for them outwards ends in a fold.
     # (with room to the ends of the ranges: whether a pose lies at one is the sampling's luck).

@@ -50,6 +50,7 @@ def test_planned_poses_are_inside_and_reachable(plan, task) -> None:
     assert plan.manifold.motion.leverage((1, 5))[list(plan.visits)].min() >= task.pose_leverage
 
 
+@pytest.mark.campaign
 def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
     """Cramer-Rao bounds of the second implementation, random poses as the data sets have them."""
     truth = paper_truth()
@@ -63,6 +64,7 @@ def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
     assert plan.predicted_sigma == pytest.approx(np.sqrt(np.diag(planned)), rel=1e-3)
 
 
+@pytest.mark.campaign
 def test_twenty_poses_are_chosen_from_thousands(task, x) -> None:
     """How long that takes, tests/benchmarks/planning.py says."""
     plan = make_plan(task, x, HOME, 20)

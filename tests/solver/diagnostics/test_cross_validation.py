@@ -27,6 +27,7 @@ def implicit(truth: Truth, q: np.ndarray, variance: np.ndarray) -> Callable[[Int
     )
 
 
+@pytest.mark.campaign
 def test_verification_of_sound_poses_has_the_right_rate(truth: Truth) -> None:
     model, accepted, ratios, chances = loop_of(truth), 0, [], []
     for seed in range(60):

@@ -93,6 +93,7 @@ def test_condition_and_observability_by_second_implementation(truth: Truth) -> N
     assert found.observability == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.campaign
 def test_rigid_attachment_names_joint_4(truth: Truth) -> None:
     arm = paper_arm(truth)
     rigid_truth = Truth(

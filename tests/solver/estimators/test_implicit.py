@@ -49,6 +49,7 @@ def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data: Path, tru
     assert np.abs(paper.x - truth.values(NAMES))[:5].max() > 2e-3
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("seed", seeds(8))
 def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
     q = EXACT.readings(seed=0)
@@ -58,6 +59,7 @@ def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
     assert np.abs(found.x - truth.values(NAMES)).max() < 1e-9
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", seeds(10))
 def test_agrees_with_odrpack(truth: Truth, seed: int) -> None:
     q = WRIST.readings(seed)

@@ -182,6 +182,7 @@ def test_as_reported_intervals_are_honest() -> None:
     assert hits / total >= binom.ppf(1e-3, 3 * runs, 0.95) / (3 * runs)
 
 
+@pytest.mark.campaign
 def test_sensors_alone_are_overconfident_there() -> None:
     # What the statements of the test above are for: a wrong length does not average out.
     hits = 0

@@ -57,6 +57,7 @@ def two_placements(
     return model, x, q[order]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("same_hand", [False, True])
 def test_what_belongs_to_the_fixture_carries_its_placement(same_hand):
     model, _, _ = two_placements(same_hand=same_hand)
@@ -70,6 +71,7 @@ def test_what_belongs_to_the_fixture_carries_its_placement(same_hand):
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("same_hand", [False, True])
 def test_two_hinges_of_one_arm_are_recovered(same_hand):
     model, truth, q = two_placements(same_hand=same_hand)
@@ -93,6 +95,7 @@ def test_a_second_placement_tells_more_about_the_arm():
         assert both.standard_deviation[k] < alone.standard_deviation[j]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("same_hand", [False, True])
 def test_every_combination_of_descriptions_closes(same_hand):
     model, truth, q = two_placements(same_hand=same_hand)

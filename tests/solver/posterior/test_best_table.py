@@ -21,6 +21,7 @@ def arm_and_ball(real: RealArm, folder: Path) -> tuple[str, str]:
     return arm, str(ball)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("real", ARMS[2:], ids=lambda a: a.name)
 def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(
     real: RealArm, tmp_path: Path
@@ -50,6 +51,7 @@ def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(
     assert blocks[0]["sigma_mm"] < 1.0
 
 
+@pytest.mark.campaign
 def test_the_distance_of_two_sockets_is_what_a_caliper_says(tmp_path: Path) -> None:
     """Sockets of the Panda's block are 50 mm apart by design; of every pair in its own place."""
     placement, q = ARMS[1].readings()

@@ -37,6 +37,7 @@ def nothing_known() -> DhLoop:
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "seed", [0, 1, *(pytest.param(s, marks=pytest.mark.campaign) for s in range(2, 5))]
 )
@@ -51,6 +52,7 @@ def test_offsets_anywhere_and_hinge_unknown(seed):
     assert 10 < found.best.starts <= found.starts
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [100, pytest.param(101, marks=pytest.mark.campaign)])
 def test_real_sensors_do_not_mislead_the_search(seed):
     problem = wild_problem(seed)
@@ -86,6 +88,7 @@ def test_an_elbow_that_stands_still_may_be_bent_either_way():
     assert min(abs(b - float(wrap_angle(problem.offsets[3] + elbow))) for b in bends) < 1e-8
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.campaign)])
 def test_a_hand_put_on_the_other_way_round_is_set_aside(seed):
     problem = wild_problem(seed, upside_down=4)
@@ -173,6 +176,7 @@ def test_placements_from_nothing():
     assert np.abs(wrap_angle(found.x[:5] - offsets[1:6])).max() < 1e-9
 
 
+@pytest.mark.campaign
 def test_two_hinges_share_one_arm():
     """Offsets 2..6 are the arm's; 1 and 7 are counted from each hinge's own common normals."""
     problems = [wild_problem(seed) for seed in (0, 1)]

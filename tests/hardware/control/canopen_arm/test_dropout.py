@@ -65,6 +65,7 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
     assert words[-1] == 0x0000
 
 
+@pytest.mark.sample(9)
 @pytest.mark.parametrize("after", range(1, 10))
 @pytest.mark.parametrize("state", [SWITCHED_ON, OFF, STOPPED])
 def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_either(

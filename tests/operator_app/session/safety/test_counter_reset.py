@@ -44,6 +44,7 @@ def _standing(
     )
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("sagged_deg", SAGGED_DEG)
 @pytest.mark.parametrize("joint", [1, 2, 3, 4, 5])
 def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(

@@ -20,6 +20,7 @@ from operator_app.session.safety.preflight import check_first_standing
 FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 
 
+@pytest.mark.sample(4)
 @FIXTURES
 @pytest.mark.parametrize("kind", ["exact", "datasheet", "as_reported", "wild"])
 def test_a_sound_arm_is_not_refused_wherever_it_stands(name: str, kind: str) -> None:
@@ -29,6 +30,7 @@ def test_a_sound_arm_is_not_refused_wherever_it_stands(name: str, kind: str) -> 
             check_first_standing(procedure, _reading(procedure, q))
 
 
+@pytest.mark.sample(10)
 @FIXTURES
 @pytest.mark.parametrize("kind", ["datasheet", "as_reported"])
 @pytest.mark.parametrize("zeros", [(1,), (3,), (5,), (1, 4), (2, 3, 5)])
@@ -42,6 +44,7 @@ def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(
         check_first_standing(anew, _reading(anew, there))
 
 
+@pytest.mark.sample(5)
 @FIXTURES
 @pytest.mark.parametrize("zeros", [(1,), (3,), (2, 4), (3, 5), (1, 2, 3)])
 def test_counters_that_began_anew_are_named_wherever_it_stands(

@@ -119,6 +119,7 @@ def test_the_same_arm_goes_on(left: tuple[Path, Procedure]) -> None:
     session.close("done")
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("joint", "degrees"), [(1, 5.0), (2, -3.0), (3, 1.5), (4, 0.9)])
 def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
     left: tuple[Path, Procedure], joint: int, degrees: float
@@ -140,6 +141,7 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
     session.close("failed")
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("joint", "degrees"), [(5, 2.0), (6, 2.0), (6, -2.0), (7, 2.0), (7, -2.0)])
 def test_two_degrees_of_a_joint_near_the_hand_are_named_before_a_drive_is_enabled(
     left: tuple[Path, Procedure], joint: int, degrees: float
@@ -222,6 +224,7 @@ class Saying(Listener):
         self.heard.append(text)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [2, 5, 7])
 def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(
     tmp_path: Path, joint: int

@@ -108,6 +108,7 @@ def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: Mak
         run(session, Counting())
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("sync", [3, 40, 333, 500, 900])
 def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
     make_session: MakeSession, sync: int

@@ -20,6 +20,7 @@ from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("silent", ["upload_parameters", "active_parameters"])
 def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
     make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, silent: str

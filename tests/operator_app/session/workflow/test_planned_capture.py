@@ -357,6 +357,7 @@ def test_chosen_drives_come_with_reasons(make_session: MakeSession) -> None:
     assert kept["region"][0]["drives"] == [1, 5]
 
 
+@pytest.mark.campaign
 def test_a_trial_moves_the_arm_and_counts(make_session: MakeSession) -> None:
     session = make_session(replace(procedure(2), position_joints=None, trial=True))
     session.connect()

@@ -26,9 +26,9 @@ SOURCES: Mapping[str, tuple[str, ...]] = {
     "lengths": ("lengths",),
     "twists": ("twists",),
     "fixture": ("fixture_give",),
-    "RVDT curves": ("rvdt_curve_6", "rvdt_curve_7"),
-    "encoders, play, sag": ("encoder_accuracy", "joint_play", "sag"),
-    "counts and noise": ("counts", "rvdt_noise_6", "rvdt_noise_7"),
+    "RVDTs": ("rvdt_curve_6", "rvdt_curve_7", "rvdt_gain_6", "rvdt_gain_7"),
+    "joints, encoders": ("encoder_accuracy", "joint_play", "sag"),
+    "resolution, noise": ("counts", "rvdt_noise_6", "rvdt_noise_7"),
 }
 
 

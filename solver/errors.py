@@ -54,7 +54,8 @@ class UnidentifiableDirection:
 class UnidentifiableError(SolverError):
     """The pose set leaves some parameters undetermined; `directions` names them.
 
-    `code` and `note` say why where more is known than that: too few poses, a sensor that is stuck.
+    `code` and `note` say why where more is known than that: too few poses, a sensor that is stuck, that of
+    `stuck_joint` (1-based, 0 if none is).
     """
 
     def __init__(
@@ -63,10 +64,12 @@ class UnidentifiableError(SolverError):
         *,
         code: str = "UNIDENTIFIABLE",
         note: str = "",
+        stuck_joint: int = 0,
     ) -> None:
         self.directions = directions
         self.code = code
         self.note = note
+        self.stuck_joint = stuck_joint
         whole = "; ".join(str(direction) for direction in directions)
         super().__init__(f"{whole}; {note}" if note else whole)
 

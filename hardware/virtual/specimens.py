@@ -144,10 +144,7 @@ def _seen(stated: Stated, model: ArmLoop, x: FloatArray, q: FloatArray) -> Float
     still: set[str] = set()
     if stated.fixture.holds_hand:
         still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
-    hidden = {
-        check.code.removeprefix("HIDDEN_")
-        for check in stated.fixture.placement_checks(stated.arm, model, x)
-    }
+    hidden = {check.entry for check in stated.fixture.placement_checks(stated.arm, model, x)}
     return np.array([0.0 if p.name in still | hidden else 1.0 for p in model.parameters])
 
 

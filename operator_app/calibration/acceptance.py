@@ -12,15 +12,8 @@ from enum import Enum
 
 import numpy as np
 
-from operator_app.calibration.causes import NamedCause, in_words, rms_displacement
-from operator_app.calibration.likely import as_likely, perhaps
-from operator_app.units.figure import (
-    ANGLE_TOLERANCE,
-    LENGTH_TOLERANCE,
-    MANY_TIMES,
-    TIMES,
-)
-from operator_app.units.numbers import plural
+from operator_app.calibration.findings import finding_of, rms_displacement
+from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.diagnostics.diagnosis import Diagnosis
@@ -76,7 +69,7 @@ class Judgement:
         What refuses it has led the solution where no file would have it: nothing may be advised from there.
     """
 
-    causes: tuple[NamedCause, ...] = ()
+    causes: tuple[Finding, ...] = ()
     tests: tuple[HypothesisTest, ...] = ()
     stated_chi2_per_dof: float | None = None
     diverged: bool = field(default=False, metadata={"record": "astray"})
@@ -84,19 +77,19 @@ class Judgement:
     @property
     def verdict(self) -> Verdict:
         """Not accepted as soon as one cause refuses."""
-        if any(cause.refuses for cause in self.causes):
+        if any(cause.blocking for cause in self.causes):
             return Verdict.NOT_ACCEPTED
         return Verdict.WITH_WARNINGS if self.causes else Verdict.ACCEPTED
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why it is not accepted; empty when it is."""
-        return tuple(f"{c.text}: {c.remedy}" for c in self.causes if c.refuses)
+        return tuple(c.sentence for c in self.causes if c.blocking)
 
 
 def causes_of(
     diagnosis: Diagnosis, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name what the tests found.
 
     Parameters
@@ -116,7 +109,7 @@ def causes_of(
     here = [names.index(name) for name in judged]
     sd = estimate.standard_deviation[here]
     moved = diagnosis.parameter_shift[here].copy()
-    found: list[NamedCause] = []
+    found: list[Finding] = []
     for competing in diagnosis.rounds:
         # What may well have happened counts, and not only what is likeliest: their truths differ.
         possible = [
@@ -131,34 +124,25 @@ def causes_of(
         for x in competing:
             if x.candidate is None or x.evidence is None:
                 continue
-            code, text, remedy = in_words(x.candidate, x.evidence, diagnosis.scene, labels)
             found.append(
-                NamedCause(
-                    code=code,
+                replace(
+                    finding_of(x.candidate, x.evidence, diagnosis.scene, labels),
                     probability=x.probability,
-                    text=as_likely(text, x.probability),
-                    remedy=remedy,
-                    refuses=_refuses(x.candidate, x.evidence, estimate, impact),
+                    blocking=_refuses(x.candidate, x.evidence, estimate, impact),
                 )
             )
     found.extend(unnamed)
     found.extend(_suspected_entries(diagnosis, labels))
     once = each_once(found)
-    return tuple(c for k, c in enumerate(once) if k < MOST_CAUSES_REPORTED or c.refuses)
+    return tuple(c for k, c in enumerate(once) if k < MOST_CAUSES_REPORTED or c.blocking)
 
 
-def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterable[NamedCause]:
+def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterable[Finding]:
     """Say which entries may be off their file; that they are is not sure enough to refuse anything."""
     for x in diagnosis.suspected_entries:
         if x.candidate is not None and x.evidence is not None:
-            code, text, remedy = in_words(x.candidate, x.evidence, diagnosis.scene, labels)
-            yield NamedCause(
-                code=code,
-                probability=x.probability,
-                text=perhaps(text),
-                remedy=remedy,
-                refuses=False,
-            )
+            found = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
+            yield replace(found, probability=x.probability, doubted=True)
 
 
 def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
@@ -176,7 +160,7 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
     return any(abs(b) > REFUSING_SHIFT_SIGMAS * s for b, s in zip(found.b, sd, strict=False))
 
 
-def _unnamed(diagnosis: Diagnosis) -> Iterable[NamedCause]:
+def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
     """Something is wrong that nothing here explains."""
     if not diagnosis.fires:
         return
@@ -188,36 +172,17 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[NamedCause]:
             if ratio <= CHI2_PER_DOF_REFUSED:
                 return
             probability = 1.0 - sum(x.probability for x in diagnosis.rounds[-1] if x.candidate)
-    fired = ", ".join(test.code for test in diagnosis.tests if test.fires)
-    times = TIMES(float(np.sqrt(ratio))).shown
-    remedy = (
-        "check that arm file, fixture file and poses belong together, and what was done "
-        "between the poses; try --global-start"
-    )
+    kind = FindingKind.UNEXPLAINED_PATTERN
     if ratio > CHI2_PER_DOF_GROSS:
-        text = (
-            f"these poses do not fit this arm and fixture: the readings scatter {times} times as much as "
-            "the files state, and no fault of a joint, a length or a pose explains it"
-        )
-        remedy = (
-            f"they may be of another arm, of another fixture or of an arm changed since: {remedy}"
-        )
+        kind = FindingKind.POSES_DO_NOT_FIT
     elif ratio > 1.0:
-        text = (
-            f"the readings scatter {times} times as much as the files state and no single fault "
-            "explains it"
-        )
-    else:
-        text = (
-            f"the readings scatter no more than the files state, but not as they would by chance ({fired}), "
-            "and no single fault explains it"
-        )
-    yield NamedCause(
-        code="UNNAMED",
+        kind = FindingKind.UNEXPLAINED_SCATTER
+    yield Finding(
+        kind=kind,
+        names=tuple(test.code for test in diagnosis.tests if test.fires),
+        figures={"times": float(np.sqrt(ratio))},
         probability=max(0.0, probability),
-        text=text,
-        remedy=remedy,
-        refuses=ratio > CHI2_PER_DOF_REFUSED,
+        blocking=ratio > CHI2_PER_DOF_REFUSED,
     )
 
 
@@ -230,39 +195,36 @@ def _left(diagnosis: Diagnosis) -> float:
 
 
 def _impossible_compliance(diagnosis: Diagnosis) -> bool:
-    """Whether what explains it best is a fixture that gives as no metal does: that fits anything."""
+    """Whether what explains it best is a fixture that deflects as no metal does: that fits anything."""
     best = diagnosis.rounds[0][0]
     if best.candidate is None or best.evidence is None or best.candidate.cause is not Cause.GIVES:
         return False
-    turn, shift = rms_displacement(best.candidate, best.evidence, diagnosis.scene)
-    return shift > MOST_COMPLIANCE_M or turn > MOST_COMPLIANCE_RAD
+    size = rms_displacement(best.candidate, best.evidence, diagnosis.scene)
+    return size["shift_m"] > MOST_COMPLIANCE_M or size["turn_rad"] > MOST_COMPLIANCE_RAD
 
 
-def each_once(causes: Iterable[NamedCause]) -> tuple[NamedCause, ...]:
+def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
     """Every code once: what is found again after it was taken out was not all taken out.
 
     One that refuses goes on refusing.
     """
-    found: dict[str, NamedCause] = {}
+    found: dict[str, Finding] = {}
     for cause in causes:
         first = found.setdefault(cause.code, cause)
-        if cause.refuses and not first.refuses:
-            found[cause.code] = replace(first, refuses=True)
+        if cause.blocking and not first.blocking:
+            found[cause.code] = replace(first, blocking=True)
     return tuple(found.values())
 
 
-def too_few_poses(estimate: Estimate) -> tuple[NamedCause, ...]:
+def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
     """Say that so few poses cannot show what is wrong: whatever else is said of them may be chance."""
     if estimate.dof >= FEW_DOF:
         return ()
     return (
-        NamedCause(
-            code="TOO_FEW_POSES",
-            probability=1.0,
-            text=f"{plural(estimate.dof, 'degree')} of freedom {'is' if estimate.dof == 1 else 'are'} too few to "
-            "tell whether anything is wrong",
-            remedy="take at least 20 poses",
-            refuses=estimate.dof < REFUSED_DOF,
+        Finding(
+            kind=FindingKind.TOO_FEW_POSES,
+            size=estimate.dof,
+            blocking=estimate.dof < REFUSED_DOF,
         ),
     )
 
@@ -272,17 +234,15 @@ def fit_causes(
     judged: tuple[str, ...],
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name what the fit itself shows: that it did not converge, that its sigmas are of no use."""
     found = []
     if not estimate.converged:
         found.append(
-            NamedCause(
-                code="NOT_CONVERGED",
-                probability=1.0,
-                text=f"the iteration did not settle in {estimate.iterations} rounds",
-                remedy="look at the warnings for what the readings have wrong, or try --global-start",
-                refuses=True,
+            Finding(
+                kind=FindingKind.NOT_CONVERGED,
+                figures={"iterations": estimate.iterations},
+                blocking=True,
             )
         )
     return (
@@ -297,7 +257,7 @@ def little_motion(
     judged: tuple[str, ...],
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name the parameters whose sigmas (P,) say little, because the poses differ little.
 
     Parameters
@@ -306,14 +266,14 @@ def little_motion(
         How well (rad, m) files state some of the parameters, by name. A sigma beyond that is named; it
         refuses when it is of no use to anybody.
     narrows
-        What to do about one parameter's sigma beside other poses; empty where nothing else makes it so wide.
+        Source of error that makes one parameter's sigma so wide; empty where only other poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
     for p, sd in zip(parameters, standard_deviation, strict=True):
         if p.name not in judged:
             continue
-        size = f"{p.name} ({_with_unit(float(sd), angle=p.is_angle)})"
+        size = NamedSize(name=p.name, size=float(sd), unit="rad" if p.is_angle else "m")
         worthless = USELESS_SIGMA_RAD if p.is_angle else USELESS_SIGMA_M
         if not sd <= min(worthless, known.get(p.name, np.inf)):
             wide.append(size)
@@ -327,29 +287,18 @@ def little_motion(
             worst, farthest = p.name, over
     if not wide and not coarse:
         return ()
+    source = narrows(worst) if narrows is not None else ""
     return (
-        NamedCause(
-            code="LITTLE_MOTION",
-            probability=1.0,
-            text=f"these poses tell {', '.join((*wide, *coarse)[:4])} "
-            f"{'no better than was known before' if wide else 'only roughly'}: standard "
-            "deviations in brackets",
-            remedy=(narrows(worst) if narrows is not None else "")
-            or "take more poses that differ more: every joint through a larger part of its range",
-            refuses=refuses,
+        Finding(
+            kind=FindingKind.SIGMAS_USELESS if wide else FindingKind.SIGMAS_WIDE,
+            sizes=(*wide, *coarse),
+            names=() if not source else (source,),
+            blocking=refuses,
         ),
     )
 
 
-def _with_unit(value: float, *, angle: bool) -> str:
-    if not np.isfinite(value):
-        return "unknown"
-    return (ANGLE_TOLERANCE if angle else LENGTH_TOLERANCE)(value).with_unit
-
-
-def paper_test(
-    paper: Estimate, implicit: Estimate
-) -> tuple[HypothesisTest, tuple[NamedCause, ...]]:
+def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tuple[Finding, ...]]:
     """Test the paper's estimate by its distance from the implicit one, in sigmas of the difference."""
     z = distance_in_sigmas(paper, implicit)
     worst = int(np.argmax(z))
@@ -359,13 +308,13 @@ def paper_test(
     p = paper.parameters[worst]
     parameter_shift = abs(float(paper.x[worst]) - implicit.value(p.name))
     return test, (
-        NamedCause(
-            code="PAPER_OFF",
-            probability=1.0,
-            text=f"{p.name} by the paper's estimator is {_with_unit(parameter_shift, angle=p.is_angle)} "
-            f"({MANY_TIMES(float(z[worst])).shown} sigmas) from what weighing every reading by its noise gives",
-            remedy="use --estimator implicit",
-            refuses=True,
+        Finding(
+            kind=FindingKind.PAPER_OFF,
+            names=(p.name,),
+            size=parameter_shift,
+            unit="rad" if p.is_angle else "m",
+            figures={"sigmas": float(z[worst])},
+            blocking=True,
         ),
     )
 

@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
 from operator_app.calibration.acceptance import (
     Judgement,
     causes_of,
@@ -24,17 +24,17 @@ from operator_app.calibration.alternatives import (
     hinge_alternative,
     step_alternative,
 )
-from operator_app.calibration.causes import NamedCause, larger_in_words
 from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.excluded_poses import left_out_in_words, out_of_range_besides
+from operator_app.calibration.excluded_poses import excluded_poses, out_of_range_besides
+from operator_app.calibration.findings import exceeded, range_finding
 from operator_app.calibration.local_minima import has_diverged, other_basin
 from operator_app.calibration.motion_during_sampling import motion_causes
-from operator_app.calibration.notices import range_text
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
-from operator_app.calibration.sensitivity import remedy_beside_poses
+from operator_app.calibration.sensitivity import exceeded_source
+from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
@@ -47,7 +47,7 @@ from solver.diagnostics.limits import (
     FLIPPED_SHARE_REFUSED,
     MOST_SOURCES_REPORTED,
 )
-from solver.diagnostics.range_checks import RangeFinding, ReadingFault
+from solver.diagnostics.range_checks import RangeFinding
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.stated_sizes import exceeded_specifications
 from solver.estimators.estimate import Estimate
@@ -55,6 +55,13 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
 from solver.search.global_start import GlobalStart
+
+UNEXPLAINED = {
+    FindingKind.UNEXPLAINED_SCATTER,
+    FindingKind.UNEXPLAINED_PATTERN,
+    FindingKind.POSES_DO_NOT_FIT,
+}
+"""What is found where no fault explains the readings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,7 +126,7 @@ def adjudicate(
     scale = diagnosis.stated_chi2_per_dof
     gross = _unexplained_chi2_per_dof(diagnosis) > CHI2_PER_DOF_REFUSED
     by_tests = causes_of(diagnosis, found.estimate, judged, _labels(used))
-    rivals: tuple[NamedCause, ...] = ()
+    rivals: tuple[Finding, ...] = ()
     if gross:
         # Linear explanations end where nothing is near the truth any more.
         rivals = find_alternatives(
@@ -145,12 +152,17 @@ def adjudicate(
         )
     elif not by_tests:
         by_tests = rvdt_causes(known.rvdt, arm)
-    nothing_fits = not rivals and [(c.code, c.refuses) for c in by_tests] == [("UNNAMED", True)]
+    nothing_fits = (
+        not rivals
+        and len(by_tests) == 1
+        and by_tests[0].blocking
+        and by_tests[0].kind in UNEXPLAINED
+    )
     if by_tests and not (rivals or gross or nothing_fits) and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(found.linear, diagnosis), *by_tests)
     if scale > CHI2_PER_DOF_REFUSED and by_tests:
         # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
-        by_tests = (replace(by_tests[0], refuses=True), *by_tests[1:])
+        by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     # Where poses of another arm lead these files' loops says nothing.
     far = (
         other_basin(model, found.estimate, design.q, judged)
@@ -175,7 +187,7 @@ def adjudicate(
     lost = _poorly_determined(found, used, fixture, arm, judged) if far or gross or diverged else ()
     of_returns, since = return_tests(known.returned, found.estimate)
     tests = (*diagnosis.tests, *of_returns)
-    of_paper: tuple[NamedCause, ...] = ()
+    of_paper: tuple[Finding, ...] = ()
     if paper is not None:
         test, of_paper = paper_test(paper, found.estimate)
         tests = (*tests, test)
@@ -184,12 +196,16 @@ def adjudicate(
         judging.given(known.by_files),
         judged,
         stated_by_fixture(model.parameters, arm, fixture),
-        partial(remedy_beside_poses, found),
+        partial(exceeded_source, found),
     )
     if lost or diverged:
         # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
-        of_fit = tuple(cause for cause in of_fit if cause.code != "LITTLE_MOTION")
-    if far or any(cause.refuses for cause in of_fit):
+        of_fit = tuple(
+            cause
+            for cause in of_fit
+            if cause.kind not in (FindingKind.SIGMAS_USELESS, FindingKind.SIGMAS_WIDE)
+        )
+    if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(arm, fixture, used, unsensed=unsensed), *of_fit)
     first = (
         *_screening_causes(arm, poses, known),
@@ -202,14 +218,14 @@ def adjudicate(
     if not judging.converged:
         by_tests, shaken = _refusing_when_likely(by_tests), _refusing_when_likely(shaken)
     slipped, by_tests = proven_by_return(since, by_tests)
-    if not any(cause.refuses for cause in first):
+    if not any(cause.blocking for cause in first):
         first, slipped = (*slipped, *first), ()
     return Judgement(
         causes=(
             *first,
             *slipped,
             *by_tests,
-            *(c for c in not_yet_named(since, by_tests) if not c.refuses),
+            *(c for c in not_yet_named(since, by_tests) if not c.blocking),
             *shaken,
             *(far if gross and not rivals else ()),
             *of_paper,
@@ -239,7 +255,7 @@ def stated_by_fixture(
 
 def _poorly_determined(
     found: Calibrated, used: PoseSet, fixture: Fixture, arm: ArmModel, judged: tuple[str, ...]
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """What such poses hardly tell wherever the solution lies, so that it may have ended anywhere.
 
     Judged at the nominal values: where a fit has gone astray its own sigmas mean nothing. Not where the
@@ -256,7 +272,7 @@ def _poorly_determined(
     )
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(
-        replace(cause, refuses=True) for cause in little_motion(model.parameters, sd, judged)
+        replace(cause, blocking=True) for cause in little_motion(model.parameters, sd, judged)
     )
 
 
@@ -294,28 +310,25 @@ def _geometry_suspected(diagnosis: Diagnosis) -> bool:
     return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
 
 
-def _refusing_when_likely(causes: tuple[NamedCause, ...]) -> tuple[NamedCause, ...]:
+def _refusing_when_likely(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """What is likely wrong is why the iteration did not settle: that it did not is no help."""
-    return tuple(replace(c, refuses=c.refuses or c.probability > 0.5) for c in causes)
+    return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 
-def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[NamedCause, ...]:
+def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
     """Sources that are larger than stated when all are fitted at once: the sigmas count that in.
 
     Of curves those that a test has found beyond their linearity: one within it is no fault.
     """
-    found: dict[str, NamedCause] = {}
+    found: dict[str, Finding] = {}
     fired = {test.code for test in diagnosis.tests if test.fires}
     for larger in exceeded_specifications(fit):
         code = f"VARIANCE_{larger.component.upper()}"
         if larger.component.startswith("curve_") and code not in fired:
             continue
-        words = larger_in_words(larger, fit.design)
+        finding = exceeded(larger, fit.design)
         chance = 1.0 - float(np.exp(larger.log_chance))
-        cause = NamedCause(
-            code=words.code, probability=chance, text=words.text, remedy=words.remedy, refuses=False
-        )
-        found.setdefault(words.code, cause)
+        found.setdefault(finding.code, replace(finding, probability=chance))
     return tuple(found.values())[:MOST_SOURCES_REPORTED]
 
 
@@ -329,36 +342,34 @@ def _unexplained_chi2_per_dof(diagnosis: Diagnosis) -> float:
 
 def _screening_causes(
     arm: ArmModel, poses: PoseSet, known: PriorInformation
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """What needs no test: it was read off the file, or off the geometry."""
     many = len(known.flipped) > FLIPPED_SHARE_REFUSED * len(poses)
-    leave_one_out_chi2 = (known.flipped, known.out_of_range, arm, poses)
-    found = [_certain(*words, refuses=many) for words in left_out_in_words(*leave_one_out_chi2)]
-    for f in out_of_range_besides(*leave_one_out_chi2):
-        saturated = f.fault is ReadingFault.SATURATED
-        text, remedy = range_text(f, poses.label)
-        code = f"{'SATURATED' if saturated else 'RANGE'}_{f.joint}"
-        found.append(_certain(code, text, remedy, refuses=saturated))
-    if known.search is not None and known.search.rivals:
-        found.append(
-            _certain(
-                "SECOND_SOLUTION",
-                f"{1 + len(known.search.rivals)} distinct solutions fit these poses equally well",
-                "take more poses that differ, or give nominal values nearer the truth",
-                refuses=True,
-            )
-        )
-    return tuple(found)
-
-
-def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[NamedCause, ...]:
-    """A fixture so mounted that its entries have hardly any unique values (Hayati)."""
-    return tuple(
-        _certain("PARALLEL_AXES", c.text, c.remedy, refuses=c.severity is Severity.REFUSED)
-        for c in checks
-        if c.code.startswith("AXIS_ANGLE") and c.severity is not Severity.OK
+    left_out = (known.flipped, known.out_of_range, arm, poses)
+    return (
+        *(replace(f, blocking=many) for f in excluded_poses(*left_out)),
+        *(range_finding(f, poses) for f in out_of_range_besides(*left_out)),
+        *second_solution(known.search),
     )
 
 
-def _certain(code: str, text: str, remedy: str, *, refuses: bool) -> NamedCause:
-    return NamedCause(code=code, probability=1.0, text=text, remedy=remedy, refuses=refuses)
+def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
+    """Return the finding that the poses cannot decide between solutions."""
+    if search is None or not search.rivals:
+        return ()
+    solutions = {"solutions": 1 + len(search.rivals)}
+    return (Finding(kind=FindingKind.SECOND_SOLUTION, figures=solutions, blocking=True),)
+
+
+def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
+    """A fixture so mounted that its entries have hardly any unique values (Hayati)."""
+    return tuple(
+        Finding(
+            kind=FindingKind.PARALLEL_AXES,
+            joint=c.joint,
+            reported=(c.text, c.remedy),
+            blocking=c.severity is Severity.REFUSED,
+        )
+        for c in checks
+        if c.kind is CheckKind.AXIS_ANGLE and c.severity is not Severity.OK
+    )

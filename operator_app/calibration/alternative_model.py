@@ -12,7 +12,6 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.causes import Words
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import (
     error_model,
@@ -21,6 +20,7 @@ from operator_app.calibration.error_model import (
     stated_priors,
 )
 from operator_app.calibration.local_minima import far_from_nominal
+from operator_app.messages.finding import Finding
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector, wrap_angle
@@ -52,7 +52,7 @@ ITERATIONS = 15
 class Rival:
     """A mistake that may have been made: what the poses, the fixture and the sensors would then be."""
 
-    words: Words
+    finding: Finding
     poses: PoseSet
     fixture: Fixture
     unsensed: tuple[int, ...] = ()

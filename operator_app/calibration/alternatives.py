@@ -24,16 +24,10 @@ from operator_app.calibration.alternative_model import (
     tried,
     without_readings,
 )
-from operator_app.calibration.causes import (
-    NamedCause,
-    Words,
-    frozen_in_words,
-    shift_in_words,
-    wrong_reading,
-)
 from operator_app.calibration.closed_loops import pick
+from operator_app.calibration.findings import reading_step, unrelated_reading
 from operator_app.calibration.fixture_hypotheses import hinge_instead, instead
-from operator_app.calibration.likely import as_likely
+from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
@@ -46,6 +40,9 @@ from solver.diagnostics.limits import (
 )
 from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import makes_sense, mistakes
+
+NOTHING = Finding(kind=FindingKind.REPORTED)
+"""Of the fit without any mistake."""
 
 PROMISING = 0.3
 """A rival is solved to the end when it leaves less than this share of the squared closure error."""
@@ -77,7 +74,7 @@ def find_alternatives(
     near: bool = False,
     of_files: bool = False,
     sensors: bool = False,
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name the mistakes that explain a gross misfit, the most probable first.
 
     Parameters
@@ -95,7 +92,7 @@ def find_alternatives(
     deadline = thread_time() + SECONDS
     as_it_is = np.inf
     if not near and not unsensed:
-        plain = Rival(words=Words("", "", ""), poses=poses, fixture=fixture)
+        plain = Rival(finding=NOTHING, poses=poses, fixture=fixture)
         as_it_is = cost_of(arm, plain)
     found: list[tuple[Rival, float]] = []
     families = (
@@ -137,7 +134,7 @@ def find_alternatives(
 
 def hinge_alternative(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed: tuple[int, ...]
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name a hinge in which everything closes, where poses in a ball tell too little: it is one.
 
     A ball closes wherever a hinge does, with a centre that may be anywhere along its axis.
@@ -145,7 +142,7 @@ def hinge_alternative(
     if not isinstance(fixture, Ball) or len(poses) < ALTERNATIVE_FIXTURE_POSES:
         return ()
     other = hinge_instead(arm, fixture, poses)
-    rival = Rival(words=other.words, poses=poses, fixture=other.fixture, unsensed=unsensed)
+    rival = Rival(finding=other.finding, poses=poses, fixture=other.fixture, unsensed=unsensed)
     ratio, left = solved(arm, rival)
     return _named([(rival, _weight(ratio, left, left))]) if ratio < CHI2_PER_DOF_ALTERNATIVE else ()
 
@@ -158,10 +155,13 @@ def step_alternative(
     unsensed: tuple[int, ...],
     joint: int,
     scale: float,
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name the shift that explains why a joint's reading seems wrong, if one does; `scale` as above."""
     blind = Rival(
-        words=wrong_reading(joint, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, joint)
+        finding=unrelated_reading(joint, arm),
+        poses=poses,
+        fixture=fixture,
+        unsensed=(*unsensed, joint),
     )
     found = _shifted(arm, blind, unsensed)
     return _named(
@@ -179,19 +179,13 @@ def _weight(ratio: float, left: int, dof: int) -> float:
     return float(fits - PER_FREEDOM * max(0, dof - left))
 
 
-def _named(found: list[tuple[Rival, float]]) -> tuple[NamedCause, ...]:
+def _named(found: list[tuple[Rival, float]]) -> tuple[Finding, ...]:
     if not found:
         return ()
     chance = probabilities(np.array([weight for _, weight in found]))
     order = np.argsort(-chance)
     return tuple(
-        NamedCause(
-            code=found[k][0].words.code,
-            probability=float(chance[k]),
-            text=as_likely(found[k][0].words.text, float(chance[k])),
-            remedy=found[k][0].words.remedy,
-            refuses=True,
-        )
+        replace(found[k][0].finding, probability=float(chance[k]), blocking=True)
         for k in order
         if chance[k] > 0.02
     )
@@ -205,33 +199,29 @@ def _same_loop(
         return
     for mistake in mistakes(arm, poses.q_rad):
         if makes_sense(arm, mistake.q_rad):
-            words = Words(mistake.code, mistake.text + ": the loops close", mistake.remedy)
+            finding = Finding(
+                kind=FindingKind.READING_MISTAKE,
+                names=(mistake.code,),
+                reported=(mistake.text, mistake.remedy),
+            )
             changed = replace(poses, q_rad=mistake.q_rad)
-            yield Rival(words=words, poses=changed, fixture=fixture)
+            yield Rival(finding=finding, poses=changed, fixture=fixture)
     offsets = arm.table.theta_off_rad
     if LEAST_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
-        words = Words(
-            "RADIANS_OFFSETS",
-            "with theta_off_deg of the arm file taken as radians the loops close",
-            "an arm file has degrees (multiply its theta_off_deg by 57.29578)",
-        )
+        finding = Finding(kind=FindingKind.OFFSETS_IN_RADIANS)
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
-        yield Rival(words=words, poses=poses, fixture=fixture, arm=meant)
+        yield Rival(finding=finding, poses=poses, fixture=fixture, arm=meant)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
             if abs(lengths[i] - lengths[j]) > LEAST_M:
                 order = np.arange(len(lengths))
                 order[[i, j]] = j, i
-                one, two = f"{kind}_{i + 1}", f"{kind}_{j + 1}"
-                words = Words(
-                    f"EXCHANGED_{one}_{two}",
-                    f"with {one} and {two} of the arm file exchanged the loops close",
-                    f"measure both and correct the arm file's {kind}_m of links {i + 1} and {j + 1}",
-                )
+                entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
+                finding = Finding(kind=FindingKind.ENTRIES_EXCHANGED, names=entries)
                 table = replace(arm.table, **{f"{kind}_m": lengths[order]})
                 yield Rival(
-                    words=words, poses=poses, fixture=fixture, arm=replace(arm, table=table)
+                    finding=finding, poses=poses, fixture=fixture, arm=replace(arm, table=table)
                 )
 
 
@@ -245,7 +235,11 @@ def _frozen(
             rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
             if len(rest) >= 4 and j not in unsensed:
                 yield Rival(
-                    words=frozen_in_words(j, tuple(range(first, last)), poses.label),
+                    finding=Finding(
+                        kind=FindingKind.READING_FROZEN,
+                        joint=j,
+                        poses=poses.label[first:last],
+                    ),
                     poses=pick(poses, rest),
                     fixture=fixture,
                     unsensed=unsensed,
@@ -257,7 +251,7 @@ def _blind(
 ) -> Iterator[Rival]:
     """A fixture that is another one; a sensor that says nothing in any pose."""
     for other in instead(arm, fixture, poses):
-        yield Rival(words=other.words, poses=poses, fixture=other.fixture)
+        yield Rival(finding=other.finding, poses=poses, fixture=other.fixture)
     yield from _unread(arm, fixture, poses, unsensed)
 
 
@@ -268,7 +262,10 @@ def _unread(
     for j in range(1, poses.joint_count + 1):
         if j not in unsensed:
             yield Rival(
-                words=wrong_reading(j, arm), poses=poses, fixture=fixture, unsensed=(*unsensed, j)
+                finding=unrelated_reading(j, arm),
+                poses=poses,
+                fixture=fixture,
+                unsensed=(*unsensed, j),
             )
 
 
@@ -294,7 +291,7 @@ def _shifted(
     back = q.copy()
     back[shift.first :, joint - 1] -= shift.size_rad
     rival = Rival(
-        words=shift_in_words(joint, shift.size_rad, shift.first, arm, blind.poses.label),
+        finding=reading_step(joint, shift.size_rad, shift.first, arm, blind.poses.label),
         poses=replace(blind.poses, q_rad=back),
         fixture=blind.fixture,
         unsensed=unsensed,

@@ -15,7 +15,6 @@ from operator_app.calibration.acceptance import Judgement
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
 from operator_app.calibration.distances import compared, distances
 from operator_app.calibration.error_model import (
@@ -32,6 +31,7 @@ from operator_app.calibration.failure_analysis import (
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.local_minima import best_about_nominal
 from operator_app.calibration.multistart import FEW, evenly, fit_from_starts, gross_misfit
+from operator_app.calibration.notices import with_notices
 from operator_app.calibration.observations import IdentifiableLoops, identifiable_loops
 from operator_app.calibration.placements import (
     IndistinguishablePlacements,
@@ -46,8 +46,8 @@ from operator_app.calibration.repeat_measurement import Reread, repeats_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
 from operator_app.calibration.tool_accuracy import tip_sigma
-from operator_app.calibration.with_notices import with_notices
 from operator_app.config.procedure import AcceptanceLimits
+from operator_app.messages.finding import Finding
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -505,7 +505,7 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
         yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
 
 
-def _alternatives(screened: Screened) -> tuple[NamedCause, ...]:
+def _alternatives(screened: Screened) -> tuple[Finding, ...]:
     """Alternative models that fit the poses where the stated one does not."""
     prepared, distinct = screened.before, screened.distinct
     task = prepared.task

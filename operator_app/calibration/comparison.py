@@ -18,9 +18,9 @@ from enum import Enum
 import numpy as np
 
 from operator_app.calibration.comparison_notices import notices
-from operator_app.calibration.notices import Notice
 from operator_app.config.parameters import ParametersDocument
 from operator_app.errors import SessionError
+from operator_app.messages.finding import Finding
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from solver.diagnostics.statistics import sigmas_at
@@ -111,7 +111,7 @@ class CalibrationComparison:
     scale_before: float
     scale_after: float
     left_out: tuple[tuple[str, str], ...]
-    notices: tuple[Notice, ...]
+    notices: tuple[Finding, ...]
 
     @property
     def same_poses(self) -> bool:

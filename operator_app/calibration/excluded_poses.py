@@ -5,8 +5,7 @@ A row that is wrong closes no loop either way: what its readings are comes first
 
 from __future__ import annotations
 
-from operator_app.calibration.causes import Words, poses_named
-from operator_app.units.numbers import names
+from operator_app.messages.finding import Finding, FindingKind
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_radians
@@ -15,13 +14,13 @@ MANY = 3
 """So many joints outside their ranges are a row that is wrong; fewer may be where a hand upside down led them."""
 
 
-def left_out_in_words(
+def excluded_poses(
     left_out: tuple[int, ...],
     out_of_range: tuple[RangeFinding, ...],
     arm: ArmModel,
     poses: PoseSet,
-) -> tuple[Words, ...]:
-    """Say why each of the poses (indices) was left out; several for one reason in one sentence."""
+) -> tuple[Finding, ...]:
+    """Return why each of the poses (indices) was left out; several for one reason in one finding."""
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]
         for k in left_out
@@ -31,33 +30,20 @@ def left_out_in_words(
     flipped = tuple(k for k in left_out if len(joints[k]) < MANY and k not in radians)
     found = []
     if radians:
-        rows = tuple(sorted(radians))
-        s, were, are = _of(rows)
-        found.append(
-            Words(
-                "RANGE_RADIANS",
-                f"{poses_named(rows, poses.label)} {are} in radians, which as degrees lie outside the arm's ranges, "
-                f"and {were} left out",
-                f"multiply the angles of {'these rows' if s else 'this row'} by 57.29578",
-            )
-        )
+        labels = tuple(poses.label[k] for k in sorted(radians))
+        found.append(Finding(kind=FindingKind.POSES_IN_RADIANS, poses=labels))
     found.extend(
-        Words(
-            "RANGE_POSE",
-            f"pose {poses.label[k]} was left out: joints {names(joints[k])} are outside their ranges in it",
-            "correct that row, take the pose again or remove it",
+        Finding(
+            kind=FindingKind.POSE_OUT_OF_RANGE, poses=(poses.label[k],), joints=tuple(joints[k])
         )
         for k in wrong
     )
     if flipped:
-        s, were, _ = _of(flipped)
-        them = "them" if s else "it"
         found.append(
-            Words(
-                "FLIPPED_BRANCH",
-                f"{poses_named(flipped, poses.label)} ({len(flipped)} of {len(poses)}) "
-                f"close{'' if s else 's'} only with the hand upside down on the hinge and {were} left out",
-                f"take {them} again with the hand the right way up, or remove {them}",
+            Finding(
+                kind=FindingKind.POSES_FLIPPED,
+                poses=tuple(poses.label[k] for k in flipped),
+                figures={"count": len(flipped), "of": len(poses)},
             )
         )
     return tuple(found)
@@ -77,8 +63,3 @@ def out_of_range_besides(
 def _in_radians(left_out: tuple[int, ...], arm: ArmModel, poses: PoseSet) -> set[int]:
     """Which of the poses left out are rows in radians."""
     return set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()
-
-
-def _of(rows: tuple[int, ...]) -> tuple[bool, str, str]:
-    several = len(rows) > 1
-    return several, "were" if several else "was", "are" if several else "is"

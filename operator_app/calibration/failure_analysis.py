@@ -9,10 +9,10 @@ import numpy as np
 
 from fixtures.base import Fixture
 from operator_app.calibration.alternatives import find_alternatives, hinge_alternative
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.notices import range_text
+from operator_app.calibration.findings import range_finding
 from operator_app.calibration.stuck_joint import explained
+from operator_app.messages.finding import Finding
 from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -58,7 +58,7 @@ def _led_away(
     used: PoseSet,
     unsensed: tuple[int, ...],
     paper: Estimate,
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """What led a solution to where these poses see less than at the files' own values, which would see everything."""
     model, q = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed), used.q_rad
     nominal = nominal_vector(model.parameters)
@@ -80,15 +80,8 @@ def saturated_readings(
     found: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
     """Readings at the end of full scale, as the reason why poses do not fit; None if there are none."""
-    known = [
-        (f.joint, range_text(f, poses.label)) for f in found if f.fault is ReadingFault.SATURATED
-    ]
-    if not known:
-        return None
-    return PosesDoNotFitError(
-        tuple(f"{text}: {remedy}" for _, (text, remedy) in known),
-        codes=tuple(f"SATURATED_{joint}" for joint, _ in known),
-    )
+    known = tuple(range_finding(f, poses) for f in found if f.fault is ReadingFault.SATURATED)
+    return poses_do_not_fit(known) if known else None
 
 
 def _closes(estimate: Estimate) -> bool:
@@ -106,8 +99,8 @@ def _open_words(paper: Estimate) -> str:
     )
 
 
-def poses_do_not_fit(rivals: tuple[NamedCause, ...]) -> PosesDoNotFitError:
-    """Say of causes that each of them would make these poses fit."""
+def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
+    """Return the error that names what would make these poses fit."""
     return PosesDoNotFitError(
-        tuple(f"{c.text}: {c.remedy}" for c in rivals), codes=tuple(c.code for c in rivals)
+        tuple(f.sentence for f in findings), codes=tuple(f.code for f in findings)
     )

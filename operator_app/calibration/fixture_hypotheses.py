@@ -15,7 +15,7 @@ from fixtures.ball import Ball
 from fixtures.base import Fixture, Give
 from fixtures.hinge import Hinge
 from fixtures.rigid import Rigid
-from operator_app.calibration.causes import Words
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units.figure import WHOLE_MM
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -23,18 +23,14 @@ from solver.chain.kinematics import forward
 from solver.chain.poses import PoseSet
 from solver.loops.endpoint_geometry import Line
 
-CODE = "WRONG_FIXTURE"
-
-_A = {"hinge": "a hinge", "ball": "a ball", "rigid": "a rigid fixture"}
-
 TURNS_RAD = 0.5e-3
 """How far an ordinary hinge turns under load where nobody states a hinge."""
 
 
 class Other(NamedTuple):
-    """A fixture that is there instead, and what to say."""
+    """A fixture that is there instead, and the finding."""
 
-    words: Words
+    finding: Finding
     fixture: Fixture
 
 
@@ -66,11 +62,9 @@ def hinge_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
     )
     lines = f"{_points(tip, ground)} --hand-direction={_way(along[0])} --base-direction={_way(along[1])}"
     return Other(
-        Words(
-            CODE,
-            f"the loops close as those of a hinge, not of {_A[fixture.kind]}",
-            "calibrate with the fixture file of that hinge; one made from these poses is written by "
-            + _new("hinge", arm, lines),
+        Finding(
+            kind=FindingKind.WRONG_FIXTURE_HINGE,
+            names=(fixture.kind, _new("hinge", arm, lines)),
         ),
         hinge,
     )
@@ -85,12 +79,9 @@ def _ball_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
     else:
         tip, ground = _where_it_meets(frames)
     return Other(
-        Words(
-            CODE,
-            f"the loops close as those of a ball that turns freely, not of {_A[fixture.kind]}",
-            "look what lets it tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
-            "--drop-unidentifiable (no socket tells the first joint's offset from its own place); one made "
-            f"from these poses is written by {_new('ball', arm, _points(tip, ground))}",
+        Finding(
+            kind=FindingKind.WRONG_FIXTURE_BALL,
+            names=(fixture.kind, _new("ball", arm, _points(tip, ground))),
         ),
         Ball(tip_m=_point(tip), ground_m=_point(ground), give=fixture.give),
     )

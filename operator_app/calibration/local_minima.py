@@ -9,8 +9,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from operator_app.calibration.causes import NamedCause
-from operator_app.units.figure import FAR_ANGLE, FAR_LENGTH, MANY_TIMES
+from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
 from solver.diagnostics.limits import (
@@ -52,7 +51,7 @@ def far_from_nominal(
 
 def other_basin(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name a better solution than `estimate`, or say that it is far from where it should be.
 
     Parameters
@@ -83,26 +82,16 @@ def other_basin(
             abs(item[1]) / (FAR_FROM_NOMINAL_RAD if item[0].is_angle else FAR_FROM_NOMINAL_M)
         ),
     )
-    size = (FAR_ANGLE if p.is_angle else FAR_LENGTH)(change).with_unit
-    if best < OTHER_SOLUTION_COST_SHARE * own:
-        return (
-            NamedCause(
-                code="OTHER_SOLUTION",
-                probability=1.0,
-                text=f"this is a local optimum ({p.name} {size} from nominal): another solution "
-                f"leaves {MANY_TIMES(float(np.sqrt(own / max(best, 1e-300)))).shown} times less closure error",
-                remedy="calibrate with --global-start",
-                refuses=True,
-            ),
-        )
+    better = best < OTHER_SOLUTION_COST_SHARE * own
     return (
-        NamedCause(
-            code="FAR_FROM_NOMINAL",
-            probability=0.5,
-            text=f"{p.name} ended {size} from its nominal value",
-            remedy="check how the fixture is mounted and what the arm file says, or search everywhere "
-            "with --global-start",
-            refuses=True,
+        Finding(
+            kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
+            names=(p.name,),
+            size=change,
+            unit="rad" if p.is_angle else "m",
+            figures={"times": float(np.sqrt(own / max(best, 1e-300)))},
+            probability=1.0 if better else 0.5,
+            blocking=True,
         ),
     )
 
@@ -122,12 +111,18 @@ def _best(hard: ClosureModel, problem: ClosureProblem) -> Fit:
     return min(fits, key=lambda fit: fit.cost)
 
 
-OF_THE_SOLUTION = ("LITTLE_MOTION", "FAR_FROM_NOMINAL", "PARALLEL_AXES", "NOT_CONVERGED")
+OF_THE_SOLUTION = {
+    FindingKind.SIGMAS_USELESS,
+    FindingKind.SIGMAS_WIDE,
+    FindingKind.FAR_FROM_NOMINAL,
+    FindingKind.PARALLEL_AXES,
+    FindingKind.NOT_CONVERGED,
+}
 """Causes that are read off the solution itself: they lead nothing astray."""
 
 
 def has_diverged(
-    causes: Iterable[NamedCause], scale: float, estimate: Estimate, judged: tuple[str, ...]
+    causes: Iterable[Finding], scale: float, estimate: Estimate, judged: tuple[str, ...]
 ) -> bool:
     """Whether a gross cause refuses, and the solution is where no file would have it or known to nobody's use.
 
@@ -140,9 +135,9 @@ def has_diverged(
     """
     # A local optimum is astray however well it fits.
     if not any(
-        c.refuses
-        and (c.code == "OTHER_SOLUTION" or scale > CHI2_PER_DOF_REFUSED)
-        and c.code not in OF_THE_SOLUTION
+        c.blocking
+        and (c.kind is FindingKind.OTHER_SOLUTION or scale > CHI2_PER_DOF_REFUSED)
+        and c.kind not in OF_THE_SOLUTION
         for c in causes
     ):
         return False

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from operator_app.calibration.causes import NamedCause, poses_named
-from operator_app.units.figure import SCATTER
+from operator_app.calibration.findings import sensor_name
+from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
@@ -15,7 +15,7 @@ from solver.diagnostics.limits import MOTION_SPREAD_RAD, MOTION_SPREAD_SIGMAS
 
 def motion_causes(
     arm: ArmModel, poses: PoseSet, unsensed: tuple[int, ...], labels: tuple[str, ...]
-) -> tuple[NamedCause, ...]:
+) -> tuple[Finding, ...]:
     """Name the joints whose readings spread within poses by more than their sensor's noise, in the poses' own words.
 
     An RVDT that spreads in most poses is noisy: of that it has a verdict of its own. What moves while it is sampled
@@ -31,16 +31,14 @@ def motion_causes(
         moved = moved_while_read(joint.sensor, spread)
         there = tuple(int(k) for k in np.argsort(-spread, kind="stable") if moved[k])
         if there:
-            kind = "RVDT" if isinstance(joint.sensor, Rvdt) else "encoder"
-            size = SCATTER(float(spread[there[0]])).with_unit
             found.append(
-                NamedCause(
-                    code=f"UNSTEADY_{j}",
-                    probability=1.0,
-                    text=f"the readings of joint {j} spread by up to {size} within {poses_named(there, labels)}, more "
-                    f"than its {kind}'s noise: it moved or shook while it was read",
-                    remedy="wait until the arm has settled, look for vibration, and take these poses again",
-                    refuses=False,
+                Finding(
+                    kind=FindingKind.READING_UNSTEADY,
+                    joint=j,
+                    sensor=sensor_name(j, arm),
+                    poses=tuple(labels[k] for k in there),
+                    size=float(spread[there[0]]),
+                    unit="rad",
                 )
             )
     return tuple(found)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeat_measurement import Repeat, Reread
-from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
+from operator_app.messages.finding import Finding, FindingKind
 from solver.diagnostics.diagnosis import PRIORS
 from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
@@ -16,13 +15,18 @@ from solver.diagnostics.limits import (
 )
 from solver.estimators.estimate import Estimate
 
-OF_A_READING = ("STEP_JOINT_", "DRIFT_JOINT_", "FROZEN_JOINT_", "ENCODER_", "RVDT_")
-"""Codes of causes that are one joint's reading."""
+READING_KINDS = {
+    FindingKind.READING_STEP,
+    FindingKind.READING_JUMP,
+    FindingKind.READING_DRIFT,
+    FindingKind.READING_FROZEN,
+}
+"""Causes that are one joint's reading, beside those of its sensor."""
 
 
 def return_tests(
     returned: tuple[tuple[Reread, Repeat], ...], estimate: Estimate
-) -> tuple[tuple[HypothesisTest, ...], tuple[NamedCause, ...]]:
+) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
     """Test every pose that was read again, by what the files state; name what slipped."""
     tests, causes = [], []
     for read, found in returned:
@@ -38,72 +42,70 @@ def return_tests(
 
 
 def proven_by_return(
-    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
-) -> tuple[tuple[NamedCause, ...], tuple[NamedCause, ...]]:
+    since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
+) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Take out what a return proves, and what is left of the tests' causes: what was named refuses then.
 
     By the poses alone a slip may move no parameter by more than its sigmas, which are as wide as it made them.
     """
-    proven: list[NamedCause] = []
+    proven: list[Finding] = []
     for returned in since:
-        if not returned.refuses:
+        if not returned.blocking:
             continue
         same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
-        proven += [replace(c, refuses=True) for c in same] or [returned]
+        proven += [replace(c, blocking=True) for c in same] or [returned]
     codes = {cause.code for cause in proven}
     return tuple(proven), tuple(c for c in by_tests if c.code not in codes)
 
 
-def not_yet_named(
-    since: tuple[NamedCause, ...], by_tests: tuple[NamedCause, ...]
-) -> tuple[NamedCause, ...]:
+def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """What only a return shows: the poses themselves say when a joint or the fixture slipped.
 
     That a fixture gives in every pose, or that a length is off, says nothing of a slip.
     """
-    named = [cause.code for cause in by_tests]
-    joints = {code.rpartition("_")[2] for code in named if code.startswith(OF_A_READING)}
+    slipped = any(cause.kind is FindingKind.FIXTURE_SLIPPED for cause in by_tests)
+    joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
     return tuple(
         cause
         for cause in since
         if not (
-            "SLIP_FIXTURE" in named
-            if cause.code == "RETURN_FIXTURE"
-            else cause.code.rpartition("_")[2] in joints
+            slipped if cause.kind is FindingKind.REPEAT_FIXTURE_MOVED else cause.joint in joints
         )
     )
 
 
-def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> NamedCause:
+def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> Finding:
     """Say what slipped between two readings of a pose."""
     from scipy.special import chdtri
 
-    where = f"between pose {read.label} and its second reading after {read.after} poses"
     # A slip may be any joint's; a fixture has two sides to slip on, and may give.
     of_joint = PRIORS[Cause.LOST_COUNTS] / len(found.difference_rad)
     odds = found.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
     share = odds / (1.0 + odds)
     if share < 0.5:
-        turn = f" and {TURNED(found.turned_rad).with_unit}" if found.turned_rad else ""
-        return NamedCause(
-            code="RETURN_FIXTURE",
+        return Finding(
+            kind=FindingKind.REPEAT_FIXTURE_MOVED,
+            poses=(read.label,),
+            figures={
+                "after": read.after,
+                "turn_rad": found.turned_rad or 0.0,
+                "shift_m": found.shifted_m,
+            },
             probability=1.0 - share,
-            text=f"the fixture moved by about {SHIFTED(found.shifted_m).with_unit}{turn} {where}, more than "
-            "its file states that it gives",
-            remedy="tighten its bolts and look for play, then take all poses again; else state its "
-            "give in the fixture file",
-            refuses=True,
+            blocking=True,
         )
     names = [p.name for p in estimate.parameters]
     name = f"theta_off_{found.joint}"
     sd = float(estimate.standard_deviation[names.index(name)]) if name in names else 0.0
-    return NamedCause(
-        code=f"RETURN_JOINT_{found.joint}",
+    return Finding(
+        kind=FindingKind.REPEAT_READING_STEP,
+        joint=found.joint,
+        poses=(read.label,),
+        size=found.size_rad,
+        sigma=found.sigma_rad,
+        unit="rad",
+        figures={"after": read.after},
         probability=share,
-        text=f"the reading of joint {found.joint} shifted by {POSITION(found.size_rad).with_unit} "
-        f"(sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) {where}",
-        remedy=f"check the coupling and cable of joint {found.joint}'s sensor (lost counts, a slipped "
-        "coupling), home the joint and take all poses again",
-        refuses=abs(found.size_rad) > REFUSING_SHIFT_SIGMAS * sd
+        blocking=abs(found.size_rad) > REFUSING_SHIFT_SIGMAS * sd
         or found.chi2 > float(chdtri(found.dof, REPEAT_REFUSAL_PROBABILITY)),
     )

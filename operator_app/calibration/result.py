@@ -11,10 +11,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from operator_app.calibration.acceptance import Judgement, Verdict
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.distances import Distance
-from operator_app.calibration.notices import Notice
 from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
+from operator_app.messages.finding import Finding
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.estimators.estimate import Estimate
@@ -104,7 +103,7 @@ class Solution:
     search: GlobalStart | None
     outliers: tuple[str, ...]
     rvdt: tuple[RvdtVerdict, ...]
-    warnings: tuple[Notice, ...]
+    warnings: tuple[Finding, ...]
     reasons: tuple[str, ...]
     assumed: tuple[str, ...] = ()
     judgement: Judgement = field(default_factory=Judgement)
@@ -133,7 +132,7 @@ class Solution:
         return self.judgement.verdict
 
     @property
-    def causes(self) -> tuple[NamedCause, ...]:
+    def causes(self) -> tuple[Finding, ...]:
         """What is wrong, the most probable first."""
         return self.judgement.causes
 
@@ -156,6 +155,6 @@ class Solution:
         """The other estimator's result on the same poses; None where there is none."""
         return self.implicit if self.estimate.estimator == "paper" else self.paper
 
-    def with_notices(self, notices: Iterable[Notice]) -> Solution:
+    def with_notices(self, notices: Iterable[Finding]) -> Solution:
         """Return the same solution with more warnings."""
         return replace(self, warnings=(*self.warnings, *notices))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance, samples_of
 from operator_app.calibration.motion_during_sampling import moved_while_read
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units.numbers import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -178,23 +178,17 @@ def measured_deviations(
     }
 
 
-def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[NamedCause, ...]:
+def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
     """RVDTs out of specification where nothing else is wrong: the sigmas count their curves in."""
     return tuple(
-        NamedCause(
-            code=f"RVDT_{v.joint}",
-            probability=1.0,
-            text=v.text,
-            remedy=f"{_remedy_of(v, arm)}, or calibrate with --unsensed {v.joint}",
-            refuses=False,
-        )
+        Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
         for v in verdicts
         if v.verdict is Soundness.OUT_OF_SPECIFICATION
     )
 
 
-def _remedy_of(verdict: RvdtVerdict, arm: ArmModel) -> str:
-    """What to do about an RVDT out of specification: its text says what to do about noise."""
+def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
+    """What is to be done about an RVDT out of specification; its text names the noise."""
     deviation = measured_deviations((verdict,), arm).get(verdict.joint)
     sensor = arm.joints[verdict.joint - 1].sensor
     if (
@@ -202,7 +196,7 @@ def _remedy_of(verdict: RvdtVerdict, arm: ArmModel) -> str:
         and isinstance(sensor, Rvdt)
         and deviation.beyond(sensor.linearity_rad)
     ):
-        return "have it replaced or linearised"
+        return FindingKind.RVDT_OUT_LINEARITY
     if verdict.noise is not None and verdict.noise.from_spread:
-        return f"see whether the spread of its readings is as recorded (sd{verdict.joint}_deg)"
-    return "look for what disturbs it"
+        return FindingKind.RVDT_OUT_SPREAD
+    return FindingKind.RVDT_OUT_NOISE

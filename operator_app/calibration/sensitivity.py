@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from operator_app.calibration.result import Solution
+from operator_app.messages.calibration import halving_remedy
 from solver.chain.parameters import Parameter
 from solver.diagnostics.limits import COARSE_SIGMA_M, COARSE_SIGMA_RAD
 from solver.diagnostics.stated_sizes import exceeded_specifications
@@ -19,20 +20,6 @@ from solver.estimators.variance_components import Calibrated
 
 WORST = 3
 """So many parameters are worth a sentence."""
-
-REMEDIES = {
-    "lengths": "measure the arm's lengths twice as well and state their tolerance",
-    "twists": "measure the arm's twists twice as well and state their tolerance",
-    "offsets": "find the joints' zeros another way and state offset_tolerance_deg",
-    "placement": "measure where the fixture stands twice as well and state its tolerance",
-    "encoder_accuracy": "centre the encoders twice as well and state their accuracy_deg",
-    "fixture_give": "mount a fixture twice as stiff, or pull less at it, and state its give",
-    "joint_play": "take half of the joints' play out and state it",
-    "sag": "state the links' masses, or how much less the joints sag",
-    "distances": "measure the distances of the sockets twice as well and state their sigma_mm",
-    "discrepancy": "find what bends with the pose that no file states",
-    "counts": "fit encoders of more counts: one that stands still reads alike however often it is asked",
-}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +60,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
                 source=source,
                 share=part / sd**2,
                 then=float(np.sqrt(max(sd**2 - 0.75 * part, 0.0))),
-                remedy=remedy_of(source),
+                remedy=halving_remedy(source),
             )
         )
     found.sort(
@@ -82,8 +69,8 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
     return tuple(found[:WORST])
 
 
-def remedy_beside_poses(found: Calibrated, name: str) -> str:
-    """What else than other poses narrows a parameter's sigma: where most of it is a source larger than stated.
+def exceeded_source(found: Calibrated, name: str) -> str:
+    """Return the source of most of a parameter's sigma, where that is larger than stated.
 
     Empty where none is: what is as stated, poses that differ more see through.
     """
@@ -96,16 +83,4 @@ def remedy_beside_poses(found: Calibrated, name: str) -> str:
         return ""
     larger = {x.component for x in exceeded_specifications(found.linear)}
     sources = {c.source for c in found.linear.design.components if c.name in larger}
-    return remedy_of(source) if source in sources else ""
-
-
-def remedy_of(source: str) -> str:
-    """What halves a source of the budget."""
-    joint = source.rpartition("_")[2]
-    if source.startswith("rvdt_curve_"):
-        return f"replace the RVDT of joint {joint} or take its curve on a bench"
-    if source.startswith("rvdt_gain_"):
-        return f"have the scale factor of joint {joint}'s RVDT set twice as well and state its gain"
-    if source.startswith("rvdt_noise_"):
-        return f"take four times as many samples of joint {joint} in every pose"
-    return REMEDIES.get(source, "take more poses that differ more")
+    return source if source in sources else ""

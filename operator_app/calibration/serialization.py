@@ -122,6 +122,8 @@ def _decoded(hint: Any, data: Any) -> Any:
         hint = {kind.__name__: kind for kind in KINDS[hint]}[data["kind"]]
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         hints = _hints(hint)
+        if upgraded := getattr(hint, "upgraded_record", None):
+            data = upgraded(data)
         return hint(
             **{
                 f.name: _decoded(hints[f.name], data[_key(f)])

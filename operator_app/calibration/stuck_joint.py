@@ -96,6 +96,7 @@ def explained(
             return UnidentifiableError(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
+                stuck_joint=joint,
                 note=f"yet the loop says that joint {joint} turned through {WHOLE_DEGREES(moved).with_unit}: "
                 f"its sensor is stuck; check it, or calibrate with --unsensed {joint}",
             )

@@ -25,11 +25,6 @@ if TYPE_CHECKING:
     from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
-CIRCULAR = (
-    "the RVDT table came from these very poses: how well the loops close now says nothing of the sensor; "
-    "take new poses and correct those"
-)
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
@@ -84,13 +79,13 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
     from operator_app.calibration.cross_validation import check
     from operator_app.calibration.instrument_registration import with_calibrated_places
-    from operator_app.calibration.notices import Notice
     from operator_app.calibration.prediction import MadeFrom
     from operator_app.calibration.remedies import corrected_poses
     from operator_app.calibration.verification import fixed_calibration, verify_poses
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
+    from operator_app.messages.finding import Finding, FindingKind
     from operator_app.report.facts import facts_of
     from operator_app.report.json_schema import unidentifiable_data
     from operator_app.report.results.verification import verification_json, verification_text
@@ -139,9 +134,12 @@ def execute(args: argparse.Namespace) -> int:
         return ExitCode.NOT_IDENTIFIABLE
     except ReadingsOutOfRangeError as error:
         raise UsageError(f"{args.poses}: {error}") from error
-    solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in loaded.warnings)
+    solution = solution.with_notices(
+        Finding(kind=FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
+        for w in loaded.warnings
+    )
     if as_read.sha256() == table_of:
-        solution = solution.with_notices([Notice(code="CIRCULAR_TABLE", text=CIRCULAR)])
+        solution = solution.with_notices([Finding(kind=FindingKind.CIRCULAR_TABLE)])
     checks = check(solution, arm, fixture, poses) if args.checks else None
     facts = facts_of(solution, checks=checks)
     tested = None

@@ -62,7 +62,7 @@ def stopped_words(why: str) -> str:
 
 
 def _remedy(error: BaseException) -> str:
-    if isinstance(error, UnidentifiableError) and error.code.startswith("FROZEN_JOINT_"):
+    if isinstance(error, UnidentifiableError) and error.stuck_joint:
         return (
             "Mend that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
         )

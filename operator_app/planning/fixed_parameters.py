@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fixtures.base import Fixture, SetupCheck, Severity
-from fixtures.dh_placement import IMMOBILE
-from fixtures.setup_checks import HIDDEN
+from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
 from operator_app.config.procedure import Procedure
 from operator_app.units.figure import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry
-
-HELD = "HELD_"
-"""What the codes of these remarks begin with."""
 
 
 def held_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
@@ -26,7 +21,8 @@ def held_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
         shown = (NOMINAL_OFFSET if entry.kind.is_angle else MOUNTED_LENGTH)(value).with_unit
         checks.append(
             SetupCheck(
-                code=f"{HELD}{name}",
+                kind=CheckKind.FIXED,
+                entry=name,
                 severity=Severity.OK,
                 text=f"{name} is held at {shown}, as the arm's file has it: {why}",
             )
@@ -36,10 +32,8 @@ def held_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
 
 def holds_for(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
     """Which free entries of an arm a fixture cannot show, each with the reason: for a new procedure."""
-    found = {}
-    for check in fixture.setup_checks(arm, arm.home_rad):
-        if check.code.startswith(HIDDEN):
-            found[check.code.removeprefix(HIDDEN)] = check.text
-        elif check.code.startswith(IMMOBILE):
-            found[f"theta_off_{check.code.removeprefix(IMMOBILE)}"] = check.text
-    return found
+    return {
+        check.entry or f"theta_off_{check.joint}": check.text
+        for check in fixture.setup_checks(arm, arm.home_rad)
+        if check.kind in (CheckKind.HIDDEN, CheckKind.IMMOBILE)
+    }

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import CheckKind, Fixture
 from fixtures.measured import Measured
-from fixtures.setup_checks import HIDDEN
 from operator_app.errors import SessionError
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -53,8 +52,8 @@ def without_hidden(arm: ArmModel, fixture: Fixture, model: ClosureModel) -> Clos
     """Return the loop with what the fixture's own place hides, whatever the poses, at its nominal value."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
-    codes = [check.code for check in fixture.placement_checks(arm, part, nominal)]
-    hidden = {code.removeprefix(HIDDEN) for code in codes if code.startswith(HIDDEN)}
+    checks = fixture.placement_checks(arm, part, nominal)
+    hidden = {check.entry for check in checks if check.kind is CheckKind.HIDDEN}
     return model.without([p.name for p in model.parameters if p.name in hidden])
 
 

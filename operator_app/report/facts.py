@@ -49,8 +49,8 @@ from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Fig
 
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
-    from operator_app.calibration.notices import Notice
     from operator_app.calibration.result import Solution
+    from operator_app.messages.finding import Finding
     from solver.arrays import FloatArray
     from solver.estimators.estimate import Estimate
     from solver.estimators.goodness import TwoReadings
@@ -66,6 +66,8 @@ class Facts:
     ----------
     verdict, reasons
         In a word or two, and why it is not better.
+    causes
+        What may be wrong, the most probable first.
     notices
         What the operator should know and do.
     data
@@ -75,7 +77,8 @@ class Facts:
     accepted: bool
     verdict: str
     reasons: tuple[str, ...]
-    notices: tuple[Notice, ...]
+    causes: tuple[Finding, ...]
+    notices: tuple[Finding, ...]
     headlines: tuple[Headline, ...]
     tables: tuple[FactTable, ...]
     data: Mapping[str, Any]
@@ -119,6 +122,7 @@ def facts_of(
         accepted=solution.accepted,
         verdict=solution.verdict.words,
         reasons=solution.reasons,
+        causes=solution.causes,
         notices=solution.warnings,
         headlines=headlines,
         tables=_there(

@@ -19,8 +19,8 @@ from solver.diagnostics.statistics import chi2_test, correlations
 
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
-    from operator_app.calibration.notices import Notice
     from operator_app.calibration.result import Solution
+    from operator_app.messages.finding import Finding
     from solver.diagnostics.cross_validation import HoldOut
     from solver.diagnostics.rvdt import RvdtVerdict
     from solver.errors import UnidentifiableError
@@ -195,6 +195,6 @@ def unidentifiable_data(
     }
 
 
-def notices_data(notices: Iterable[Notice]) -> list[dict[str, str]]:
+def notices_data(notices: Iterable[Finding]) -> list[dict[str, str]]:
     """Return warnings as code and text."""
-    return [{"code": n.code, "text": n.text} for n in notices]
+    return [{"code": n.code, "text": n.sentence} for n in notices]

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable
 
 from operator_app.calibration.cross_validation import FOLDS, Checks
-from operator_app.calibration.notices import held_in_short
 from operator_app.calibration.result import Solution
+from operator_app.messages.calibration import fixed_briefly
 from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
 from operator_app.units.figure import (
     CHI2,
@@ -154,7 +154,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         note=f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
         "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
         "belongs to the mounting has no part in it. After: by the best D-H table, corrections not applied"
-        f"{held_in_short(found)}.",
+        f"{fixed_briefly(tuple(h.name for h in found.holds_for))}.",
     )
 
 

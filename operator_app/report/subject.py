@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from operator_app.calibration.notices import Notice
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.report.facts import Facts, facts_of
 from operator_app.session.store.replay import replay
 
@@ -90,33 +90,26 @@ class Subject:
         )
 
     @property
-    def notices(self) -> tuple[Notice, ...]:
+    def notices(self) -> tuple[Finding, ...]:
         """What the operator should know and do, of the calibration and of the session."""
         found = () if self.solution is None else self.solution.warnings
         return (*found, *self._about_the_session)
 
     @property
-    def _about_the_session(self) -> tuple[Notice, ...]:
-        found = []
+    def _about_the_session(self) -> tuple[Finding, ...]:
+        K, found = FindingKind, []
         if (blind := self.unidentifiable) is not None:
-            found = [
-                Notice(code="UNSEEN", text=f"{d}: take poses that differ more, or hold one of them")
-                for d in blind.directions
-            ]
             if blind.note:
-                found.insert(0, Notice(code=blind.code, text=blind.note))
+                found.append(Finding(kind=K.REPORTED, names=(blind.code,), reported=(blind.note,)))
+            found += [
+                Finding(kind=K.NOT_IDENTIFIABLE, reported=(str(d),)) for d in blind.directions
+            ]
         if self.torn:
-            text = f"{self.torn}: nothing that counted was in it"
-            found.append(Notice(code="TORN", text=text))
+            found.append(Finding(kind=K.JOURNAL_TORN, reported=(self.torn,)))
         if self.solved_again and self.solution is not None:
-            text = f"solved again for this report: {self.solved_again}"
-            found.append(Notice(code="SOLVED_AGAIN", text=text))
+            found.append(Finding(kind=K.SOLVED_AGAIN, reported=(self.solved_again,)))
         if self.solution is not None and self.checks is None:
-            text = (
-                "how well parts of the poses are predicted by the rest (hold-out) was not asked when "
-                f"this session was solved: sarcal run --resume {self.name} asks it"
-            )
-            found.append(Notice(code="UNCHECKED", text=text))
+            found.append(Finding(kind=K.NOT_CROSS_VALIDATED, names=(self.name,)))
         return tuple(found)
 
     @property

@@ -11,7 +11,7 @@ from operator_app.safe_output import harmless
 from operator_app.units.numbers import joints_named, names
 
 if TYPE_CHECKING:
-    from operator_app.calibration.notices import Notice
+    from operator_app.messages.finding import Finding
     from operator_app.report.facts import Facts
     from solver.errors import UnidentifiableError
 
@@ -26,7 +26,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
     blocks = [
         verdict_text(facts, failed=failed),
         *(table_text(table) for table in facts.tables if not table.detail),
-        warnings_text(n for n in facts.notices if n not in _said_first(facts)),
+        warnings_text(n for n in facts.notices if n.code not in _said_first(facts)),
     ]
     return "\n\n".join(block for block in blocks if block)
 
@@ -40,29 +40,17 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
         head += f", {so} DOES NOT HOLD for {failed} (the test is at the end)"
     head += ":"
     if facts.accepted:
-        said = tuple(notice.text for notice in _causes(facts))
+        codes = _said_first(facts)
+        said = tuple(n.sentence for n in facts.notices if n.code in codes)
         head = f"{head} the calibration meets its limits.{' What may be off:' if said else ''}"
     if failed:
         head = paragraph(head)
     return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))
 
 
-def _said_first(facts: Facts) -> tuple[Notice, ...]:
-    """Notices that the verdict's reasons have said: of what is not accepted, what it is refused for."""
-    if facts.accepted:
-        return _causes(facts)
-    codes = {
-        cause["code"]
-        for cause in facts.data.get("causes", ())
-        if any(reason.startswith(cause["text"]) for reason in facts.reasons)
-    }
-    return tuple(notice for notice in facts.notices if notice.code in codes)
-
-
-def _causes(facts: Facts) -> tuple[Notice, ...]:
-    """Notices that are causes of the verdict: they are said first."""
-    codes = {cause["code"] for cause in facts.data.get("causes", ())}
-    return tuple(notice for notice in facts.notices if notice.code in codes)
+def _said_first(facts: Facts) -> set[str]:
+    """Codes of notices that the verdict says already: its causes; of what is not accepted, those that block."""
+    return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
 
 def table_text(table: FactTable) -> str:
@@ -119,9 +107,9 @@ def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
     ]
 
 
-def warnings_text(notices: Iterable[Notice]) -> str:
+def warnings_text(notices: Iterable[Finding]) -> str:
     """Return warnings, one paragraph each."""
-    return "\n".join(paragraph(f"! {n.text}", indent=2) for n in notices)
+    return "\n".join(paragraph(f"! {n.sentence}", indent=2) for n in notices)
 
 
 MANY_JOINTS = 2

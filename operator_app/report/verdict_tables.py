@@ -12,8 +12,8 @@ def causes_table(solution: Solution) -> FactTable | None:
     rows = tuple(
         (
             cause.code,
-            Figure(cause.probability, SHARE, digits=2, role="warn" if cause.refuses else "text"),
-            "it is refused for this" if cause.refuses else "a warning",
+            Figure(cause.probability, SHARE, digits=2, role="warn" if cause.blocking else "text"),
+            "it is refused for this" if cause.blocking else "a warning",
             cause.text,
             cause.remedy,
         )

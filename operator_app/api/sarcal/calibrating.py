@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from operator_app.calibration.calibrate import calibrate as solve
 from operator_app.calibration.cross_validation import check
-from operator_app.calibration.notices import Notice
+from operator_app.messages.finding import Finding, FindingKind
 from operator_app.session.workflow.importing import How
 
 from .blas_threads import one_blas_thread
@@ -99,7 +99,10 @@ def calibrate(
         drop=how.drop_unidentifiable,
         length_tolerance_m=how.length_tolerance_m,
     )
-    solution = solution.with_notices(Notice(code=w.code, text=w.text) for w in its_poses._warnings)
+    solution = solution.with_notices(
+        Finding(kind=FindingKind.REPORTED, names=(w.code,), reported=(w.text,))
+        for w in its_poses._warnings
+    )
     return Result(
         arm=its_arm,
         fixture=its_fixture,

@@ -121,7 +121,7 @@ class Result:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What the operator should know and do."""
-        return tuple(n.text for n in self._solution.warnings)
+        return tuple(n.sentence for n in self._solution.warnings)
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -177,7 +177,7 @@ def _warnings(subject: Subject) -> Section | None:
     facts = subject.facts
     notes = facts is not None and facts.verdict == Verdict.ACCEPTED.words
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
-    items = [element("li", glyph, prose(sentence(n.text))) for n in subject.notices]
+    items = [element("li", glyph, prose(sentence(n.sentence))) for n in subject.notices]
     if not items:
         return None
     return Section(

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
-from operator_app.calibration.notices import held_in_short
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
+from operator_app.messages.calibration import fixed_briefly
 from operator_app.report.plots.plot import Axis, Layer, Marks, Picture, Polyline, map_axes
 from operator_app.report.subject import Subject
 from operator_app.units.figure import CLOSURE_LENGTH, LENGTH, Figure
@@ -81,7 +81,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         before=shown("Before", "off by", errors.before_m, accuracy.before),
         after=shown("After", "one sigma", errors.after_m, accuracy.after),
         note="The area of a mark is how far off the hand is there, in both pictures on one scale"
-        f"{held_in_short(accuracy)}.",
+        f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}.",
     )
 
 

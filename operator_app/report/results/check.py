@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fixtures.base import Severity
+from fixtures.base import CheckKind, Severity
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
@@ -188,11 +188,11 @@ def _chain(chain: Chain) -> str:
         for c in found.checks
         if c.severity is not Severity.OK
     ]
-    said = {c.code for c in found.checks}
+    immobile = {c.joint for c in found.checks if c.kind is CheckKind.IMMOBILE}
     lines += [
         paragraph(f"! not identifiable: {d}", indent=2)
         for d in found.blind
-        if not any(f"IMMOBILE_{j}" in said for j in d.immobile_joints)
+        if immobile.isdisjoint(d.immobile_joints)
     ]
     lines += _other_home(chain)
     lines += [paragraph(f"{name} is held: {why}.") for name, why in chain.held.items()]

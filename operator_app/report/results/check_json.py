@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.config.quantities import short_degrees
 from operator_app.report.results.check import in_words
-from operator_app.report.results.plan_json import check_json
 from operator_app.units.figure import Figure
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
@@ -55,7 +54,7 @@ def _chain(chain: Chain) -> dict[str, Any]:
         else {"joints": list(found.choice.drives), "reasons": list(found.choice.reasons)},
         "home_deg": None if chain.home is None else short_degrees(chain.home[0]),
         "refusal": None if found.refusal is None else str(found.refusal),
-        "checks": [check_json(c) for c in found.checks],
+        "checks": [c.data for c in found.checks],
         "parameters": [p.name for p in found.parameters],
         "held": dict(chain.held),
         "seen": None if found.seen is None else _seen(found.seen),

@@ -6,9 +6,8 @@ import math
 import textwrap
 from typing import TYPE_CHECKING
 
-from fixtures.base import Severity
+from fixtures.base import CheckKind, Severity
 from operator_app.config.procedure import AcceptanceLimits
-from operator_app.planning.fixed_parameters import HELD
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plots.plan import coverage_lines, region_lines
 from operator_app.report.text import WIDTH, aligned, paragraph
@@ -67,7 +66,7 @@ def _checks(shown: Preview) -> list[str]:
             indent=2,
         )
         for c in shown.checks
-        if c.severity is not Severity.OK or c.code.startswith(HELD)
+        if c.severity is not Severity.OK or c.kind is CheckKind.FIXED
     ]
     return ["\n".join(lines)] if lines else []
 

@@ -15,7 +15,6 @@ from operator_app.units.figure import Figure, in_json
 
 if TYPE_CHECKING:
     from fixtures.advice import RankedPlacement
-    from fixtures.base import SetupCheck
     from operator_app.planning.preview import PlannedPose, Preview
     from solver.chain.parameters import Parameter
     from solver.design.drive_joints import RankedDrives
@@ -37,7 +36,7 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
             "at_start": [ranked_json(r) for r in choice.prediction.here],
             "over_region": [ranked_json(r) for r in choice.prediction.region],
         },
-        "checks": [check_json(c) for c in shown.checks],
+        "checks": [c.data for c in shown.checks],
         "captured": shown.captured,
         "poses": [_pose_json(k, pose) for k, pose in enumerate(shown.poses, 1)],
         "sigma": {
@@ -50,16 +49,6 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
         "candidates": shown.plan.manifold.size,
         "reachable": int(shown.plan.allowed.sum()),
         "reach_deg": np.rad2deg(shown.reach_rad).tolist(),
-    }
-
-
-def check_json(check: SetupCheck) -> dict[str, str]:
-    """Return one check of a fixture."""
-    return {
-        "code": check.code,
-        "severity": check.severity.value,
-        "text": check.text,
-        "remedy": check.remedy,
     }
 
 
@@ -111,7 +100,7 @@ def _placement_json(
         "poses": report.poses,
         "scaled_condition_number": Figure(report.scaled_condition_number).in_json,
         "sigma": {name: in_json(parameters[name], sigma) for name, sigma in report.sigma.items()},
-        "checks": [check_json(c) for c in report.checks],
+        "checks": [c.data for c in report.checks],
     }
 
 

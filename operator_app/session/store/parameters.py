@@ -109,7 +109,7 @@ def document_of(
         warnings=(
             *_in_spite_of(solution, forced),
             *_several(solution.model, state),
-            *(DocumentWarning(code=n.code, text=n.text) for n in solution.warnings),
+            *(DocumentWarning(code=n.code, text=n.sentence) for n in solution.warnings),
         ),
         estimator=estimate.estimator,
         pose_set_sha256=state.pose_set().sha256(),

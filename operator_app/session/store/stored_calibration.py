@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
-from operator_app.calibration.notices import Notice
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
 from operator_app.errors import SessionError
+from operator_app.messages.finding import Finding, FindingKind
 
 if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
@@ -201,7 +201,7 @@ NO_WAY_BACK = "no way back to it is planned from here"
 """Why a planned capture does not read its first pose once more: it would say so again at every resume."""
 
 
-def unreturned_notices(state: SessionState) -> tuple[Notice, ...]:
+def unreturned_notices(state: SessionState) -> tuple[Finding, ...]:
     """Say for each placement whether its first pose was read once more after its last; nothing where it was."""
     if state.imported:
         # Nobody knows what was read again.
@@ -212,7 +212,7 @@ def unreturned_notices(state: SessionState) -> tuple[Notice, ...]:
     )
 
 
-def _of_placement(state: SessionState, placement: int, *, several: bool) -> Notice | None:
+def _of_placement(state: SessionState, placement: int, *, several: bool) -> Finding | None:
     here = [p.number for p in state.used_poses if p.placement == placement]
     again = [r for r in state.returns if r.first.placement == placement]
     if any(r.again.after >= here[-1] for r in again):
@@ -220,20 +220,13 @@ def _of_placement(state: SessionState, placement: int, *, several: bool) -> Noti
     why = "the capture ended before that"
     if placement == state.placement and state.return_missed:
         why = state.return_missed
-    where = f" of placement {placement}" if several else ""
     before = max((r.again.after for r in again), default=0)
-    since = f"pose {before}" if before else f"pose {here[0]}"
-    remedy = "verify the calibration by new poses (sarcal verify with this session)"
-    if placement == state.placement and why != NO_WAY_BACK:
-        remedy = (
-            "let the capture run to its end, which reads it (sarcal run --resume with this session), and "
-            "calibrate again"
-        )
-    return Notice(
-        code="NO_RETURN",
-        text=f"pose {here[0]}{where} was not read once more after pose {here[-1]} ({why}): whether a joint or "
-        f"the fixture slipped since {since} is told by the poses alone, which show a slip in the last ones "
-        f"badly; {remedy}",
+    goes_on = placement == state.placement and why != NO_WAY_BACK
+    return Finding(
+        kind=FindingKind.NOT_REPEATED if goes_on else FindingKind.NEVER_REPEATED,
+        joints=(placement,) if several else (),
+        poses=(str(here[0]), str(before or here[0]), str(here[-1])),
+        reported=(why,),
     )
 
 

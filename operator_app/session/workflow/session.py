@@ -152,7 +152,7 @@ class Session(Logbook):
         )
         self.record(
             "fixture_checked",
-            {"checks": [{**asdict(c), "severity": c.severity.value} for c in checks]},
+            {"checks": [c.data for c in checks]},
         )
         return checks
 

@@ -53,4 +53,4 @@ def test_a_large_shift_of_an_analogue_sensor_is_named_as_one() -> None:
     judgement = calibrate(*packaged(), poses).judgement
     assert judgement is not None
     assert judgement.causes[0].code == "STEP_JOINT_7"
-    assert judgement.causes[0].refuses
+    assert judgement.causes[0].blocking

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from operator_app.calibration.excluded_poses import left_out_in_words
+from operator_app.calibration.excluded_poses import excluded_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.poses_file import parse_poses
 from solver.diagnostics.range_checks import range_findings
@@ -39,11 +39,9 @@ def test_each_pose_that_was_left_out_says_why() -> None:
     q = np.array(poses.q_rad)
     q[3, 1:4] -= 3.0
     wrong = replace(poses, q_rad=q)
-    range_pose, flipped = left_out_in_words((3, 5), range_findings(arm, wrong), arm, wrong)
+    range_pose, flipped = excluded_poses((3, 5), range_findings(arm, wrong), arm, wrong)
     assert (range_pose.code, flipped.code) == ("RANGE_POSE", "FLIPPED_BRANCH")
-    assert "joints 2, 3 and 4 are outside their ranges" in range_pose.text
-    assert "closes only with the hand upside down" in flipped.text
-    assert "was left out" in flipped.text
-    assert "take it again" in flipped.remedy
-    (both,) = left_out_in_words((4, 5), (), arm, poses)
-    assert "close only with the hand upside down on the hinge and were left out" in both.text
+    assert range_pose.joints == (2, 3, 4)
+    assert flipped.poses == (poses.label[5],)
+    (both,) = excluded_poses((4, 5), (), arm, poses)
+    assert both.poses == (poses.label[4], poses.label[5])

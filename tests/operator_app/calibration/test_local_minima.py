@@ -62,7 +62,7 @@ def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
 ) -> None:
     assert diverged_solution.judgement.diverged
     assert diverged_solution.causes[0].code == "RVDT_6"
-    assert diverged_solution.causes[0].refuses
+    assert diverged_solution.causes[0].blocking
     said = " ".join(facts_text(facts_of(diverged_solution)).split())
     assert advice not in said
     assert "Believe neither" in said

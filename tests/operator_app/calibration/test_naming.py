@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.acceptance import NamedCause, causes_of, each_once
+from operator_app.calibration.acceptance import causes_of, each_once
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.result import Solution
+from operator_app.messages.finding import Finding, FindingKind
 from solver.diagnostics.diagnosis import Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
@@ -22,20 +23,10 @@ from tests.oracles.shop_floor import Session, session
 
 
 def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
-    def named(code: str, text: str, *, refuses: bool) -> NamedCause:
-        return NamedCause(code=code, probability=0.5, text=text, remedy="look", refuses=refuses)
-
-    found = each_once(
-        [
-            named("ENCODER_1", "errs by 0.064 deg", refuses=False),
-            named("OUTLIERS", "pose 3", refuses=False),
-            named("ENCODER_1", "errs by 0.058 deg", refuses=True),
-        ]
-    )
-    assert [(c.code, c.text, c.refuses) for c in found] == [
-        ("ENCODER_1", "errs by 0.064 deg", True),
-        ("OUTLIERS", "pose 3", False),
-    ]
+    first = Finding(kind=FindingKind.ENCODER_CYCLIC_ERROR, joint=1, sensor="ENCODER", size=0.064)
+    other = Finding(kind=FindingKind.OUTLIERS, poses=("3",))
+    again = replace(first, size=0.058, blocking=True)
+    assert each_once([first, other, again]) == (replace(first, blocking=True), other)
 
 
 def tried(found: Session) -> tuple[Diagnosis, Estimate]:
@@ -53,9 +44,9 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
     by_chance = replace(trial, tests=(HypothesisTest(code="STEP", statistic=9.0, threshold=8.0),))
     (cause,) = causes_of(by_chance, estimate, ("theta_off_2",), labels)
     assert cause.code == "UNNAMED"
-    assert not cause.refuses
-    assert "no more than the files state" in cause.text
-    assert "(STEP)" in cause.text
+    assert not cause.blocking
+    assert cause.kind is FindingKind.UNEXPLAINED_PATTERN
+    assert cause.names == ("STEP",)
     assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
 
 
@@ -78,7 +69,7 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(
         both = replace(trial, rounds=(tuple(first), (gross,)))
         labels = tuple(str(k) for k in range(40))
         found = causes_of(both, sound.estimate, ("theta_off_2",), labels)
-        return [(cause.code, cause.refuses) for cause in found]
+        return [(cause.code, cause.blocking) for cause in found]
 
     five = [(f"DRIFT_JOINT_{j}", False) for j in (1, 2, 3, 4, 5)]
     assert named(slight[:4]) == [*five[:4], ("DRIFT_JOINT_6", True)]
@@ -92,15 +83,15 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(
         (
             Cause.GIVES,
             "",
-            "the fixture may give about 0.0",
-            "the fixture gives about 0.0",
+            "the fixture may deflect by about 0.0",
+            "the fixture deflects by about 0.0",
             "0.0 mm",
         ),
         (
             Cause.LENGTH,
             "s_2",
-            "s_2 may be off the arm file by",
-            "s_2 is off the arm file by",
+            "s_2 may differ from the arm file by",
+            "s_2 differs from the arm file by",
             " 0.0 mm",
         ),
         (Cause.DRIFT, "2", "joint 2 may drift by about", "joint 2 drifts by about", "0.0000 deg"),

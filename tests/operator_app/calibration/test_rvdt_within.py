@@ -59,7 +59,7 @@ def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose() -> None:
     spread[4, 5] = np.deg2rad(5.0)
     solution = solved(replace(found, spread=spread))
     assert [c.code for c in solution.causes] == ["UNSTEADY_6"]
-    assert "within pose p005, more than its RVDT's noise" in solution.causes[0].text
+    assert (solution.causes[0].poses, solution.causes[0].sensor) == (("p005",), "RVDT")
     verdict = next(v for v in solution.rvdt if v.joint == 6)
     assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
     assert verdict.noise is not None
@@ -75,6 +75,6 @@ def test_what_keeps_the_iteration_from_settling_is_said_before_that_it_did_not()
     assert not solution.accepted
     assert [c.code for c in solution.causes] == ["RVDT_6", "RVDT_7", "NOT_CONVERGED"]
     text = said(solution)
-    at = [text.index(words) for words in ("RVDT of joint 6", "RVDT of joint 7", "did not settle")]
+    at = [text.index(words) for words in ("RVDT of joint 6", "RVDT of joint 7", "did not converge")]
     assert at == sorted(at)
     assert "(sd6_deg)" in text

@@ -137,9 +137,9 @@ def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right() -> 
 
     (notice,) = [w for w in right.warnings if w.code == "HELD"]
     assert "theta_off_4 at " in notice.text
-    assert "holds only if the value held is right" in notice.text
+    assert "holds only if the fixed value is right" in notice.text
     told = " ".join(facts_text(facts_of(right)).split())
-    assert told.count("holds only if the value held is right") == 1, "told once, and pointed to"
+    assert told.count("holds only if the fixed value is right") == 1, "told once, and pointed to"
     assert "holds only if theta_off_4 is held at what it is: see the warnings." in told
     document = facts_of(right).json
     assert document["hand_accuracy_holds_for"] == {"theta_off_4": pytest.approx(np.rad2deg(at))}

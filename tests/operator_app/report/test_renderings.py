@@ -228,10 +228,10 @@ def test_headlines_are_the_same_in_tiles_lines_and_tables(said: Renderings) -> N
 def test_a_notice_is_in_every_rendering_once(said: Renderings) -> None:
     assert said.facts.notices
     assert [(n["code"], n["text"]) for n in said.data["warnings"]] == [
-        (n.code, n.text) for n in said.facts.notices
+        (n.code, n.sentence) for n in said.facts.notices
     ]
     for notice in said.facts.notices:
-        once = " ".join(notice.text.split())
+        once = " ".join(notice.sentence.split())
         assert " ".join(said.text.split()).count(once) == 1
         assert once in " ".join(said.page.text.split())
 

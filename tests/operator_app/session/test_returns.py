@@ -10,11 +10,12 @@ import pytest
 
 from hardware.arm import Reading
 from operator_app.calibration.acceptance import Verdict
-from operator_app.calibration.causes import NamedCause
 from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return
 from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.calibration.result import Solution
 from operator_app.errors import Cancelled
+from operator_app.messages.finding import Finding
+from operator_app.messages.finding import FindingKind as Kind
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import NO_WAY_BACK, unreturned_notices
 from operator_app.session.workflow.capture import take_poses
@@ -142,7 +143,8 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     assert read_journal(session.journal.path.parent).events[-1].name == "return_missed"
     (notice,) = unreturned_notices(session.state)
     assert notice.code == "NO_RETURN"
-    assert notice.text.startswith("pose 1 was not read once more after pose 4 (joint 7")
+    assert notice.poses == ("1", "1", "4")
+    assert notice.reported[0].startswith("joint 7")
 
 
 def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
@@ -157,8 +159,8 @@ def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
     with pytest.raises(Cancelled):
         take_poses(session, Pressing(), (1, 5))
     (notice,) = (w for w in session.calibrate().warnings if w.code == "NO_RETURN")
-    assert "pose 1 was not read once more after pose 6 (the capture ended" in notice.text
-    assert "--resume" in notice.text
+    assert notice.poses == ("1", "1", "6")
+    assert notice.kind is Kind.NOT_REPEATED
     take_poses(session, Listener(), (1, 5))
     assert unreturned_notices(session.state) == ()
     assert "NO_RETURN" not in {w.code for w in session.calibrate().warnings}
@@ -178,13 +180,12 @@ def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
     assert (missed, way) == (NO_WAY_BACK, ())
     session.record("return_missed", {"of": 1, "reason": missed})
     (notice,) = unreturned_notices(session.state)
-    assert NO_WAY_BACK in notice.text
-    assert "sarcal verify" in notice.text
-    assert "--resume" not in notice.text
+    assert notice.reported == (NO_WAY_BACK,)
+    assert notice.kind is Kind.NEVER_REPEATED
     # What only was in the way may be gone.
     session.record("return_missed", {"of": 1, "reason": "joint 3 needed 95 N m"})
     (notice,) = unreturned_notices(session.state)
-    assert "--resume" in notice.text
+    assert notice.kind is Kind.NOT_REPEATED
 
 
 def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Solution:
@@ -242,7 +243,7 @@ def test_a_joint_that_slipped_before_the_return_is_named_and_refused(
     assert returns_of(solution) == ["RETURN_JOINT_3"]
     assert solution.verdict is Verdict.NOT_ACCEPTED
     (cause,) = (c for c in solution.causes if c.code == "RETURN_JOINT_3")
-    assert cause.refuses
+    assert cause.blocking
     assert cause.probability > 0.9
     size = re.search(r"joint 3 shifted by \+(\d\.\d+) deg \(sigma (\d\.\d+) deg\)", cause.text)
     assert size is not None
@@ -272,32 +273,32 @@ def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession
 @pytest.mark.parametrize(
     ("named", "since", "kept"),
     [
-        ("LENGTH_s_3", "RETURN_JOINT_3", True),
-        ("FIXTURE_GIVES", "RETURN_FIXTURE", True),
-        ("STEP_JOINT_3", "RETURN_JOINT_3", False),
-        ("SLIP_FIXTURE", "RETURN_FIXTURE", False),
+        (Kind.LENGTH_OFF, Kind.REPEAT_READING_STEP, True),
+        (Kind.FIXTURE_DEFLECTS_MORE, Kind.REPEAT_FIXTURE_MOVED, True),
+        (Kind.READING_STEP, Kind.REPEAT_READING_STEP, False),
+        (Kind.FIXTURE_SLIPPED, Kind.REPEAT_FIXTURE_MOVED, False),
     ],
 )
 def test_only_the_same_slip_makes_a_return_say_nothing_new(
-    named: str, since: str, kept: bool
+    named: Kind, since: Kind, kept: bool
 ) -> None:
-    def cause(code: str) -> NamedCause:
-        return NamedCause(code=code, probability=1.0, text="it slipped", remedy="", refuses=True)
+    def cause(kind: Kind) -> Finding:
+        return Finding(kind=kind, joint=3, names=("s_3",), blocking=True)
 
     assert not_yet_named((cause(since),), (cause(named),)) == (cause(since),) * kept
 
 
 def test_a_slip_that_a_return_proves_refuses_whatever_the_poses_said_of_it() -> None:
-    def cause(code: str, *, refuses: bool) -> NamedCause:
-        return NamedCause(code=code, probability=1.0, text="", remedy="", refuses=refuses)
-
-    step, length = cause("STEP_JOINT_1", refuses=False), cause("LENGTH_s_3", refuses=False)
-    proven, rest = proven_by_return((cause("RETURN_JOINT_1", refuses=True),), (length, step))
-    assert [(c.code, c.refuses) for c in proven] == [("STEP_JOINT_1", True)]
-    assert rest == (length,)
-    other = cause("RETURN_JOINT_2", refuses=True)
+    step = Finding(kind=Kind.READING_STEP, joint=1)
+    length = Finding(kind=Kind.LENGTH_OFF, names=("s_3",))
+    returned = Finding(kind=Kind.REPEAT_READING_STEP, joint=1, blocking=True)
+    assert proven_by_return((returned,), (length, step)) == (
+        (replace(step, blocking=True),),
+        (length,),
+    )
+    other = replace(returned, joint=2)
     assert proven_by_return((other,), (length, step)) == ((other,), (length, step))
-    assert proven_by_return((replace(other, refuses=False),), (step,)) == ((), (step,))
+    assert proven_by_return((replace(other, blocking=False),), (step,)) == ((), (step,))
 
 
 def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused(
@@ -323,4 +324,4 @@ def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused
     assert return_test(solution).fires
     assert solution.verdict is Verdict.NOT_ACCEPTED
     assert solution.causes[0].code in {"STEP_JOINT_1", "RETURN_JOINT_1"}
-    assert solution.causes[0].refuses
+    assert solution.causes[0].blocking

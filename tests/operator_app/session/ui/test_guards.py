@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from fixtures.base import SetupCheck, Severity
+from fixtures.base import CheckKind, SetupCheck, Severity
 from hardware.arm import Fault, JointMode
 from operator_app.session.ui import guards
 from operator_app.session.ui.message_log import ARM_AGAIN, told
@@ -47,7 +47,9 @@ def test_steps_open_one_after_the_other(name):
 
 
 def refused(s):
-    bad = SetupCheck(code="X", severity=Severity.REFUSED, text="axes parallel", remedy="tilt it")
+    bad = SetupCheck(
+        kind=CheckKind.MOBILITY, severity=Severity.REFUSED, text="axes parallel", remedy="tilt it"
+    )
     return replace(s, checks=(*s.checks, bad))
 
 

@@ -1,0 +1,239 @@
+"""Findings of the diagnosis: what a fitted explanation says of joint, size and poses. Decides nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from operator_app.messages.finding import Finding, FindingKind
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.poses import PoseSet
+from solver.chain.sensors import Encoder, Rvdt
+from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.fault_models import FaultModels
+from solver.diagnostics.model_selection import Evidence
+from solver.diagnostics.range_checks import RangeFinding, ReadingFault
+from solver.diagnostics.stated_sizes import ExceededSpecification
+from solver.estimators.effects import LinearModel
+
+RESTARTED_RAD = np.deg2rad(5.0)
+"""No count loss is this large: a node that restarted counts from another zero."""
+
+RANGE_KINDS = {
+    ReadingFault.OUTSIDE: (FindingKind.OUT_OF_RANGE, FindingKind.OUT_OF_RANGE_NOTICE),
+    ReadingFault.WHOLE_TURN: (FindingKind.WHOLE_TURN_OFF, FindingKind.WHOLE_TURN_OFF_NOTICE),
+    ReadingFault.SATURATED: (FindingKind.SATURATED, FindingKind.SATURATED_NOTICE),
+}
+"""As a cause of a verdict, whose code has the joint, and as a notice, whose code has not."""
+
+EXCEEDED_KINDS = {
+    "rvdt": FindingKind.RVDT_NOISE_EXCEEDS,
+    "curve": FindingKind.RVDT_LINEARITY_EXCEEDS,
+    "gain": FindingKind.RVDT_GAIN_EXCEEDS,
+    "lengths": FindingKind.LENGTHS_EXCEED,
+    "twists": FindingKind.TWISTS_EXCEED,
+    "encoder": FindingKind.ENCODERS_EXCEED,
+    "joint": FindingKind.PLAY_EXCEEDS,
+}
+"""By the first word of a variance component's name."""
+
+
+def finding_of(
+    candidate: Candidate, found: Evidence, scene: FaultModels, labels: tuple[str, ...]
+) -> Finding:
+    """Return the finding of a fitted explanation; `labels` name the poses in the order in which they were taken."""
+    K, subject = FindingKind, candidate.subject
+    poses = tuple(labels[k] for k in candidate.poses)
+    first = float(found.b[0])
+    match candidate.cause:
+        case Cause.SLIPPED:
+            side = "table" if subject == "table" else "tool"
+            size = rms_displacement(candidate, found, scene)
+            between = _between(candidate.poses[0], labels)
+            return Finding(kind=K.FIXTURE_SLIPPED, names=(side,), poses=between, figures=size)
+        case Cause.LOST_COUNTS:
+            return reading_step(int(subject), first, candidate.poses[0], scene.arm, labels)
+        case Cause.LENGTH_CHANGED:
+            between = _between(candidate.poses[0], labels)
+            return Finding(
+                kind=K.LENGTH_STEP, names=(subject,), poses=between, size=first, unit="m"
+            )
+        case Cause.OUTLIERS:
+            return Finding(kind=K.OUTLIERS, poses=poses)
+        case Cause.FROZEN:
+            return Finding(kind=K.READING_FROZEN, joint=int(subject), poses=poses)
+        case Cause.READING:
+            return _reading_noise(int(subject), found, scene)
+        case Cause.SCATTER:
+            # Coefficients are shrunk by as much as the poses leave them open: the share that these do tell counts.
+            told = float((1.0 - found.covariance / (found.size * candidate.natural) ** 2).sum())
+            rms = float(np.sqrt(found.b @ found.b / max(told, 1.0)))
+            return Finding(kind=K.ALL_READINGS_NOISE, size=rms, unit="rad")
+        case Cause.SCALE:
+            return Finding(kind=K.ENCODER_SCALE, joint=int(subject), size=first)
+        case Cause.DRIFT:
+            return Finding(kind=K.READING_DRIFT, joint=int(subject), size=first, unit="rad")
+        case Cause.LENGTH | Cause.TWIST:
+            return _entry(candidate, found, scene)
+        case Cause.GIVES:
+            size, errors = rms_displacement(candidate, found, scene), scene.design.errors
+            stated = {"turn_rad": errors.give_rad or 0.0, "shift_m": errors.give_m or 0.0}
+            more = any(size[k] > np.sqrt(3.0) * stated[k] for k in size)
+            kind = K.FIXTURE_DEFLECTS_MORE if more else K.FIXTURE_DEFLECTS_OTHERWISE
+            return Finding(kind=kind, figures=size)
+        case _:
+            return _smooth(int(subject), candidate, found, scene)
+
+
+def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
+    """Return the finding that a source of error is larger than its statement, one of several that are."""
+    name, _, which = larger.component.partition("_")
+    figures = {"times": larger.times}
+    if name == "fixture":
+        turns = which == "rad"
+        stated = design.errors.give_rad if turns else design.errors.give_m
+        return Finding(
+            kind=FindingKind.FIXTURE_TURNS_RANDOMLY
+            if turns
+            else FindingKind.FIXTURE_SHIFTS_RANDOMLY,
+            size=larger.times * (stated or 0.0),
+            unit="rad" if turns else "m",
+            figures=figures,
+        )
+    of_rvdt = name in ("rvdt", "curve", "gain")
+    return Finding(
+        kind=EXCEEDED_KINDS.get(name, FindingKind.SAG_EXCEEDS),
+        joint=int(which) if of_rvdt else 0,
+        sensor="RVDT" if of_rvdt else "",
+        figures=figures,
+    )
+
+
+def unrelated_reading(joint: int, arm: ArmModel) -> Finding:
+    """Return the finding that a joint's reading has nothing to do with its angle."""
+    return Finding(kind=FindingKind.READING_UNRELATED, joint=joint, sensor=sensor_name(joint, arm))
+
+
+def sensor_name(joint: int, arm: ArmModel) -> str:
+    """Return what a joint's sensor is called in codes."""
+    return "RVDT" if isinstance(arm.joints[joint - 1].sensor, Rvdt) else "ENCODER"
+
+
+def reading_step(
+    joint: int, step_rad: float, first: int, arm: ArmModel, labels: tuple[str, ...]
+) -> Finding:
+    """Return the finding that a joint's reading shifts by `step_rad` from pose `first` (index in time order) on."""
+    sensor = arm.joints[joint - 1].sensor
+    figures = {}
+    if isinstance(sensor, Encoder | Rvdt):
+        counted = "counts" if isinstance(sensor, Encoder) else "lsb"
+        figures = {counted: step_rad / sensor.resolution_rad}
+    jump = abs(step_rad) > RESTARTED_RAD
+    return Finding(
+        kind=FindingKind.READING_JUMP if jump else FindingKind.READING_STEP,
+        joint=joint,
+        poses=_between(first, labels),
+        size=step_rad,
+        unit="rad",
+        figures=figures,
+    )
+
+
+def range_finding(found: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
+    """Return the finding of one joint's readings outside its range; one at its sensor's end blocks as a cause."""
+    return Finding(
+        kind=RANGE_KINDS[found.fault][notice],
+        joint=found.joint,
+        poses=tuple(poses.label[k] for k in found.poses),
+        size=found.reading_rad,
+        unit="rad",
+        figures={"lower_rad": found.lower_rad, "upper_rad": found.upper_rad},
+        blocking=found.fault is ReadingFault.SATURATED and not notice,
+    )
+
+
+def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
+    return labels[first - 1], labels[first]
+
+
+def _reading_noise(joint: int, found: Evidence, scene: FaultModels) -> Finding:
+    """How much a joint's readings, which are means of samples, scatter from pose to pose."""
+    arm, sd = scene.arm, _rms(found.b)
+    shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
+    samples = round(1.0 / shares[0]) if shares else 1
+    sensor = arm.joints[joint - 1].sensor
+    figures = {}
+    if isinstance(sensor, Encoder | Rvdt):
+        figures = {"times": float(sd / np.sqrt(sensor.variance_of_mean_rad2(samples)))}
+    return Finding(
+        kind=FindingKind.READING_NOISE,
+        joint=joint,
+        sensor=sensor_name(joint, arm),
+        size=sd,
+        unit="rad",
+        figures=figures,
+    )
+
+
+def _entry(candidate: Candidate, found: Evidence, scene: FaultModels) -> Finding:
+    design, name = scene.design, candidate.subject
+    k = [p.name for p in design.model.parameters].index(name)
+    stated = float(design.soft_sd[list(design.soft_index).index(k)])
+    angle = candidate.cause is Cause.TWIST
+    return Finding(
+        kind=FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
+        names=(name,),
+        # Fitted columns act against the parameter: w + A dx is what is left.
+        size=-float(found.b[0]),
+        unit="rad" if angle else "m",
+        figures={"limit": stated},
+    )
+
+
+def _smooth(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> Finding:
+    if candidate.cause is Cause.CURVE:
+        sensor = scene.arm.joints[joint - 1].sensor
+        peak, sd, from_line = candidate.deviation(found.b, found.covariance)
+        figures = {"from_line": 1.0} if from_line else {}
+        if isinstance(sensor, Rvdt):
+            figures |= {"full_scale_rad": sensor.full_scale_rad, "linearity": sensor.linearity}
+        return Finding(
+            kind=FindingKind.RVDT_NONLINEAR,
+            joint=joint,
+            sensor="RVDT",
+            size=peak,
+            sigma=sd,
+            unit="rad",
+            figures=figures,
+        )
+    cyclic = candidate.cause is Cause.TURN_ERROR
+    return Finding(
+        kind=FindingKind.ENCODER_CYCLIC_ERROR if cyclic else FindingKind.JOINT_SAG,
+        joint=joint,
+        sensor="ENCODER" if cyclic else "",
+        size=_rms_along(joint, candidate, found, scene),
+        unit="rad",
+    )
+
+
+def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: FaultModels) -> float:
+    """Size (rms, rad) of columns that act along one joint."""
+    B = scene.system.B[:, :, joint - 1]
+    moved = candidate.moves(found.b, len(B))
+    return _rms((moved * B).sum(-1) / np.maximum((B**2).sum(-1), 1e-300))
+
+
+def rms_displacement(candidate: Candidate, found: Evidence, scene: FaultModels) -> dict[str, float]:
+    """Displacement of the fixture (rms) over the poses that it is about."""
+    moved = candidate.moves(found.b, len(scene.system.w))
+    whole = (scene.system.E @ moved[..., None])[..., 0]
+    there = np.abs(moved).sum(-1) > 0.0
+    turn = whole[there, :-3]
+    return {
+        "turn_rad": float(np.sqrt((turn**2).sum(-1).mean())) if turn.size else 0.0,
+        "shift_m": float(np.sqrt((whole[there, -3:] ** 2).sum(-1).mean())),
+    }
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.asarray(values) ** 2)))

@@ -1,0 +1,142 @@
+"""Every message with an example of its figures, held against one approval file.
+
+A change of wording is one diff to read: `pytest tests/operator_app/messages --snapshot-update` writes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from syrupy.assertion import SnapshotAssertion
+
+from operator_app.messages.calibration import HALVING, MESSAGES, halving_remedy
+from operator_app.messages.finding import Finding, FindingKind, NamedSize
+
+K = FindingKind
+
+EXAMPLE = Finding(
+    kind=K.REPORTED,
+    joint=3,
+    joints=(2, 5),
+    names=("s_3", "a_5"),
+    poses=("7", "8", "9"),
+    size=0.0123,
+    sigma=0.0021,
+    unit="rad",
+    figures={
+        "turn_rad": 0.002,
+        "shift_m": 0.0031,
+        "times": 3.4,
+        "sigmas": 5.2,
+        "limit": 0.0015,
+        "lower_rad": -1.5,
+        "upper_rad": 1.25,
+        "after": 12,
+        "count": 3,
+        "of": 40,
+        "iterations": 50,
+        "solutions": 2,
+        "ratio": 2.25,
+        "a": 0.355,
+        "b": 0.356,
+    },
+    sizes=(
+        NamedSize(name="theta_off_3", size=0.0201, unit="rad", share=0.31),
+        NamedSize(name="s_4", size=0.0123, unit="m", share=0.08),
+    ),
+    reported=("a library reports this", "it says what to do"),
+)
+
+RATES = {"theta_off_3": 0.11}
+OWN = {
+    K.FIXTURE_SLIPPED: {"names": ("tool",)},
+    K.WRONG_FIXTURE_HINGE: {"names": ("rigid", "sarcal new fixture --kind hinge")},
+    K.WRONG_FIXTURE_BALL: {"names": ("hinge", "sarcal new fixture --kind ball")},
+    K.READING_STEP: {"figures": {"counts": 12.0}},
+    K.READING_JUMP: {"size": 0.4, "figures": {"lsb": 120.0}},
+    K.RVDT_NONLINEAR: {
+        "figures": {"full_scale_rad": 1.05, "linearity": 0.005, "from_line": 1.0},
+        "sensor": "RVDT",
+    },
+    K.LENGTH_STEP: {"unit": "m"},
+    K.LENGTH_OFF: {"unit": "m"},
+    K.UNEXPLAINED_PATTERN: {"names": ("STEP", "CHI2_STATED")},
+    K.UNEXPLAINED_SCATTER: {"figures": {"times": 2.6}},
+    K.ENDPOINTS_UNUSED: {"names": ("hinge",)},
+    K.TOO_FEW_POSES: {"size": 12},
+    K.SIGMAS_WIDE: {"names": ("rvdt_curve_6",)},
+    K.SIGMAS_USELESS: {"names": ()},
+    K.CONDITION: {"size": 120.0, "figures": {"limit": 100.0}},
+    K.CHI2_EXCEEDS: {"size": 2.9},
+    K.FIXED_UNSEEN: {"figures": RATES},
+    K.FIXED_BY_CHOICE: {"figures": RATES},
+    K.LIMIT_CHI2: {"size": 3.1, "figures": {"limit": 2.0}},
+    K.NEVER_REPEATED: {"joints": ()},
+    K.COMPARED_CONSTANT: {"unit": "m"},
+    K.COMPARED_SCALED: {"names": ("A",), "size": 1.5},
+    K.COMPARED_REFUSED: {"names": ("FORCED", "B")},
+}
+"""What an example needs of its own."""
+
+
+def example(kind: FindingKind) -> Finding:
+    sensor = "RVDT" if kind.name.startswith("RVDT") else "ENCODER"
+    return replace(EXAMPLE, **{"kind": kind, "sensor": sensor, **OWN.get(kind, {})})
+
+
+def shown(found: Finding, name: str) -> str:
+    return f"{name} [{found.code}]\n  {found.text}\n  -> {found.remedy or '-'}"
+
+
+def test_every_message_is_as_approved(snapshot: SnapshotAssertion) -> None:
+    listed = []
+    for kind in FindingKind:
+        found = example(kind)
+        listed.append(shown(found, kind.name))
+        text = MESSAGES[kind][0]
+        if "{certain:" in text or "{outlying}" in text:
+            listed.append(shown(replace(found, probability=0.3), f"{kind.name}, less likely"))
+        if "{several:" in text:
+            listed.append(shown(replace(found, poses=("7",)), f"{kind.name}, one pose"))
+    listed += [f"budget {source}\n  -> {halving_remedy(source)}" for source in HALVING if source]
+    assert "\n\n".join(listed) == snapshot
+
+
+def test_every_kind_has_a_message_and_no_other_has() -> None:
+    assert set(MESSAGES) == set(FindingKind)
+
+
+@pytest.mark.parametrize(
+    ("found", "code"),
+    [
+        (Finding(kind=K.READING_FROZEN, joint=3), "FROZEN_JOINT_3"),
+        (Finding(kind=K.READING_NOISE, joint=6, sensor="RVDT"), "RVDT_6"),
+        (Finding(kind=K.ENTRIES_EXCHANGED, names=("s_3", "s_5")), "EXCHANGED_s_3_s_5"),
+        (Finding(kind=K.OUT_OF_RANGE, joint=2), "RANGE_2"),
+        (Finding(kind=K.OUT_OF_RANGE_NOTICE, joint=2), "RANGE"),
+        (Finding(kind=K.LENGTH_OFF, names=("s_3",)), "LENGTH_s_3"),
+    ],
+)
+def test_the_public_code_follows_from_the_fields(found: Finding, code: str) -> None:
+    assert found.code == code
+
+
+def test_a_step_too_small_for_its_format_is_not_denied() -> None:
+    step = Finding(kind=K.READING_STEP, joint=1, poses=("1", "2"), size=2e-8, unit="rad")
+    assert "0.000001 deg" in step.text
+
+
+def test_a_record_of_an_earlier_version_keeps_what_it_said() -> None:
+    old = {
+        "code": "RVDT_6",
+        "probability": 0.7,
+        "text": "it strays",
+        "remedy": "replace it",
+        "refuses": True,
+    }
+    data = Finding.upgraded_record(old)
+    assert data["names"] == ["RVDT_6"]
+    assert data["reported"] == ["it strays", "replace it"]
+    assert data["blocking"]
+    assert Finding.upgraded_record(data) is data

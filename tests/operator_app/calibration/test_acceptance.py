@@ -103,8 +103,8 @@ def campaign(*values: str):
             r"joint \d shifted by [+-](0\.9|1\.0)\d* deg \([+-]\d+ (LSB|counts)\)",
         ),
         campaign("1 outlier 0.5 deg", r"pose p\d+ does not fit the others"),
-        campaign("RVDT 5 %", r"joint [67] (strays|scatters) .*deg"),
-        campaign("12 flipped", r"12 of 40\) close only with the hand upside down"),
+        campaign("RVDT 5 %", r"joint [67] (deviates|scatters) .*deg"),
+        campaign("12 flipped", r"12 of 40\) close only with the tool upside down"),
     ],
 )
 def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy(name: str, words: str) -> None:

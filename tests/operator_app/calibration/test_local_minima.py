@@ -15,7 +15,7 @@ from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.result import Solution
-from operator_app.calibration.sensitivity import remedy_beside_poses
+from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
@@ -108,6 +108,6 @@ def remedy_for(name: str, found: Session) -> str:
     model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
     errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
     fit = estimate_with_errors(model, poses.q_rad, errors)
-    (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(remedy_beside_poses, fit))
+    (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(exceeded_source, fit))
     assert cause.code == "LITTLE_MOTION"
     return cause.remedy

@@ -140,7 +140,7 @@ def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right() -> 
     assert "holds only if the fixed value is right" in notice.text
     told = " ".join(facts_text(facts_of(right)).split())
     assert told.count("holds only if the fixed value is right") == 1, "told once, and pointed to"
-    assert "holds only if theta_off_4 is held at what it is: see the warnings." in told
+    assert "holds only if the fixed value of theta_off_4 is right: see the warnings." in told
     document = facts_of(right).json
     assert document["hand_accuracy_holds_for"] == {"theta_off_4": pytest.approx(np.rad2deg(at))}
     # Where the file states how well it is known, that is counted in.

@@ -124,7 +124,7 @@ def test_measured_endpoints_that_take_no_part_are_said(
 ) -> None:
     q = result.poses.q_rad
     measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
-    said = "measured endpoints (x_m,y_m,z_m), which a hinge knows nothing of: they took no part"
+    said = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
     assert any(said in text for text in calibrate(poses=measured).warnings)
     assert not any(said in text for text in result.warnings)
     assert main(["solve", str(measured.to_csv(tmp_path / "measured.csv"))]) == 0

@@ -126,7 +126,7 @@ def test_second_opinions_that_nobody_asked_for_are_said_to_be_missing(
 ) -> None:
     assert "hold-out" not in take_apart(report_html(subject).decode()).text
     other = take_apart(report_html(replace(subject, checks=None)).decode())
-    assert "sarcal run --resume session asks it." in other.text
+    assert "sarcal run --resume session computes it." in other.text
     assert "held out" not in " ".join(row[0] for row in other.rows("Closure at"))
 
 

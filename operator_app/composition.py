@@ -26,7 +26,7 @@ from hardware.control.process_priority import real_time_priority
 from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attending
+from hardware.virtual.embedded_bus import attended_openers
 from operator_app.carried_procedure import carried_procedure, named_scenario, session_bus
 from operator_app.config.description import describe
 from operator_app.config.procedure import Procedure
@@ -136,7 +136,7 @@ def open_arm(
                     attended=True,
                 )
             )
-            openers = attending(controller)
+            openers = attended_openers(controller)
         else:
             openers = BusOpeners()
             stack.enter_context(real_time_priority())

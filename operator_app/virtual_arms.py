@@ -21,7 +21,7 @@ from hardware.virtual.parameter_store import (
     ValidatedParameters,
 )
 from hardware.virtual.scenarios import Scenario, scenario_of
-from hardware.virtual.specimens import Stated
+from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.carried_procedure import named_scenario
 from operator_app.config.errors import ConfigError
@@ -46,7 +46,7 @@ def virtual_arm(
     SessionError
         None can be built of them. Another one never takes its place.
     """
-    stated = Stated(
+    stated = SpecimenFiles(
         arm=arm,
         fixture=fixture.fixture,
         tolerance_m=fixture.tolerance_m,

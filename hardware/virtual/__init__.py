@@ -1,4 +1,4 @@
-"""The virtual controller: nodes, plant and sensors of an arm that is not there."""
+"""The simulated arm: controller with CANopen nodes, plant and sensors."""
 
 SCENARIOS = ("exact", "datasheet", "as_reported", "wild")
 """Names of the virtual arms; here, so that a command line need not load them."""

@@ -1,4 +1,4 @@
-"""What a virtual drive is told about its joint: scale, limits, sensor. Knows the arm model and no bus."""
+"""Commissioning data of a virtual drive: scale, limits and sensor of its joint."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 FOLLOWING_WINDOW_RAD = math.radians(3.0)
-"""Wider than any servo deflection below the torque trip: only a lost sensor gets here."""
+"""Wider than any servo deflection below the torque trip: only a failed sensor exceeds it."""
 HOME_OFFSET_LIMIT_RAD = math.pi
 _LARGEST_U32 = 2**32 - 1
 _MILLIONTHS = 1_000_000
@@ -21,7 +21,7 @@ _MILLIONTHS = 1_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisSettings:
-    """One axis, as its drive is commissioned.
+    """Settings of one drive.
 
     Attributes
     ----------
@@ -30,23 +30,21 @@ class AxisSettings:
     scale
         Counts and radians.
     limits
-        Limits of commands; its speed is the overspeed trip as well.
-    max_torque_nm
-        Excess torque trip.
+        Command limits; the speed is the overspeed trip as well.
+    max_torque_nm, following_window_counts
+        Trip levels of torque and following error (6065h).
     rated_torque_nm
-        What 6077h is per mille of.
-    following_window_counts
-        FollowingMonitor error trip (6065h).
+        Reference of 6077h.
     sensor_kind, full_scale_microdeg, converter_bits
         2100h.
     increments, revolutions
         608Fh.
     lowest_counts, highest_counts
-        Ends of the converter: a reading there is a failed sensor. None without ends.
+        Ends of the converter, at which the sensor counts as failed; None without ends.
     mode_switch_cycles
-        Control periods from a new 6060h until 6061h says so.
+        Control periods from a new 6060h to the new 6061h.
     trip_cycles
-        Control periods that torque or following error must last to trip.
+        Control periods above a trip level until the drive trips.
     """
 
     joint: int
@@ -72,18 +70,12 @@ class AxisSettings:
 
     @property
     def home_offset_limit_counts(self) -> int:
-        """Largest home offset, either way, that makes sense for a revolute joint."""
+        """Limit of the home offset of a revolute joint, either way."""
         return round(HOME_OFFSET_LIMIT_RAD * self.scale.counts_per_rad)
 
 
 def joint_scale(joint: Joint) -> JointScale:
-    """Scale of a joint's sensor.
-
-    Raises
-    ------
-    ValueError
-        If the joint has none.
-    """
+    """Scale of a joint's sensor; `ValueError` if it has none."""
     match joint.sensor:
         case Encoder() as encoder:
             return JointScale(counts_per_rad=encoder.counts_per_rev / (2.0 * math.pi))
@@ -107,7 +99,7 @@ def axis(number: int, joint: Joint) -> AxisSettings:
         kind, bits = SensorKind.RVDT, joint.sensor.bits
         microdeg = round(math.degrees(joint.sensor.full_scale_rad) * _MILLIONTHS)
         per_turn = Fraction(360 * _MILLIONTHS * 2**bits, microdeg)
-        # The converter has its zero in the middle of the range, where the RVDT has.
+        # The converter's zero is the RVDT's, in the middle of the range.
         zero, half = round(joint.middle_rad / joint.sensor.resolution_rad), 2 ** (bits - 1)
         lowest, highest = zero - half, zero + half - 1
     else:

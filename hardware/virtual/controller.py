@@ -1,15 +1,13 @@
-"""The virtual controller: eight nodes, one control loop, one plant step a SYNC. Knows the bus, not the truth.
+"""The virtual controller: drive nodes and supervisor, one control loop, one plant step per SYNC.
 
-One thread does everything that has a time to it: it receives, steps the plant, answers, watches the
-operator's heartbeat and sends its own. If it hangs, the heartbeats stop, as they should. A second
-thread checks parameter documents and writes them to disk, and does nothing else.
+One thread receives, steps the plant, answers, monitors the operator's heartbeat and sends its own; if it hangs,
+the heartbeats stop. A second thread checks parameter documents and writes them to disk.
 
-Where operator and arm are one process, the operator's thread takes in the frames itself whenever it waits
-for an answer (`VirtualController.attend`): two threads that hand one interpreter to and fro with every
-frame take twice as long. What has a time to it is seen to by the first thread all the same.
+If operator and arm are one process, the operator's thread handles the frames while it waits for an answer
+(`VirtualController.attend`), which takes half the time of handing each frame to another thread.
 
-The operator's heartbeat is watched while the operator holds the control token. When it is lost, all
-drives hold and raise 8130h, and the token lapses.
+While the operator holds the control token its heartbeat is monitored; when it is lost, all drives hold and raise
+8130h, and the token lapses.
 """
 
 from __future__ import annotations
@@ -33,38 +31,38 @@ from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.node import ControllerNetwork, VirtualNode
-from hardware.virtual.parameter_store import ParameterStore, Validate, takes_no_documents
+from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
 from hardware.virtual.port import PlantPort
-from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode, Surroundings
+from hardware.virtual.supervisor_node import ArmLabel, ControllerHooks, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
 
 _POLL_S = 0.02
-"""Longest wait for a frame: how soon wall-clock duties and `post` are seen to on a quiet bus."""
+"""Longest wait for a frame, after which timed duties and `post` are handled."""
 _SHORT_POLL_S = 0.002
-"""The same where frames come late, which somebody has to send then."""
+"""The same while frames are delayed by a fault."""
 _CATCH_UP_FRAMES = 1000
-"""Frames looked at before a heartbeat counts as lost: it may be waiting behind them."""
+"""Frames handled before a heartbeat counts as lost: it may be behind them in the queue."""
 _NODE_BITS = 0x7F
 STORM = 50
-"""Emergencies with every SYNC, of a drive that does not stop complaining."""
-_COMPLAINT = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
+"""Emergencies with every SYNC in an emergency storm."""
+_STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
 class VirtualController:
-    """Seven joint drives (or however many `axes` there are) and a supervisor on one bus.
+    """One drive node for each of `axes`, and a supervisor, on one bus.
 
     Parameters
     ----------
     bus
-        Open bus; the caller's, and still open after `close`. It is made to take in what is for this arm.
+        Open bus of the caller, not closed here; its filters are set.
     plant
-        What the drives move.
+        Plant that the drives move.
     axes
         Joints 1..n, see `hardware.virtual.axis.arm_axes`.
     arm
-        Which arm this is.
+        Model and serial number.
     validate
-        Strict parse of parameter documents; without it every document is refused.
+        Strict parse of parameter documents; by default all are refused.
     store
         Parameter slots; in memory by default.
     heartbeat_timeout_s
@@ -72,24 +70,20 @@ class VirtualController:
     clock
         Monotonic time, s.
     script
-        Faults that happen at given SYNCs, those of SYNC 0 before the first.
+        Faults at given SYNCs, those of SYNC 0 before the first.
     attended
-        The operator is in this process and calls `attend` while it waits for frames.
+        Whether the operator is in this process and calls `attend` while it waits for frames.
 
     Attributes
     ----------
     drives, supervisor
-        The nodes. To be looked at from other threads under their `lock` only.
-    plant
-        What they move.
+        The nodes; other threads need their `lock`.
     sync_count
         SYNCs answered so far.
     tracker
-        What sees the hand of an open arm, None where a fixture holds it. Its measurements do not go
-        over the bus.
+        Tracker of an open arm, not on the bus; None with a fixture.
     failure
-        What ended the control loop before `close` did, None if nothing. As a context manager the
-        controller raises it at the end; who calls `start` and `close` has to look.
+        Error that ended the control loop; None if there is none. The context manager raises it on exit.
     """
 
     def __init__(
@@ -99,7 +93,7 @@ class VirtualController:
         *,
         axes: Sequence[AxisSettings],
         arm: ArmLabel,
-        validate: Validate = takes_no_documents,
+        validate: Validate = refuse_documents,
         store: ParameterStore | None = None,
         heartbeat_timeout_s: float = HEARTBEAT_TIMEOUT_S,
         clock: Callable[[], float] = time.monotonic,
@@ -139,7 +133,7 @@ class VirtualController:
             axes=axes,
             store=ParameterStore() if store is None else store,
             validate=validate,
-            surroundings=Surroundings(
+            hooks=ControllerHooks(
                 hears=self._hears,
                 control_changed=self._group.control_changed,
                 set_home_offsets=self._group.set_home_offsets,
@@ -163,10 +157,7 @@ class VirtualController:
     # ---- life ----------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Step the plant once for a first reading, boot all nodes, begin to listen.
-
-        Faults of SYNC 0 are there before anybody is heard.
-        """
+        """Step the plant once for a first reading, boot all nodes, inject the faults of SYNC 0, start both threads."""
         self._group.step()
         for node in self._nodes:
             node.boot()
@@ -176,7 +167,7 @@ class VirtualController:
         self._loop.start()
 
     def close(self) -> None:
-        """End both threads; the plant stays where it is. Safe to call twice."""
+        """End both threads. May be called twice."""
         self._closing = True
         self._running.set()
         self._work.put(None)
@@ -196,7 +187,7 @@ class VirtualController:
     # ---- for faults and tests --------------------------------------------------------------------------
 
     def post(self, action: Callable[[], None]) -> None:
-        """Run something in the control loop; at once if this is it."""
+        """Run an action in the control loop; at once if called from it."""
         if threading.get_ident() == self._in_turn:
             action()
         else:
@@ -207,7 +198,7 @@ class VirtualController:
         return self._clock()
 
     def restart(self) -> None:
-        """Take mains away from all nodes and give it back; call through `post` only."""
+        """Power-cycle all nodes; call by `post` only."""
         self._heard_s.clear()
         for node in self._nodes:
             with node.lock:
@@ -215,20 +206,17 @@ class VirtualController:
                 node.boot()
 
     def hang(self) -> None:
-        """Let the control loop hang until `unhang`."""
+        """Suspend the control loop until `unhang`."""
         self._running.clear()
 
     def unhang(self) -> None:
-        """Let the control loop go on."""
+        """Resume the control loop."""
         self._running.set()
 
     # ---- control loop ----------------------------------------------------------------------------------
 
     def attend(self) -> None:
-        """Take in all that has come, in the thread of whoever waits for the answers.
-
-        Does nothing while the loop hangs, or when somebody else is at it.
-        """
+        """Handle all queued frames in the caller's thread; does nothing while the loop hangs or is busy."""
         if not self._turns.acquire(blocking=False):
             return
         try:
@@ -261,7 +249,7 @@ class VirtualController:
             self.failure = error
 
     def _turn(self, message: can.Message | None) -> None:
-        """Take in a frame, if there is one, and see to what is due."""
+        """Handle a frame, if there is one, then timed duties and posted actions."""
         self._in_turn = threading.get_ident()
         self._latency.frame_read()
         if message is not None:
@@ -272,7 +260,7 @@ class VirtualController:
         self._in_turn = None
 
     def _hear(self, message: can.Message) -> None:
-        """Take in what a bad wire makes of a frame."""
+        """Handle a frame after the wire's faults."""
         wire = self.disturbances.wire_in
         if wire is None:
             self._take_in(message)
@@ -328,10 +316,10 @@ class VirtualController:
                 send(node.tpdo1_id, data)
         for number in disturbances.storming:
             for _ in range(STORM):
-                send(objects.COB_EMCY + number, _COMPLAINT)
+                send(objects.COB_EMCY + number, _STORM_EMERGENCY)
 
     def _happen(self, sync_count: int) -> None:
-        """Let those faults happen whose SYNC has come."""
+        """Inject the scripted faults that are due."""
         while self._script and self._script[-1].at_sync <= sync_count:
             self._script.pop().happen(self.faults)
 
@@ -357,22 +345,18 @@ class VirtualController:
             if number in self._joints and now - since > self._timeout_s:
                 self._group.lose_heartbeat_at(number)
         if now >= self._next_beat_s:
-            # From now, not from when it was due: a loop that was late does not send a burst.
+            # From now: a late loop sends no burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S
             for node in self._nodes:
                 if self.disturbances.beats(node.number, now):
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether a node was silent for too long, the time in which nobody here listened left out.
-
-        A drive has a processor to itself. This one shares it with whoever is to beat: stands the machine still,
-        both were late.
-        """
+        """Whether a node was silent for too long, host latency excluded: both share this computer."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _catch_up(self) -> None:
-        """Look at what has arrived: the heartbeat may be among it, and this loop may be the late one."""
+        """Handle the queue: the heartbeat may be in it."""
         for _ in range(_CATCH_UP_FRAMES):
             message = self._bus.recv(0.001)
             if message is None:

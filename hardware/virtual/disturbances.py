@@ -1,4 +1,4 @@
-"""What is wrong with the virtual arm at present: looked at on every SYNC. Knows no node and no bus."""
+"""Active faults of the virtual arm, read on every SYNC, and of its wire."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import can
 import numpy as np
 
 BABBLE_ID = 0x7EE
-"""An identifier that nobody of the arm uses."""
+"""Identifier not used by the arm."""
 
 LATE_S = (0.005, 0.05)
-"""A late frame comes between so much and so much later."""
+"""Range of the delay of late frames."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """Shares of all frames (0 to 1) that something happens to; `babble` frames of nobody's after each."""
+    """Fractions of frames (0 to 1) with each fault; `babble` foreign frames follow every frame."""
 
     lost: float = 0.0
     doubled: float = 0.0
@@ -32,9 +32,9 @@ class FrameFaults:
 
 
 class FaultyWire:
-    """Frames in, frames out as the faults have it; the same for a seed, but for when late ones come.
+    """One direction of a faulty bus; reproducible for a seed, except the arrival of late frames.
 
-    `delays` says whether frames may wait here.
+    `delays`: whether frames may be late.
     """
 
     def __init__(
@@ -47,13 +47,13 @@ class FaultyWire:
         self.delays = faults.late > 0.0
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
-        """Frames that go out when this one is sent."""
+        """Frames that leave the wire when this one enters."""
         faults = self._faults
         lost, doubled, swapped, flipped, late = self._rng.random(5)
         if lost < faults.lost:
             return
         if flipped < faults.flipped and len(message.data):
-            message = copy(message)  # whoever else is on the bus has the same object
+            message = copy(message)  # other receivers share the object
             message.data = bytearray(message.data)
             bit = int(self._rng.integers(8 * len(message.data)))
             message.data[bit // 8] ^= 1 << bit % 8
@@ -75,7 +75,7 @@ class FaultyWire:
             yield can.Message(arbitration_id=BABBLE_ID, data=b"babble", is_extended_id=False)
 
     def overdue(self) -> Iterator[can.Message]:
-        """Late frames whose time has come."""
+        """Late frames that are due."""
         while self._late and self._late[0][0] <= self._clock():
             yield heapq.heappop(self._late)[2]
 
@@ -86,39 +86,30 @@ DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
 
 @dataclass(slots=True)
 class Disturbances:
-    """What is wrong at present.
+    """Active faults, by node or joint.
 
     Attributes
     ----------
     cut_since_s
-        Nodes whose cable is cut, and since when (the controller's clock).
-    no_heartbeat
-        Nodes that work but send no heartbeat.
-    heartbeat_period_s
-        Nodes that send one every so often only.
-    lost_tpdos
-        How many TPDO1 of a joint will yet be lost.
-    doubled_tpdos
-        Joints that answer every SYNC twice.
-    frozen_counts
-        Joints whose sensor reports this, wherever they are.
-    wire_out, wire_in
-        What frames of the arm go through, and those for it; None lets them pass.
-    lost_counts
-        Counts by which a joint's sensor is off, and its drive with it.
+        Nodes with a cut cable, and since when (the controller's clock).
+    no_heartbeat, heartbeat_period_s
+        Nodes without heartbeat, and nodes with another period.
+    lost_tpdos, doubled_tpdos
+        TPDO1 still to be lost by a joint; joints that answer every SYNC twice.
+    frozen_counts, lost_counts, ripple_counts
+        Sensor readings: fixed value, offset (the drive follows it), added noise (one standard deviation).
     diverged_counts
-        Counts by which a joint's drive is away from where it was told to be; they grow.
-    ripple_counts
-        Joints whose sensor has so much noise (one standard deviation) beside its own.
+        Distance of a joint from its drive's target; it grows.
     blocked, sagging
-        Joints that stay where they are though they should be free, and joints that hold nothing though
-        they should be in position mode.
+        Joints that do not move in free mode, and joints that do not hold in position mode.
     storming
         Joints that send emergencies on every SYNC.
     stalled_sdo, refused_sdo
-        Nodes that do not answer object access, and those that refuse it.
+        Nodes that do not answer SDO, and nodes that abort it.
     off_until_s
-        Until when nothing passes between the bus and any node; None: it does.
+        End of the time in which no frame passes; None if frames pass.
+    wire_out, wire_in
+        Faults of frames from and to the arm; None for none.
     """
 
     cut_since_s: dict[int, float] = field(default_factory=dict)
@@ -143,11 +134,11 @@ class Disturbances:
 
     @property
     def delays(self) -> bool:
-        """Whether frames wait in a bad wire until their time has come."""
+        """Whether a wire delays frames."""
         return any(wire.delays for wire in (self.wire_out, self.wire_in) if wire is not None)
 
     def beats(self, node: int, now_s: float) -> bool:
-        """Whether a node sends the heartbeat that is due now."""
+        """Whether a node sends a heartbeat now."""
         if node in self.no_heartbeat:
             return False
         period_s = self.heartbeat_period_s.get(node)
@@ -159,7 +150,7 @@ class Disturbances:
         return True
 
     def read(self, joint: int, counts: int) -> int:
-        """What a joint's sensor says where a sound one would say `counts`."""
+        """Reading of a joint's sensor in place of the correct `counts`."""
         if joint in self.frozen_counts:
             return self.frozen_counts[joint]
         ripple = self.ripple_counts.get(joint, 0.0)
@@ -167,15 +158,15 @@ class Disturbances:
         return counts + self.lost_counts.get(joint, 0) + noise
 
     def loses_tpdo(self, joint: int) -> bool:
-        """Whether this joint's TPDO1 gets lost now; counts down."""
+        """Whether this TPDO1 of a joint is lost; counts down."""
         left = self.lost_tpdos.get(joint, 0)
         if left == 0:
             return False
         self.lost_tpdos[joint] = left - 1
         return True
 
-    def astray(self, joint: int) -> int:
-        """By how many counts a joint's drive is astray in this period; they grow."""
+    def divergence(self, joint: int) -> int:
+        """Distance of a joint from its drive's target in this period, in counts; it grows."""
         counts = self.diverged_counts.get(joint)
         if counts is None:
             return 0

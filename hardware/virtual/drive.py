@@ -1,7 +1,7 @@
-"""One drive's behaviour: states, modes, limits, trips. Knows its axis; no node, no bus and no plant.
+"""Behaviour of one drive: states, modes, limits, trips.
 
-Time is counted in control periods: `command` says what the joint does in the next one, `read` takes
-in what the sensors say at its end.
+Time counts in control periods: `command` is the joint's command for the next one, `read` takes in the sensors at
+its end.
 """
 
 from __future__ import annotations
@@ -17,24 +17,21 @@ from hardware.virtual.axis import AxisSettings
 from hardware.virtual.port import JointCommand
 
 _WARNINGS = frozenset({EmergencyCode.REFERENCE_LIMIT})
-"""Errors that refuse a command and leave the drive as it is."""
+"""Errors that only refuse a command."""
 
 
 class Drive:
     """A CiA 402 axis in cyclic position or cyclic torque mode.
 
-    Holding is always the same: position mode, target where the joint was measured. A drive holds
-    after a quick stop and after it lost the operator's heartbeat; a drive that tripped by itself
-    blocks its valve instead.
+    After a quick stop or the loss of the operator's heartbeat it holds: position mode at the measured position.
+    After any other trip its valve is blocked.
 
     Parameters
     ----------
     axis
         Scale, limits and sensor of the joint.
-    on_error
-        Called with the code of every error that begins.
-    on_all_clear
-        Called when the last error has ended.
+    on_error, on_all_clear
+        Called with the code of every new error, and when the last error has ended.
     """
 
     def __init__(
@@ -60,7 +57,7 @@ class Drive:
         self.power_up()
 
     def power_up(self) -> None:
-        """Begin anew, as after mains came back; errors are forgotten without a word."""
+        """Initial state after power-up; errors are cleared without an emergency."""
         self.state = cia402.after_event(DriveState.NOT_READY_TO_SWITCH_ON, DriveEvent.INITIALISED)
         self.errors: list[EmergencyCode] = []
         self.controlword = 0
@@ -73,7 +70,7 @@ class Drive:
         self._following_for = 0
         self._command: JointCommand | None = None
 
-    # ---- what the bus tells the drive ----------------------------------------------------------
+    # ---- commands from the bus -----------------------------------------------------------------
 
     def obey(self, controlword: int, target_counts: int, mode_code: int) -> None:
         """Act on an RPDO1."""
@@ -82,7 +79,7 @@ class Drive:
         self.obey_target(target_counts)
 
     def obey_controlword(self, controlword: int) -> None:
-        """Act on 6040h. Going towards motion needs the control token, going away never does."""
+        """Act on 6040h; only transitions towards motion need the control token."""
         self.finish_reaction()
         before = self.state
         after = cia402.after_controlword(before, controlword, self.controlword)
@@ -104,13 +101,13 @@ class Drive:
             self._end(EmergencyCode.REFERENCE_LIMIT)
 
     def ask_for_mode(self, mode_code: int) -> None:
-        """Act on 6060h: the switch takes a few control periods, 6061h tells when it is done."""
+        """Act on 6060h; 6061h follows a few control periods later."""
         if mode_code != self.mode_request:
             self.mode_request = mode_code
             self._switching_for = 0
 
     def obey_target(self, target_counts: int) -> None:
-        """Act on 607Ah, where it means anything: enabled, in position mode, under control."""
+        """Act on 607Ah if enabled, in position mode and under control."""
         if self.ignores_targets or not (
             self.state is DriveState.OPERATION_ENABLED
             and self.mode is JointMode.POSITION
@@ -126,17 +123,17 @@ class Drive:
         else:
             self._begin(EmergencyCode.REFERENCE_LIMIT)
 
-    # ---- what happens to the drive ---------------------------------------------------------------
+    # ---- events ----------------------------------------------------------------------------------
 
     def quick_stop(self) -> None:
-        """Stop and hold without a controlword; a drive that is not moving stays as it is."""
+        """Stop and hold without a controlword, if enabled."""
         after = cia402.after_event(self.state, DriveEvent.QUICK_STOP)
         if after is not self.state:
             self.state = after
             self._hold()
 
     def lose_heartbeat(self) -> None:
-        """Hold, and let nothing move until the fault is reset and the drive enabled again."""
+        """Hold in fault until it is reset and the drive enabled again."""
         if self.ignores_heartbeat:
             return
         if self.state in cia402.POWERED_STATES:
@@ -144,20 +141,20 @@ class Drive:
         self.trip(EmergencyCode.HEARTBEAT_LOST, holding=self._holding)
 
     def trip(self, code: EmergencyCode, *, holding: bool = False) -> None:
-        """Fault: with `holding` the servo stays closed, else the valve is blocked."""
+        """Go to fault; with `holding` the servo stays closed, else the valve is blocked."""
         self._holding = holding
         self._command = None
         self.state = cia402.after_event(self.state, DriveEvent.FAULT)
         self._begin(code)
 
     def finish_reaction(self) -> None:
-        """*Fault reaction active* lasts until anything else happens to the drive."""
+        """End *fault reaction active* at the next event."""
         self.state = cia402.after_event(self.state, DriveEvent.FAULT_REACTION_DONE)
 
     # ---- every control period --------------------------------------------------------------------
 
     def command(self) -> JointCommand:
-        """What the joint does in the next control period."""
+        """The joint's command for the next control period."""
         if self._command is None:
             self._command = self._make_command()
         return self._command
@@ -182,8 +179,8 @@ class Drive:
             flags |= StatusBit.REMOTE
         if EmergencyCode.REFERENCE_LIMIT in self.errors:
             flags |= StatusBit.INTERNAL_LIMIT
-        leads = self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION
-        if leads and not self.ignores_targets:
+        servo_on = self.state is DriveState.OPERATION_ENABLED and self.mode is JointMode.POSITION
+        if servo_on and not self.ignores_targets:
             flags |= StatusBit.FOLLOWS_COMMAND
         if EmergencyCode.FOLLOWING in self.errors:
             flags |= StatusBit.FOLLOWING_ERROR
@@ -205,7 +202,7 @@ class Drive:
         self.mode = JointMode.POSITION
 
     def _take_up(self) -> None:
-        """Begin where the joint is: no drive ever jumps to an old target."""
+        """Start at the measured position, never at an old target."""
         self.target_counts = self.counts
         self._torque_for = self._following_for = 0
         self._command = None
@@ -248,12 +245,12 @@ class Drive:
             self.trip(code)
 
     def _reset(self) -> bool:
-        """Forget every error whose cause is gone; false if one stays."""
-        stay = {
+        """Clear the errors; false if the cause of one persists."""
+        persists = {
             EmergencyCode.EXTERNAL_STOP: self.external_stop,
             EmergencyCode.SENSOR: self.sensor_failed,
         }
-        if any(stay.get(code, False) for code in self.errors):
+        if any(persists.get(code, False) for code in self.errors):
             return False
         had = bool(self.errors)
         self.errors.clear()

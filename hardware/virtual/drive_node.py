@@ -1,6 +1,6 @@
-"""A joint drive on the bus: frames and objects in and out of a `Drive`. Knows CANopen, and no plant.
+"""Joint drives on the bus (frames and objects of a `Drive`), and all of them with the plant they move.
 
-TPDO1 and RPDO1 are packed by `struct`, as the EDS file maps them: they are on the path of every SYNC.
+TPDO1 and RPDO1 are packed by `struct`, as the EDS file maps them, since every SYNC needs them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _REGISTER: Final = {
     EmergencyCode.EXTERNAL_STOP_SECOND: ErrorBit.MANUFACTURER,
 }
 RPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.RPDO1_MAP)
-"""Controlword, target position in counts, mode: acted on as it arrives."""
+"""Controlword, target position in counts, mode: acted on when received."""
 TPDO1: Final = pdo_struct(JOINT_PRODUCT, objects.TPDO1_MAP)
 """Statusword, position in counts, torque in per mille of rated: sent on every SYNC."""
 _HIGHEST_I16: Final = 2**15 - 1
@@ -61,14 +61,14 @@ class DriveNode(VirtualNode):
     # ---- PDOs ----------------------------------------------------------------------------------------
 
     def on_rpdo1(self, data: bytes | bytearray) -> None:
-        """Act on an RPDO1 at once; one of a wrong length, or outside *operational*, is not obeyed."""
+        """Act on an RPDO1; ignored if of a wrong length or outside *operational*."""
         if len(data) != RPDO1.size or self.state is not NmtState.OPERATIONAL:
             return
         with self.lock:
             self.drive.obey(*RPDO1.unpack(data))
 
     def tpdo1(self) -> bytes | None:
-        """Data of the TPDO1 for the SYNC at hand, None outside *operational*."""
+        """Data of TPDO1; None outside *operational*."""
         if self.state is not NmtState.OPERATIONAL:
             return None
         drive = self.drive
@@ -84,12 +84,12 @@ class DriveNode(VirtualNode):
     # ---- node ----------------------------------------------------------------------------------------
 
     def power_up(self) -> None:
-        """Begin anew; the home offset is the supervisor's to set again."""
+        """Power up; the supervisor sets the home offset again."""
         super().power_up()
         self.drive.power_up()
 
     def left_operational(self) -> None:
-        """Commands cannot come any more: stop and hold."""
+        """Stop and hold: no more commands can arrive."""
         self.drive.quick_stop()
 
     # ---- inside --------------------------------------------------------------------------------------
@@ -154,7 +154,7 @@ class DriveNode(VirtualNode):
         self.drive.ask_for_mode(_whole(value))
 
     def _keep_zero_torque(self, value: Value) -> None:
-        """6071h takes 0 only, which its range has made sure of."""
+        """Accept 0, the only value in the range of 6071h."""
 
 
 def _whole(value: Value) -> int:
@@ -167,16 +167,11 @@ _FAULTED = (DriveState.FAULT_REACTION_ACTIVE, DriveState.FAULT)
 
 
 class DriveGroup:
-    """Drives of joints 1..n and their plant.
+    """Drives of joints 1..n, their plant and its faults.
 
-    Parameters
-    ----------
-    drives
-        Nodes of joints 1..n.
-    plant
-        What they move.
-    disturbances
-        Joints whose sensor or drive is not as it should be; looked at in every period.
+    Beyond CiA 402: a drive that trips stops its neighbours, since in a closed chain they would push against a joint
+    that does not follow, and none moves until the fault is reset; drives that lose the operator's heartbeat hold
+    and raise 8130h; when the control token is released all drives stop and hold without a fault.
     """
 
     def __init__(
@@ -205,16 +200,16 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """What a drive does: it goes by its own sensor, and so as far off as that one is."""
-        command, wrong = node.drive.command(), self._disturbances
-        if command.mode is JointMode.FREE and node.number in wrong.blocked:
+        """Command of a drive with its faults; the drive follows its own sensor, errors included."""
+        command, faults = node.drive.command(), self._disturbances
+        if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)
-        if command.mode is JointMode.POSITION and node.number in wrong.sagging:
+        if command.mode is JointMode.POSITION and node.number in faults.sagging:
             return replace(command, mode=JointMode.FREE)
-        off = wrong.astray(node.number) - wrong.lost_counts.get(node.number, 0)
-        if not off:
+        error = faults.divergence(node.number) - faults.lost_counts.get(node.number, 0)
+        if not error:
             return command
-        return replace(command, target_rad=command.target_rad + node.axis.scale.to_rad(off))
+        return replace(command, target_rad=command.target_rad + node.axis.scale.to_rad(error))
 
     def quick_stop(self) -> None:
         """Stop and hold every drive that is enabled."""
@@ -223,20 +218,20 @@ class DriveGroup:
                 node.drive.quick_stop()
 
     def lose_heartbeat(self) -> None:
-        """The operator is gone for all drives."""
+        """All drives lose the operator's heartbeat."""
         for node in self._drives:
             with node.lock:
                 node.drive.lose_heartbeat()
 
     def lose_heartbeat_at(self, joint: int) -> None:
-        """The operator is gone for one drive, if it was under control and does not know yet."""
+        """One drive loses the operator's heartbeat, if it was in control and has not reacted yet."""
         node = self._drives[joint - 1]
         with node.lock:
             if node.drive.in_control and EmergencyCode.HEARTBEAT_LOST not in node.drive.errors:
                 node.drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
-        """Somebody took the control token, or (0) nobody has it any more."""
+        """Node `holder` took control, or (0) it was released."""
         for node in self._drives:
             with node.lock:
                 node.drive.in_control = holder != 0
@@ -244,7 +239,7 @@ class DriveGroup:
             self.quick_stop()
 
     def set_home_offsets(self, counts: Sequence[int]) -> None:
-        """Give joints 1..n their 607Ch."""
+        """Set 607Ch of joints 1..n."""
         for node, offset in zip(self._drives, counts, strict=True):
             with node.lock:
                 node.home_offset_counts = offset

@@ -1,4 +1,4 @@
-"""The bus between an operator and the virtual arm of its own process. Knows frames; no node and no arm."""
+"""The bus between an operator and the virtual arm in the same process."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from hardware.bus_setup import BusOpeners
 from hardware.virtual.controller import VirtualController
 
 _SENT = can.Message()
-"""In the queue of a bus whose reader sleeps: something has been sent, and the arm may have an answer."""
+"""Wakes a waiting reader: a frame was sent, and the arm may have an answer."""
 
 
 class EmbeddedBus(VirtualBus):
-    """Virtual bus that takes a third of the processor time of python-can's: same frames, same channel.
+    """python-can's virtual bus at a third of the processor time, on the same channel.
 
-    Its queue is a C-implemented `queue.SimpleQueue`; receivers share one copy of a frame, which nobody changes
-    once it is sent; filters are looked up by identifier.
+    It uses the C-implemented `queue.SimpleQueue`, one shared copy of each frame, and a filter cache by identifier.
     """
 
     def __init__(self, channel: str, **kwargs: Any) -> None:
@@ -80,16 +79,10 @@ class EmbeddedBus(VirtualBus):
 
 
 class AttendingBus(EmbeddedBus):
-    """Embedded bus whose reader lets the arm at its other end live while nothing has come.
+    """Embedded bus whose waiting reader runs the arm at the other end.
 
-    A reader that sleeps when another thread sends is woken: what was asked is answered at once.
-
-    Parameters
-    ----------
-    channel
-        As in python-can.
-    attend
-        Called when a frame is waited for and none is there: `VirtualController.attend`.
+    `attend` (`VirtualController.attend`) is called when a frame is waited for and none is queued; a reader that
+    waits while another thread sends is woken.
     """
 
     def __init__(self, channel: str, attend: Callable[[], None], **kwargs: Any) -> None:
@@ -105,7 +98,7 @@ class AttendingBus(EmbeddedBus):
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         until = None if timeout is None else time.monotonic() + timeout
-        # Set before the arm is attended: what is sent while it is would else wait for the time-out.
+        # Before `attend`: a frame sent during it would otherwise wait for the time-out.
         self._awaited = True
         try:
             while True:
@@ -122,6 +115,6 @@ class AttendingBus(EmbeddedBus):
             self._awaited = False
 
 
-def attending(controller: VirtualController) -> BusOpeners:
-    """Return how an operator in this process opens the bus of an `attended` controller."""
+def attended_openers(controller: VirtualController) -> BusOpeners:
+    """Openers for an operator in the process of an `attended` controller."""
     return BusOpeners(main=lambda settings: AttendingBus(settings.channel, controller.attend))

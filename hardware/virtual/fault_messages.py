@@ -1,9 +1,6 @@
-"""Every fault that can be made on purpose, in words: what is broken, what is said of it, what to do.
+"""Description of every fault of the virtual controller: what fails, what the operator sees, what to do.
 
-Knows no bus and breaks nothing.
-
-`FAULTS` is the documentation of all of them: `sarcal controller --fault help` prints it,
-and the fault campaign holds the program to it.
+`sarcal controller --fault help` prints `FAULTS`, and the fault campaign tests them.
 """
 
 from __future__ import annotations
@@ -15,19 +12,19 @@ from types import MappingProxyType
 
 
 class ArmReaction(StrEnum):
-    """What the arm does once a fault has been told; the fault campaign looks at drives and plant."""
+    """Reaction of the arm once a fault is reported; the fault campaign checks drives and plant."""
 
-    STANDS = "goes nowhere; all drives are held or off as the session ends"
+    STANDS = "does not move; all drives hold or are off when the session ends"
     HOLDS = "all drives stop and hold by themselves"
     TRIPS = "that drive blocks its valve or holds, all others stop and hold"
     BLOCKS = "all valves are blocked"
     UNHEARD = (
-        "goes where its servos were last told to, and no further; until the loop runs again only the hardware stop "
+        "moves to the last targets of its servos and stops there; until the loop runs again only the hardware stop "
         "reaches it"
     )
     STOPPED = (
-        "is stopped by the program at once where that joint is seen astray: its drive is switched off, all others "
-        "stop and hold; after other words it goes nowhere, its drives held, tripped or off"
+        "is stopped by the program when uncommanded motion is detected: that drive is switched off, all others stop "
+        "and hold; after another message it does not move, its drives holding, tripped or off"
     )
 
 
@@ -36,24 +33,24 @@ POSES = "every pose accepted before"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FaultDescription:
-    """One thing that can go wrong.
+    """One fault.
 
     Attributes
     ----------
     broken
-        What does not work.
+        What fails.
     says
-        Parts of the sentences of which the operator may be told one; ``{joint}`` is whose fault it is.
+        Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
     goes_on
-        Whether a session may also go on to its end without a word.
+        Whether a session may also run to its end without a message.
     remedy
         What to do.
     arm
-        What the arm does once it has been told.
+        Reaction of the arm once the fault is reported.
     kept
-        What of the session is left then.
+        What is left of the session then.
     at_connect
-        Whether it shows as an arm is connected, and has to be there before.
+        Whether it shows when the arm is connected, and must be there before.
     """
 
     broken: str
@@ -65,14 +62,14 @@ class FaultDescription:
     at_connect: bool = False
 
     def seen(self) -> str:
-        """What an operator sees, in a sentence."""
+        """What the operator sees, as a sentence."""
         told = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.says)
         if not self.goes_on:
             return f"is told {told}"
         return f"goes on, or is told {told}" if told else "goes on"
 
     def does(self) -> str:
-        """What the arm does, in a sentence."""
+        """What the arm does, as a sentence."""
         if not self.goes_on:
             return str(self.arm)
         return f"goes on; once it is told: {self.arm}" if self.says else "goes on"
@@ -85,21 +82,21 @@ _CABLE = (
 )
 _RECONNECT = "Find out why, then connect again: the arm is compared with its poses first."
 _COMMISSION = "Commission the drive as the message says, then connect again; nothing was enabled."
-_ASTRAY = (
-    "Where the arm has been stopped nothing need be pressed; else press STOP. Mend that drive, or end whoever else "
-    "leads it; then reset (R, or `sarcal reset`) and go on: the first pose is read again before anything else."
+_DIVERGED = (
+    "Press STOP unless the program has stopped the arm. Mend that drive, or end the program that commands it; then "
+    "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
-_SLIPPED = ("joint {joint} jumped", "joint {joint} has shifted by")
-"""The second when the first pose is read again: a drive that leads its joint makes up for what its sensor lost."""
-_SLIPPED_KEPT = (
-    f"{POSES}; of a joint that is led, told when the first pose is read again, none since then (a degree: at the next "
-    "pose, from the 11th on; less: at the end, and the verdict refuses to mix them)"
+_COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
+"""The second when the first pose is repeated: in position mode the drive compensates its sensor's loss."""
+_COUNT_LOSS_KEPT = (
+    f"{POSES}; if a joint in position mode is reported when the first pose is repeated, none since then (for a degree: "
+    "at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"
 )
-_SLIPPED_REMEDY = (
-    "Retake what is marked; where the first pose does not read as it did, start a new session. Look at the encoder's "
-    "coupling and its cable."
+_COUNT_LOSS_REMEDY = (
+    "Retake the marked poses; if the first pose reads differently, start a new session. Check the encoder's coupling "
+    "and its cable."
 )
-_SENSOR = "Retake what is marked; look at the encoder's coupling and its cable."
+_SENSOR = "Retake the marked poses; check the encoder's coupling and its cable."
 
 FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
     {
@@ -149,7 +146,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             remedy="No CAN does this by itself, a gateway or a driver may: change it.",
         ),
         "babbling": FaultDescription(
-            broken="five frames of nobody's follow every frame",
+            broken="five foreign frames follow every frame",
             goes_on=True,
             remedy="`sarcal monitor` counts them by identifier; take that node off the bus.",
         ),
@@ -186,7 +183,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "missed-answers": FaultDescription(
             broken="a joint misses ten SYNCs",
             goes_on=True,
-            remedy="Nothing: samples that are not whole do not count.",
+            remedy="Nothing: incomplete samples are not used.",
         ),
         "double-answers": FaultDescription(
             broken="a joint answers every SYNC twice",
@@ -251,7 +248,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="the control loop hangs", says=_GONE, arm=ArmReaction.UNHEARD, remedy=_RECONNECT
         ),
         "unwatched": FaultDescription(
-            broken="a drive does not watch the operator's heartbeat (1016h): it would go on without one",
+            broken="a drive does not monitor the operator's heartbeat (1016h): it would go on without one",
             says=("'s heartbeat watched, for",),
             goes_on=True,
             remedy=_COMMISSION,
@@ -265,18 +262,18 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "lost-counts-500": FaultDescription(
             broken="an encoder loses 500 counts",
-            says=_SLIPPED,
+            says=_COUNT_LOSS,
             goes_on=True,
-            remedy=_SLIPPED_REMEDY,
-            kept=_SLIPPED_KEPT,
+            remedy=_COUNT_LOSS_REMEDY,
+            kept=_COUNT_LOSS_KEPT,
         ),
         "sensor-jump": FaultDescription(
             broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
             # Of a joint that is led: its drive makes up for it, which is a jerk of all joints.
-            says=(*_SLIPPED, "overspeed"),
+            says=(*_COUNT_LOSS, "overspeed"),
             goes_on=True,
-            remedy=_SLIPPED_REMEDY,
-            kept=_SLIPPED_KEPT,
+            remedy=_COUNT_LOSS_REMEDY,
+            kept=_COUNT_LOSS_KEPT,
         ),
         "ripple": FaultDescription(
             broken="a sensor has noise of ten counts, as of an unsteady supply",
@@ -285,7 +282,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             remedy="Supply and shield of that sensor; RVDT amplifier.",
         ),
         "frozen-sensor": FaultDescription(
-            broken="a sensor stands still",
+            broken="a sensor's reading is frozen",
             says=(
                 "reads as it did at pose",
                 # Of a joint that is led: its drive, or this program, misses it on the way.
@@ -294,7 +291,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             remedy=_SENSOR,
         ),
         "broken-sensor": FaultDescription(
-            broken="a drive sees that its sensor has failed (7305h)",
+            broken="a drive detects that its sensor has failed (7305h)",
             says=("angle sensor failed", "the drive is in"),
             remedy="Mend the sensor, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
@@ -302,11 +299,11 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "collision": FaultDescription(
             broken="a joint trips for excess torque (8311h)",
             says=("excess torque", "the drive is in"),
-            remedy="The arm holds. Free what it met, reset (R, or `sarcal reset`), then go on.",
+            remedy="The arm holds. Remove the obstacle, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
         "blocked-joint": FaultDescription(
-            broken="a joint that should be free does not give way",
+            broken="a joint in free mode does not move",
             says=(
                 "excess torque",
                 "the drive is in",
@@ -314,24 +311,24 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
                 "does not come to rest",
             ),
             goes_on=True,
-            remedy="Look at that joint's valve; reset (R, or `sarcal reset`), then go on.",
+            remedy="Check that joint's valve; reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
         "sagging-drive": FaultDescription(
-            broken="a drive in position mode holds nothing, and does not say so",
+            broken="a drive in position mode does not hold, and reports no fault",
             says=(
                 *("following error", "counts from its target", "excess torque"),
                 *("poses could be reached", "does not come to rest", "the drive is in"),
                 "after it was stopped",
             ),
-            remedy=_ASTRAY,
+            remedy=_DIVERGED,
             arm=ArmReaction.STOPPED,
         ),
         "slipped-fixture": FaultDescription(
             broken="the fixture slips by 1 mm on the table",
             goes_on=True,
-            remedy="No reading shows it by itself: the verdict does, where there are poses enough before and "
-            "after. Fasten it, and begin a new session.",
+            remedy="No single reading shows it; the verdict does, with enough poses before and after. Fasten it, and "
+            "start a new session.",
         ),
         "bound-hinge": FaultDescription(
             broken="the hinge turns no more",
@@ -341,12 +338,12 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             arm=ArmReaction.TRIPS,
         ),
         "stray": FaultDescription(
-            broken="a drive goes where it was not told to, 5 deg, and does not say so",
+            broken="a drive moves 5 deg from its target, and reports no fault",
             says=(
                 *("counts from its target", "after it was stopped", "excess torque"),
                 *("does not come to rest", "the drive is in"),
             ),
-            remedy=_ASTRAY,
+            remedy=_DIVERGED,
             arm=ArmReaction.STOPPED,
         ),
         "lost-enable": FaultDescription(
@@ -354,26 +351,25 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             # One that drops out before it has said that it is enabled is told to be until it says so.
             says=("the drive is in",),
             goes_on=True,
-            remedy="Ask who switched it off, and why: it is not switched on again by itself. Reset (R, or "
+            remedy="Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "
             "`sarcal reset`) when it is safe, then go on.",
         ),
         "deaf-drive": FaultDescription(
-            broken="a drive in position mode stays where it is, and says that it does not follow (6041h, bit 12)",
+            broken="a drive in position mode does not move, and reports that it does not follow (6041h, bit 12)",
             says=("(6041h, bit 12)", "following error", "counts from its target"),
             goes_on=True,
-            remedy="Look at that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go "
-            "on.",
+            remedy="Check that drive: interpolation, halt, internal limits. Reset (R, or `sarcal reset`), then go on.",
         ),
         "emcy-storm": FaultDescription(
             broken="a drive sends fifty emergencies on every SYNC",
             says=("joint {joint} tripped: ", "Hardly any SYNC is answered"),
-            remedy="`sarcal monitor` shows what it complains of; take that drive off the bus.",
+            remedy="`sarcal monitor` shows the errors; take that drive off the bus.",
         ),
         "refused-modes": FaultDescription(
             broken="a drive stays in the mode it is in",
             says=("joint {joint} was asked for",),
             goes_on=True,
-            remedy="Look at that drive's fault and its 6502h, reset it, apply the modes again.",
+            remedy="Check that drive's fault and its 6502h, reset it, set the modes again.",
         ),
         "external-stop": FaultDescription(
             broken="the external stop is pressed (5441h)",

@@ -1,7 +1,7 @@
-"""One pose's closure and Jacobian, tuned for the plant's inner loop. Knows D-H links and points, no forces.
+"""Closure error and Jacobian at one pose, tuned for the plant's inner loop.
 
-`solver.loops.closure.DhLoop.loop` does the same for many poses at once; on a single pose its broadcasting
-costs ten times as much. A test holds the two together to 1e-12.
+`solver.loops.dh.DhLoop.loop` does the same for many poses at once, and is ten times slower for one. A test compares
+both to 1e-12.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ class ChainPoint(ABC):
     Attributes
     ----------
     error
-        (k,) how far the chain is from closed; which components, a subclass says.
+        (k,) closure error, components by subclass.
     jacobian
-        (k, n + 1) its derivative for theta_0 .. theta'_n; the first column is zero where nothing turns.
+        (k, n + 1) derivative for theta_0 .. theta'_n; column 0 is zero without a hinge.
     axes_z, origins_m
-        (n + 2, 3) z axis and origin of frames -1 .. n, seen in frame -1.
+        (n + 2, 3) z axis and origin of frames -1 .. n, in frame -1.
     """
 
     def __init__(self, table: DhTable, components: int) -> None:
@@ -69,7 +69,7 @@ class ChainPoint(ABC):
         """Evaluate at true angles theta_0, theta'_1 .. theta'_n, shape (n + 1,), rad."""
 
     def _place(self, theta_rad: FloatArray) -> FloatArray:
-        """Put all frames where these angles (n + 1,) have them; the last one (4, 4)."""
+        """Compute all frames at these angles (n + 1,); return the last one (4, 4)."""
         cosine, sine = np.cos(theta_rad), np.sin(theta_rad)
         np.multiply(self._even, cosine[:, None, None], out=self._links)
         self._links += self._odd * sine[:, None, None]
@@ -80,8 +80,8 @@ class ChainPoint(ABC):
         end: FloatArray = self._frames[-1]
         return end
 
-    def _swung(self, p: FloatArray, rows: FloatArray) -> None:
-        """Put into `rows` (3, n + 1) how fast each joint moves a point `p` (3,) of the last link."""
+    def _point_jacobian(self, p: FloatArray, rows: FloatArray) -> None:
+        """Write the derivative of a point `p` (3,) of the last link into `rows` (3, n + 1)."""
         joints, lever = self._joints, self._lever
         joints[:, :3] = self._axes_and_origins
         joints[:, 3:] = joints[:, :2]
@@ -92,9 +92,9 @@ class ChainPoint(ABC):
 
 
 class LoopPoint(ChainPoint):
-    """The hand held in frame -1: rotation vector (rad) over position (m) of frame n, seen from there.
+    """Frame n held in frame -1: rotation vector (rad) over position (m).
 
-    Without a `hinge` theta_0 turns nothing: whoever moves the joints leaves it at zero.
+    Without a `hinge` theta_0 must stay zero.
     """
 
     def __init__(self, table: DhTable, *, hinge: bool = True) -> None:
@@ -108,7 +108,7 @@ class LoopPoint(ChainPoint):
         p = end[:3, 3]
         self.error[:] = (r0, r1, r2, *p.tolist())
         J = self.jacobian
-        self._swung(p, J[3:])
+        self._point_jacobian(p, J[3:])
         # dr = E w with E = 1 - [r]/2 + f [r]^2 (solver.chain.rotations.rotation_vector_differential).
         square = r0 * r0 + r1 * r1 + r2 * r2
         f = _second_order_factor(math.sqrt(square))
@@ -126,9 +126,9 @@ class LoopPoint(ChainPoint):
 
 
 class BallPoint(ChainPoint):
-    """A point `tip_m` (3,) of the last link held at `ground_m` (3,) of the base: ball less socket, m.
+    """Point `tip_m` (3,) of the last link held at `ground_m` (3,) of the base: ball minus socket, m.
 
-    Frame -1 is the base: row 0 of the table is nothing, and theta_0 turns nothing.
+    Frame -1 is the base: row 0 of the table is empty, and theta_0 stays zero.
     """
 
     def __init__(self, table: DhTable, *, tip_m: FloatArray, ground_m: FloatArray) -> None:
@@ -140,12 +140,12 @@ class BallPoint(ChainPoint):
         end = self._place(theta_rad)
         ball = end[:3, :3] @ self._tip + end[:3, 3]
         self.error[:] = ball - self._ground
-        self._swung(ball, self.jacobian)
+        self._point_jacobian(ball, self.jacobian)
         self.jacobian[:, 0] = 0.0
 
 
 class OpenPoint(ChainPoint):
-    """A hand that nothing holds: no component of error, and theta_0 turns nothing."""
+    """An open chain: no error components; theta_0 stays zero."""
 
     def __init__(self, table: DhTable) -> None:
         super().__init__(table, 0)
@@ -156,7 +156,7 @@ class OpenPoint(ChainPoint):
 
 
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
-    """Logarithm of a rotation well below half a turn, rad (a loop that far open has broken)."""
+    """Logarithm of a rotation well below half a turn, rad."""
     (r00, r01, r02), (r10, r11, r12), (r20, r21, r22) = R
     x, y, z = r21 - r12, r02 - r20, r10 - r01
     # 4 w^2 = 1 + trace; the quaternion's vector part is (x, y, z) / 4w.

@@ -1,7 +1,7 @@
-"""What every virtual node does: boot, NMT, heartbeat, emergencies, object access. Knows no joint and no arm.
+"""A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the controller's network.
 
-`canopen.LocalNode` leaves a good deal of this out, and sends heartbeats from a timer of its own; here
-they come from the controller's loop, so that a loop that hangs is heard to hang.
+`canopen.LocalNode` lacks much of this and sends heartbeats from a timer of its own; here the controller's loop
+sends them, so that they stop when it hangs.
 """
 
 from __future__ import annotations
@@ -39,17 +39,10 @@ _NUMBERS = frozenset(ODVariable.STRUCT_TYPES)
 
 
 class VirtualNode(canopen.LocalNode):
-    """A node on the bus.
+    """A node on the bus; `serial_number` is 1018h sub 4.
 
-    Objects are read through `serve` and written through `accept`; what has neither keeps its default.
-    All methods that frames lead to take `lock`.
-
-    Parameters
-    ----------
-    node
-        Node number.
-    serial_number
-        1018h sub 4.
+    Objects are read by `serve` and written by `accept` callbacks; others keep their defaults. Methods called for
+    frames take `lock`.
     """
 
     def __init__(self, node: int, *, serial_number: int) -> None:
@@ -78,12 +71,12 @@ class VirtualNode(canopen.LocalNode):
     # ---- network -----------------------------------------------------------------------------------
 
     def associate_network(self, network: canopen.Network) -> None:
-        """Listen to SDO requests; NMT commands come through `on_nmt`."""
+        """Subscribe to SDO requests; NMT commands come by `on_nmt`."""
         super().associate_network(network)
         network.unsubscribe(objects.COB_NMT, self.nmt.on_command)
 
     def boot(self) -> None:
-        """Come up: boot-up message, then pre-operational."""
+        """Send the boot-up message and enter pre-operational."""
         with self.lock:
             self.server.reset()
             self.state = NmtState.BOOT_UP
@@ -97,7 +90,7 @@ class VirtualNode(canopen.LocalNode):
                 self._heartbeat()
 
     def on_nmt(self, command: int) -> None:
-        """Act on an NMT command meant for this node."""
+        """Act on an NMT command for this node."""
         with self.lock:
             was_operational = self.state is NmtState.OPERATIONAL
             match command:
@@ -116,17 +109,17 @@ class VirtualNode(canopen.LocalNode):
                 self.left_operational()
 
     def power_up(self) -> None:
-        """Forget what mains loss would forget."""
+        """Clear the volatile state."""
         self._history.clear()
         self.error_register = ErrorBit(0)
 
     def left_operational(self) -> None:
-        """What to do when PDOs can reach this node no longer."""
+        """Called when the node leaves *operational*: no more PDOs."""
 
     # ---- emergencies -------------------------------------------------------------------------------
 
     def send_emergency(self, code: EmergencyCode, register: ErrorBit) -> None:
-        """Tell the bus about an error, or (`NONE`) that there is none any more; keep 1001h, 1003h."""
+        """Send EMCY for an error, or for its end (`NONE`), and update 1001h and 1003h."""
         self.error_register = register
         if code is not EmergencyCode.NONE:
             self._history = [int(code), *self._history][:ERROR_HISTORY]
@@ -137,11 +130,11 @@ class VirtualNode(canopen.LocalNode):
     # ---- objects -----------------------------------------------------------------------------------
 
     def serve(self, index: int, subindex: int, reader: Reader) -> None:
-        """Let reads of an object call `reader`."""
+        """Call `reader` for reads of an object."""
         self._readers[index, subindex] = reader
 
     def accept(self, index: int, subindex: int, writer: Writer) -> None:
-        """Let writes of an object call `writer`, which may raise `SdoAbortedError`."""
+        """Call `writer` for writes of an object; it may raise `SdoAbortedError`."""
         self._writers[index, subindex] = writer
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002
@@ -160,7 +153,7 @@ class VirtualNode(canopen.LocalNode):
         data: bytes,
         check_writable: bool = False,  # noqa: FBT001, FBT002
     ) -> None:
-        """Take in bytes for an object; raises `SdoAbortedError`."""
+        """Write bytes to an object; raises `SdoAbortedError`."""
         variable = self._variable(index, subindex)
         if check_writable:
             self.check_writable(index, subindex)
@@ -214,15 +207,7 @@ _ABORT, _ABORTED = 0x80, struct.Struct("<B3sI")
 
 
 class ControllerNetwork(canopen.Network):
-    """A `canopen.Network` on a bus that is already open, without a receiving thread of its own.
-
-    Parameters
-    ----------
-    bus
-        The bus; it stays open when the controller ends.
-    disturbances
-        Frames of nodes whose cable is cut are not sent; a bad wire has its way with the others.
-    """
+    """A `canopen.Network` on an open bus, without a receiving thread; applies the faults to frames."""
 
     def __init__(self, bus: can.BusABC, disturbances: Disturbances) -> None:
         super().__init__(bus)
@@ -247,7 +232,7 @@ class ControllerNetwork(canopen.Network):
                 self._out.send(passed)
 
     def send_overdue(self) -> None:
-        """Send what a bad wire held back, as far as its time has come."""
+        """Send delayed frames that are due."""
         wire = self._disturbances.wire_out
         if wire is not None:
             with self.send_lock:
@@ -255,7 +240,7 @@ class ControllerNetwork(canopen.Network):
                     self._out.send(message)
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Hand a frame on to whom it is for, unless a fault keeps that node from object access."""
+        """Pass a frame to its node, unless an SDO fault stops it."""
         node = can_id - COB_SDO_TO_SERVER
         if node in self._disturbances.stalled_sdo:
             return

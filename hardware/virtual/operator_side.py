@@ -1,7 +1,4 @@
-"""What can go wrong where the operator sits, in words as of a fault: no switch of the virtual controller makes it.
-
-Knows no bus and breaks nothing.
-"""
+"""Description of faults on the operator's side, which the virtual controller cannot inject."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Two parameter slots and a pointer that survive a power cut at any moment. Knows bytes, not their meaning.
+"""Two parameter slots that survive a power cut at any moment, and the check of a document against this arm.
 
-A document goes to the slot that is not active: temporary file, fsync, rename, fsync of the folder. Only
-then does the pointer change, in the same way. Every slot carries its own SHA-256, so what was torn is
-seen, and whatever happens the slot that the pointer names is whole.
+A document is written to the slot that is not active: temporary file, fsync, rename, fsync of the folder; then the
+pointer changes in the same way. Every slot has a SHA-256, so that damage is detected; the active slot is always
+whole. The schema of documents is the operator program's, given as `Validate`.
 """
 
 from __future__ import annotations
@@ -26,32 +26,31 @@ _FILE: Final = {Slot.A: "slot_a", Slot.B: "slot_b"}
 _MAGIC: Final = b"sarcal slot 1 "
 _TEMPORARY: Final = ".new"
 _LONGEST: Final = 1 << 20
-"""Bytes looked at: four times as long as any document that a supervisor takes."""
+"""Bytes read: four times the longest document that a supervisor accepts."""
 
 
 class Disk(Protocol):
-    """A folder, as far as the order of its operations matters."""
+    """A folder with durable operations."""
 
     def read(self, name: str) -> bytes | None:
         """Content of a file, None if there is none."""
         ...
 
     def write(self, name: str, data: bytes) -> None:
-        """Make a file and put its content onto the medium before returning."""
+        """Write a file, durable before returning."""
         ...
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file over another, on the medium before returning."""
+        """Rename a file over another, durable before returning."""
         ...
 
 
 class FolderDisk:
-    """A real folder; made if it is missing. `OSError` if it is none, or nothing can be kept in it."""
+    """A folder on disk, created if missing. `OSError` if it cannot be written."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         folder.mkdir(parents=True, exist_ok=True)
-        # Now, and not when the first document comes.
         tempfile.TemporaryFile(dir=folder).close()
 
     def read(self, name: str) -> bytes | None:
@@ -80,7 +79,7 @@ class FolderDisk:
             os.close(folder)
 
     def _descriptor(self, name: str, flags: int) -> int:
-        """Open a file; a pipe in its place would keep us waiting for whoever is at its other end."""
+        """Open a regular file; `OSError` for a pipe, which could block."""
         path = self._folder / name
         descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
         if not stat.S_ISREG(os.fstat(descriptor).st_mode):
@@ -90,7 +89,7 @@ class FolderDisk:
 
 
 class MemoryDisk:
-    """Forgets everything with the process."""
+    """Slots in memory."""
 
     def __init__(self) -> None:
         self._files: dict[str, bytes] = {}
@@ -109,14 +108,14 @@ class MemoryDisk:
 
 
 class ParameterStore:
-    """Slots A and B on a disk; in memory without one. Errors of the disk (`OSError`) go through."""
+    """Slots A and B on a disk, by default in memory. `OSError` of the disk is passed on."""
 
     def __init__(self, disk: Disk | None = None) -> None:
         self._disk = MemoryDisk() if disk is None else disk
 
     @property
     def active(self) -> Slot:
-        """The slot in force, `NONE` if there is none or its content is damaged."""
+        """The active slot; `NONE` if there is none or it is damaged."""
         pointer = self._disk.read(_POINTER)
         for slot in _FILE:
             if pointer == slot.name.encode() and self.state(slot) is SlotState.WHOLE:
@@ -125,7 +124,7 @@ class ParameterStore:
 
     @property
     def spare(self) -> Slot:
-        """The slot that is not in force."""
+        """The slot that is not active."""
         return Slot.B if self.active is Slot.A else Slot.A
 
     def state(self, slot: Slot) -> SlotState:
@@ -136,25 +135,19 @@ class ParameterStore:
         return SlotState.DAMAGED if _unwrap(stored) is None else SlotState.WHOLE
 
     def document(self, slot: Slot) -> bytes | None:
-        """Document in a slot, None if there is no whole one."""
+        """Document in a slot; None if there is no whole one."""
         stored = None if slot is Slot.NONE else self._disk.read(_FILE[slot])
         return None if stored is None else _unwrap(stored)
 
     def commit(self, document: bytes) -> Slot:
-        """Put a document into the spare slot and make that one active."""
+        """Write a document to the spare slot and make that one active."""
         slot = self.spare
         self._replace(_FILE[slot], _wrap(document))
         self._replace(_POINTER, slot.name.encode())
         return slot
 
     def roll_back(self) -> Slot:
-        """Make the spare slot active.
-
-        Raises
-        ------
-        ValueError
-            If it holds no whole document.
-        """
+        """Make the spare slot active; `ValueError` if it has no whole document."""
         slot = self.spare
         if self.state(slot) is not SlotState.WHOLE:
             raise ValueError(f"slot {slot.name} holds no whole document")
@@ -171,24 +164,14 @@ def _wrap(document: bytes) -> bytes:
 
 
 def _unwrap(stored: bytes) -> bytes | None:
-    """Document of a slot's file, None if the file is not as it was written."""
+    """Document in a slot's file; None if the file is damaged."""
     head, _, document = stored.partition(b"\n")
     return document if stored == _wrap(document) and head.startswith(_MAGIC) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ValidatedParameters:
-    """What the controller takes from a document that passed the strict schema.
-
-    Attributes
-    ----------
-    arm_serial
-        Serial number of the arm it was made for.
-    home_offset_counts
-        607Ch of joints 1..n.
-    theta_off_rad
-        The same offsets in radians, joints 1..n.
-    """
+    """Content of a valid document: the arm's serial number, and offsets of joints 1..n as 607Ch and in radians."""
 
     arm_serial: str
     home_offset_counts: tuple[int, ...]
@@ -196,18 +179,18 @@ class ValidatedParameters:
 
 
 Validate = Callable[[bytes], ValidatedParameters]
-"""Parses a document; raises `ValueError` with words for the operator."""
+"""Parses a document; raises `ValueError` with the reason for the operator."""
 
 
-def takes_no_documents(_document: bytes) -> ValidatedParameters:
-    """A `Validate` for a controller that was given no schema: refuses everything."""
+def refuse_documents(_document: bytes) -> ValidatedParameters:
+    """A `Validate` that refuses every document, for a controller without schema."""
     raise ValueError("this controller was started without a parameter schema and takes no document")
 
 
-def objection(
+def refusal_reason(
     parameters: ValidatedParameters, axes: Sequence[AxisSettings], serial_number: str
 ) -> str | None:
-    """Why this arm cannot take the parameters, in words, or None."""
+    """Why this arm refuses the parameters; None if it accepts them."""
     if parameters.arm_serial != serial_number:
         return f"the document is for arm {parameters.arm_serial}, this is arm {serial_number}"
     joints = len(axes)

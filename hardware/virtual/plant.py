@@ -1,14 +1,13 @@
-"""The arm in its fixture, moved by forces: a compliant closed chain. Knows no bus, no estimator.
+"""The arm in its fixture as a quasi-static compliant closed chain.
 
-Quasi-static: hydraulic joints at calibration speeds are damped far above their inertia. In each
-control period the increment D of the true angles minimises (hinge first, then joints; where there is no
-hinge, an angle that moves nothing)
+Hydraulic joints at calibration speeds are damped far above their inertia. In each control period the increment D of
+the true angles (hinge first, or an unused angle without a hinge, then joints) minimises
 
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
-with e the closure error and K the fixture's stiffness (backward Euler of the overdamped chain). So
-two drives move the arm, one lets it sag, and a third that disagrees builds up torque.
+with e the closure error and K the fixture's stiffness (backward Euler of the overdamped chain). With a hinge two
+drives move the arm, one lets it sag, and an inconsistent third builds up torque.
 """
 
 from __future__ import annotations
@@ -30,16 +29,16 @@ CONVERGED_RAD = 1e-9
 MAX_NEWTON_STEPS = 12
 RESTING_RAD = 1e-13
 """Increment below which a chain under unchanged commands stays where it is: far below a count."""
-BOUND_NM_PER_RAD = 6e4
-"""A hinge that binds gives as little as ten servos."""
-LONGEST_NEWTON_STEP_RAD = 0.1
+BOUND_HINGE_NM_PER_RAD = 6e4
+"""Stiffness of a blocked hinge: that of ten servos."""
+MAX_NEWTON_STEP_RAD = 0.1
 """Near a fold a joint wants to jump: let it run, but over a path that the chain can follow."""
 
 
 def fixture_stiffness(*, n_per_m: float, nm_per_rad: float, components: int = 6) -> FloatArray:
-    """Stiffness (k, k) of a fixture that is alike in every direction: rotations, then positions.
+    """Stiffness (k, k) of a fixture, equal in all directions: rotations, then positions.
 
-    Of three `components` all are positions; of none nothing is held.
+    Three `components` are positions; with none nothing is constrained.
     """
     return np.diag(([nm_per_rad] * 3 + [n_per_m] * 3)[6 - components :])
 
@@ -54,15 +53,15 @@ class Dynamics:
         (k, k) symmetric stiffness for the k components of the closure error (of hinge and rigid
         attachment rotation over position, frame -1; of a ball position), N m/rad and N/m.
     payload_kg
-        (n,) mass at the origins of frames 1..n that the drives' gravity compensation misses.
+        (n,) mass at the origins of frames 1..n that is not gravity-compensated.
     gravity_m_per_s2
         (3,) in frame 0, the arm's base.
     friction_nm
         (n,) dry friction of the joints.
     presliding_rad
-        How far a joint creeps elastically before dry friction lets it slide.
+        Elastic motion of a joint before it slides.
     servo_nm_per_rad
-        Position-mode stiffness; also that of a blocked valve.
+        Stiffness in position mode, and of a blocked valve.
     damping_nm_s_per_rad, hinge_damping_nm_s_per_rad
         Viscous damping of every joint and of the hinge.
     period_s
@@ -92,18 +91,9 @@ class Dynamics:
 
 
 class Plant:
-    """A `PlantPort`: the truth moves, the sensors read it.
+    """A `PlantPort` with true geometry, forces and the sensors of joints 1..n.
 
-    Parameters
-    ----------
-    truth
-        True geometry.
-    dynamics
-        Forces.
-    sensors
-        Sensors of joints 1..n.
-    start_rad, start_hinge_rad
-        True joint angles theta' (n,) and hinge angle of a closed pose, rad.
+    `start_rad` (n,) and `start_hinge_rad` are true joint angles theta' and hinge angle of a closed pose, rad.
     """
 
     def __init__(
@@ -144,31 +134,25 @@ class Plant:
 
     @property
     def true_angles_rad(self) -> FloatArray:
-        """True hinge angle and joint angles theta', shape (n + 1,). For tests: never on the bus."""
+        """True hinge angle and joint angles theta', shape (n + 1,); never sent on the bus."""
         return self._angles.copy()
 
     @property
     def closure_error(self) -> FloatArray:
-        """How far the fixture gives: closure components (k,), rotation vector (rad) over position (m)."""
+        """Deflection of the fixture: closure components (k,), rotation vector (rad) over position (m)."""
         return self._point.error + self._slip
 
     def slip(self, slip_m: float) -> None:
-        """Shift what holds the hand along x of its frame; where nothing holds it nothing slips."""
+        """Shift the fixture along x of its frame; no effect without one."""
         self._slip[-3:-2] += slip_m
         self._drive = None
 
     def bind_hinge(self) -> None:
-        """Let the hinge turn no more; where there is none, nothing binds."""
+        """Block the hinge; no effect without one."""
         self._bound_at = float(self._angles[0])
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
-        """Advance one control period (see the module's head).
-
-        Raises
-        ------
-        ValueError
-            If there is not one command per joint, or a position target is not finite.
-        """
+        """Advance one control period; `ValueError` for a wrong number of commands or a non-finite target."""
         n = self.joint_count
         if len(commands) != n:
             raise ValueError(f"{len(commands)} commands for {n} joints")
@@ -187,26 +171,26 @@ class Plant:
         )
 
     def _servos(self, commands: Sequence[JointCommand]) -> tuple[FloatArray, FloatArray]:
-        """Stiffness and true target angle of every joint, shape (n + 1,); the hinge has none."""
+        """Servo stiffness and true target angle of hinge and joints, shape (n + 1,)."""
         stiffness, target = np.zeros(self.joint_count + 1), self._angles.copy()
         if self._bound_at is not None:
-            stiffness[0], target[0] = BOUND_NM_PER_RAD, self._bound_at
+            stiffness[0], target[0] = BOUND_HINGE_NM_PER_RAD, self._bound_at
         now = self._angles.tolist()
         offsets = self._offsets.tolist()
         for j, command in enumerate(commands, start=1):
             if command.mode is None:
-                # A blocked valve holds the joint where it was when it closed.
-                held = self._valve[j - 1]
-                if held is None:
-                    held = self._valve[j - 1] = now[j]
-                target[j] = held
+                # A blocked valve holds the joint where it closed.
+                closed_at = self._valve[j - 1]
+                if closed_at is None:
+                    closed_at = self._valve[j - 1] = now[j]
+                target[j] = closed_at
             else:
                 self._valve[j - 1] = None
                 if command.mode is JointMode.FREE:
                     continue
-                # The drive closes its loop on what its sensor says, curve and all.
-                curve = self.sensors.sensors[j - 1].deviation_rad(now[j] - offsets[j])
-                target[j] = command.target_rad - curve + offsets[j]
+                # The drive controls its sensor's reading, deviation included.
+                deviation = self.sensors.sensors[j - 1].deviation_rad(now[j] - offsets[j])
+                target[j] = command.target_rad - deviation + offsets[j]
             stiffness[j] = self._dynamics.servo_nm_per_rad
         if not np.all(np.isfinite(target)):
             raise ValueError("position targets must be finite")
@@ -237,8 +221,8 @@ class Plant:
                     "damping keeps every step solvable, and this one is not"
                 )
             longest = float(np.abs(step).max())
-            if longest > LONGEST_NEWTON_STEP_RAD:
-                step *= LONGEST_NEWTON_STEP_RAD / longest
+            if longest > MAX_NEWTON_STEP_RAD:
+                step *= MAX_NEWTON_STEP_RAD / longest
             angles = angles + step
             if longest < CONVERGED_RAD:
                 break

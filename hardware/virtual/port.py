@@ -1,4 +1,4 @@
-"""Between virtual controller and plant: commands in, readings out. Knows neither side."""
+"""Interface between virtual controller and plant: commands in, readings out."""
 
 from __future__ import annotations
 
@@ -11,14 +11,10 @@ from hardware.arm import JointMode
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointCommand:
-    """What one drive does during a control period.
+    """Command of one joint for a control period.
 
-    Attributes
-    ----------
-    mode
-        POSITION, FREE, or None: drive off, the joint held by its blocked valve.
-    target_rad
-        Position target in sensor coordinates; used in POSITION mode only.
+    `mode` None: drive off, the joint held by its blocked valve. `target_rad` in sensor coordinates, used in POSITION
+    mode only.
     """
 
     mode: JointMode | None
@@ -27,10 +23,7 @@ class JointCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlantReading:
-    """What the drives' sensors say at the end of a control period, one entry a joint.
-
-    `position_counts` are relative to sensor coordinate zero.
-    """
+    """Readings at the end of a control period, one per joint; counts relative to sensor coordinate zero."""
 
     position_counts: tuple[int, ...]
     torque_nm: tuple[float, ...]
@@ -38,7 +31,7 @@ class PlantReading:
 
 
 class PlantPort(Protocol):
-    """A plant as the virtual controller sees it."""
+    """The plant as the virtual controller sees it."""
 
     joint_count: int
 
@@ -49,12 +42,12 @@ class PlantPort(Protocol):
 
 @runtime_checkable
 class FixturePort(Protocol):
-    """A plant whose hand is held by something that can fail."""
+    """A plant with a fixture that can fail."""
 
     def slip(self, slip_m: float) -> None:
-        """Shift what holds the hand, along x of its frame."""
+        """Shift the fixture along x of its frame."""
         ...
 
     def bind_hinge(self) -> None:
-        """Let the hinge turn no more."""
+        """Block the hinge."""
         ...

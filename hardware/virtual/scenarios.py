@@ -1,11 +1,10 @@
-"""Named virtual arms: a truth, what its sensors get wrong and how its fixture gives. Knows no bus.
+"""Named virtual arms: true geometry, sensor errors, fixture compliance.
 
-The truth is the paper's arm in the paper's hinge where the files may mean that one; of any other arm or
-fixture it is a specimen drawn by seed within what its files state (`scenario_of`).
+The truth is the paper's arm in the paper's hinge if the files allow it; else a specimen drawn by seed within the
+tolerances of the files (`scenario_of`).
 
-The paper names three error sources (section 4): RVDTs, fixed lengths, fixture. Each is one field of
-a `Scenario`, on or off with a stated size, drawn from its own stream of the seed, so that switching
-one off leaves the others as they were.
+The paper's three error sources (section 4), RVDTs, fixed lengths and fixture, are one field of a `Scenario` each,
+drawn from streams of their own, so that switching one off does not change the others.
 """
 
 from __future__ import annotations
@@ -18,16 +17,22 @@ import numpy as np
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
-from hardware.virtual.sensors import RvdtCurve, SensorBank, joint_sensor
-from hardware.virtual.specimens import Stated, drawn_truth, may_be, mounted_anew, opened
+from hardware.virtual.sensors import LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.specimens import (
+    SpecimenFiles,
+    draw_truth,
+    files_allow,
+    open_truth,
+    remount_truth,
+)
 from hardware.virtual.tracker import SimulatedTracker
 from hardware.virtual.truth import (
     PAPER_HOME_RAD,
     OpenTruth,
     Truth,
     WildSpread,
+    draw_wild_loop,
     paper_loop,
-    wild_loop,
     with_length_errors,
 )
 from solver.arrays import FloatArray, frozen
@@ -35,15 +40,15 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
 
 ENCODER_COUNTS_PER_REV = 400_000
-"""The arm's encoders (paper, section 3); scenario `exact` has them on the wrist as well."""
+"""Encoders of the paper's arm (section 3); scenario `exact` has them on the wrist too."""
 
 GRAVITY_M_PER_S2 = 9.81
 PAPER_DOWN = frozen([-1.0, 0.0, 0.0])
 """In frame 0, the arm's base: z_0, the first shoulder axis, is level."""
 UPRIGHT_DOWN = frozen([0.0, 0.0, -1.0])
-"""Of an arm whose file does not say which way is down: its first axis stands upright."""
+"""For an arm file without a direction of gravity: the first axis is vertical."""
 PAPER_TORQUE_NM = 100.0
-"""What the drives of the paper's arm can do, by its file."""
+"""Torque limit of the paper's arm in its file."""
 
 
 class _Stream(IntEnum):
@@ -60,7 +65,7 @@ class _Stream(IntEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LengthErrors:
-    """Lengths taken from the maker's table are off by `smallest_m` to `largest_m`, either way."""
+    """Errors of the maker's lengths: magnitude `smallest_m` to `largest_m`, either sign."""
 
     smallest_m: float
     largest_m: float
@@ -68,12 +73,12 @@ class LengthErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loads:
-    """Stiffness of the fixture and the forces that bend it.
+    """Stiffness of the fixture and the loads on it.
 
     Attributes
     ----------
     fixture_n_per_m, fixture_nm_per_rad
-        Stiffness, alike in every direction.
+        Stiffness, equal in all directions.
     friction_nm
         Dry friction of each joint, shape (n,).
     payload_kg
@@ -93,9 +98,9 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """The same for another arm: masses halfway along it, masses and friction in proportion to its drives.
+        """Loads for another arm: masses halfway along it, masses and friction in proportion to its drives.
 
-        Of masses the weakest drive counts: in a closed chain any of them may come to carry them.
+        Masses are scaled by the weakest drive: in a closed chain any drive may carry them.
         """
         weakest = min(joint.max_torque_nm for joint in arm.joints) / PAPER_TORQUE_NM
         n, payload = arm.joint_count, self.payload_kg * min(1.0, weakest)
@@ -117,43 +122,41 @@ STIFF = Loads(
     friction_nm=frozen(np.zeros(7)),
     payload_kg=frozen([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0]),
 )
-"""A fixture that gives less than a hundredth of an encoder count. The light load makes an arm with
-too few drives sag."""
+"""Deflection below a hundredth of an encoder count; the light load makes an arm with too few drives sag."""
 
-YIELDING = Loads(
+COMPLIANT = Loads(
     fixture_n_per_m=2.5e4,
     fixture_nm_per_rad=8e2,
     friction_nm=frozen([2.4, 2.4, 2.0, 2.0, 1.2, 0.8, 0.8]),
     payload_kg=frozen([0.0, 0.0, 4.0, 0.0, 4.0, 0.0, 0.0]),
 )
-"""A slender fixture, which weight and friction bend by about 2 mm and 3 mrad (4 mm at most)."""
+"""A slender fixture: weight and friction deflect it by about 2 mm and 3 mrad (at most 4 mm)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """A virtual arm in its fixture: frozen description, from which `build` makes a plant.
+    """Description of a virtual arm in its fixture, from which `build` makes a plant.
 
     Attributes
     ----------
     name, seed
-        The same name and seed are the same arm and the same noise.
+        The same name and seed give the same arm and noise.
     specimen
-        Seed of the arm's own errors, curves and lengths: which of all arms of this kind it is.
-        None takes `seed`.
+        Seed of the arm's own errors (linearity, lengths); None takes `seed`.
     truth
-        True geometry before length errors; any truth may be given.
+        True geometry before length errors.
     encoders_only
-        Every joint, the wrist's too, carries a 400,000-count encoder.
+        Whether every joint has a 400,000-count encoder.
     noise
-        Whether sensors have the noise their description states.
-    curve_of_full_scale
-        Peak deviation of every RVDT from its best-fit line, fraction of full scale; 0 is off.
+        Whether sensors have the noise of their description.
+    linearity_of_full_scale
+        Peak linearity deviation of every RVDT, fraction of full scale; 0 is off.
     lengths
         Errors of the fixed lengths; None is off.
     loads
         Fixture stiffness and loads.
     placement
-        For which time the fixture is mounted; each has noise of its own.
+        Number of this mounting of the fixture; each has noise of its own.
     """
 
     name: str
@@ -162,20 +165,20 @@ class Scenario:
     specimen: int | None = None
     encoders_only: bool = False
     noise: bool = True
-    curve_of_full_scale: float = 0.0
+    linearity_of_full_scale: float = 0.0
     lengths: LengthErrors | None = None
     loads: Loads = STIFF
     placement: int = 1
 
     def arm(self, arm: ArmModel) -> ArmModel:
-        """Return `arm` with the sensors that this virtual arm really carries."""
+        """Return `arm` with the sensors of this virtual arm."""
         if not self.encoders_only:
             return arm
         encoder = Encoder(counts_per_rev=ENCODER_COUNTS_PER_REV)
         return replace(arm, joints=tuple(replace(j, sensor=encoder) for j in arm.joints))
 
     def true_loop(self) -> Truth:
-        """Geometry with the length errors in."""
+        """True geometry with length errors."""
         if self.lengths is None:
             return self.truth
         return with_length_errors(
@@ -185,28 +188,22 @@ class Scenario:
             rng=self._rng(_Stream.LENGTHS),
         )
 
-    def curves(self, arm: ArmModel) -> tuple[RvdtCurve | None, ...]:
-        """RVDT curve of every joint of `arm`; None for encoders and when curves are off."""
+    def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
+        """Linearity deviation of every joint of `arm`; None for encoders, and if off."""
         rng = self._rng(_Stream.CURVES)
         return tuple(
-            RvdtCurve.drawn(
+            LinearityDeviation.drawn(
                 rng,
                 full_scale_rad=joint.sensor.full_scale_rad,
-                peak=self.curve_of_full_scale,
+                peak=self.linearity_of_full_scale,
             )
-            if isinstance(joint.sensor, Rvdt) and self.curve_of_full_scale > 0.0
+            if isinstance(joint.sensor, Rvdt) and self.linearity_of_full_scale > 0.0
             else None
             for joint in self.arm(arm).joints
         )
 
     def build(self, arm: ArmModel) -> Plant:
-        """Make the plant, at rest at the closed pose nearest to the arm's home.
-
-        Raises
-        ------
-        ValueError
-            If the arm has another number of joints than the truth, or does not close there.
-        """
+        """Make the plant, at rest at the closed pose nearest to home; `ValueError` if the loop does not close."""
         carried, truth = self.arm(arm), self.true_loop()
         if carried.joint_count != truth.joint_count:
             raise ValueError(
@@ -236,7 +233,7 @@ class Scenario:
         )
 
     def tracker(self, plant: Plant, instrument: Measured) -> SimulatedTracker | None:
-        """What sees the hand of this plant, as exact as `instrument` is stated; None where a fixture holds it."""
+        """Simulated instrument for an open arm, with the noise of `instrument`; None with a fixture."""
         truth = plant.truth
         if not isinstance(truth, OpenTruth):
             return None
@@ -258,13 +255,7 @@ class Scenario:
 
 
 def scenario(name: str, seed: int = 0) -> Scenario:
-    """Return a scenario by name.
-
-    Raises
-    ------
-    ValueError
-        If there is no such scenario or the seed is negative.
-    """
+    """Return a scenario by name; `ValueError` for an unknown name or a negative seed."""
     if seed < 0:
         raise ValueError("a seed is a whole number from zero")
     match name:
@@ -273,60 +264,53 @@ def scenario(name: str, seed: int = 0) -> Scenario:
                 name=name, seed=seed, truth=paper_loop(), encoders_only=True, noise=False
             )
         case "datasheet":
-            return Scenario(name=name, seed=seed, truth=paper_loop(), curve_of_full_scale=0.02)
+            return Scenario(name=name, seed=seed, truth=paper_loop(), linearity_of_full_scale=0.02)
         case "as_reported":
             return Scenario(
                 name=name,
                 seed=seed,
                 truth=paper_loop(),
                 specimen=8,
-                curve_of_full_scale=0.019,
+                linearity_of_full_scale=0.019,
                 lengths=LengthErrors(smallest_m=0.001, largest_m=0.002),
-                loads=YIELDING,
+                loads=COMPLIANT,
             )
         case "wild":
-            truth = wild_loop(
+            truth = draw_wild_loop(
                 np.random.default_rng([seed, int(_Stream.WILD)]),
                 spread=WildSpread(),
                 reading_rad=PAPER_HOME_RAD,
             )
-            return Scenario(name=name, seed=seed, truth=truth, curve_of_full_scale=0.02)
+            return Scenario(name=name, seed=seed, truth=truth, linearity_of_full_scale=0.02)
         case _:
             raise ValueError(f"no scenario {name!r}; there are {', '.join(SCENARIOS)}")
 
 
-def scenario_of(name: str, seed: int, stated: Stated, placement: int = 1) -> Scenario:
-    """Return a scenario for an arm and a fixture: the paper's own where the files may mean it.
+def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1) -> Scenario:
+    """Return a scenario for an arm and a fixture: the paper's own if the files allow it.
 
-    From its second `placement` on the fixture is somewhere else, drawn by seed within its file's tolerance; the
-    arm is the same.
+    Otherwise the truth is drawn by seed within the tolerances of the files, including lengths and twists that nothing
+    identifies (not in ``exact``). From the second `placement` on the fixture is drawn anew, the arm is the same.
 
-    Of all others the truth is drawn by seed within what the files state; lengths and twists that
-    nothing identifies are off as well, but in ``exact``. What scenarios have beside their truth
-    (sensors, curves, loads, length errors) they have for every arm.
-
-    Raises
-    ------
-    ValueError
-        There is no such scenario, or no plant can be built of these files; says why.
+    `ValueError` if there is no such scenario, or no plant can be built of these files.
     """
     found = _first_mounted(name, seed, stated)
     if placement == 1:
         return found
     rng = np.random.default_rng([seed, int(_Stream.MOUNTING), placement])
-    truth = mounted_anew(stated, found.truth, rng)
+    truth = remount_truth(stated, found.truth, rng)
     return replace(found, truth=truth, placement=placement)
 
 
-def _first_mounted(name: str, seed: int, stated: Stated) -> Scenario:
+def _first_mounted(name: str, seed: int, stated: SpecimenFiles) -> Scenario:
     of_paper = scenario(name, seed)
     rng = np.random.default_rng([seed, int(_Stream.SPECIMEN)])
-    if may_be(stated, paper_loop(), PAPER_HOME_RAD):
+    if files_allow(stated, paper_loop(), PAPER_HOME_RAD):
         if stated.fixture.holds_hand:
             return of_paper
         # The same arm as in the hinge, taken out of it.
-        return replace(of_paper, truth=opened(stated, of_paper.truth, rng))
-    truth = drawn_truth(
+        return replace(of_paper, truth=open_truth(stated, of_paper.truth, rng))
+    truth = draw_truth(
         stated,
         rng,
         maker_errors=name != "exact" and of_paper.lengths is None,

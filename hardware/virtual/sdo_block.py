@@ -1,4 +1,4 @@
-"""SDO block transfer as a server takes part in it: frames in, frames out (CiA 301, 7.2.4.3.9 to 7.2.4.3.17)."""
+"""Server side of SDO block transfer: frames in, frames out (CiA 301, 7.2.4.3.9 to 7.2.4.3.17)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from hardware.canopen.objects import Abort
 
 SEGMENTS: Final = 127
-"""Most segments of a block, and as many as this server takes."""
+"""Largest number of segments in a block, and that of this server."""
 
 _UPLOAD, _DOWNLOAD, _TAKEN, _CRC, _SIZED, _LAST = 0xC0, 0xA0, 0xA2, 0x04, 0x02, 0x80
 _END: Final = struct.Struct("<BH5x")
@@ -29,16 +29,16 @@ class _Step(IntEnum):
 
 
 class BlockDownload:
-    """A document that comes in blocks; `head` and `announced` are those of the frame that began it.
+    """A block download; `head` and `announced` are from the initiating frame.
 
     Attributes
     ----------
     announced
-        Bytes that were announced, None if none were.
+        Announced size in bytes; None if not announced.
     data
-        What has come so far, as whole segments.
+        Received bytes, in whole segments.
     done
-        Whether all segments have come, and `end` is next.
+        Whether all segments were received, and `end` is next.
     """
 
     def __init__(self, head: int, announced: int) -> None:
@@ -50,11 +50,11 @@ class BlockDownload:
 
     @staticmethod
     def begin(index: int, subindex: int) -> bytes:
-        """Answer to the frame that began it."""
+        """Answer to the initiating frame."""
         return _BEGIN.pack(_DOWNLOAD | _CRC, index, subindex, SEGMENTS)
 
     def take(self, segment: bytes) -> bytes | None:
-        """Take a segment; the answer to a block that ends with it. One out of sequence is asked for again."""
+        """Take a segment; return the answer if it ends a block. One out of sequence is requested again."""
         number, last = segment[0] & ~_LAST, bool(segment[0] & _LAST)
         in_sequence = number == self._taken + 1
         if in_sequence:
@@ -67,7 +67,7 @@ class BlockDownload:
         return bytes([_TAKEN, taken, SEGMENTS, *bytes(5)])
 
     def end(self, frame: bytes) -> bytes:
-        """Take the last frame, with the checksum; the document."""
+        """Take the final frame with the checksum; return the document."""
         head, crc = _END.unpack(frame)
         if head & 0xE3 != _UPLOAD | _Step.END:
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)
@@ -82,7 +82,7 @@ class BlockDownload:
 
 
 class BlockUpload:
-    """A document that goes out in blocks of as many segments as the client asks for."""
+    """A block upload, in blocks of as many segments as the client requests."""
 
     def __init__(self, data: bytes, segments: int) -> None:
         self._data, self._segments = data, _checked(segments)
@@ -90,11 +90,11 @@ class BlockUpload:
         self._started = False
 
     def begin(self, index: int, subindex: int) -> bytes:
-        """Answer to the frame that began it."""
+        """Answer to the initiating frame."""
         return _BEGIN.pack(_UPLOAD | _CRC | _SIZED, index, subindex, len(self._data))
 
     def answer(self, frame: bytes) -> list[bytes]:
-        """Frames that answer one of the client's; none to its last."""
+        """Frames that answer a client frame; none for its last."""
         step, ended = frame[0] & 3, self._acknowledged >= len(self._data)
         if step == _Step.END and ended:
             return []
@@ -113,7 +113,7 @@ class BlockUpload:
         return [_END.pack(head, binascii.crc_hqx(self._data, 0))]
 
     def _block(self) -> list[bytes]:
-        """Frames from the first segment on that is not acknowledged."""
+        """Frames of the next block, from the first segment that is not acknowledged."""
         until = self._acknowledged + 7 * self._segments
         starts = range(self._acknowledged, min(until, len(self._data)), 7)
         self._sent = len(starts)

@@ -1,7 +1,7 @@
-"""A node's SDO server: expedited, segmented and block transfers, one at a time. Knows frames, not objects' meaning.
+"""A node's SDO server: expedited, segmented and block transfers, one at a time.
 
-The server of the `canopen` package answers in every NMT state, keeps as much as it is sent, trips over
-an answer without a question and logs what goes wrong. This one takes its place.
+It replaces the server of the `canopen` package, which answers in every NMT state, accepts any amount of data, fails
+on an unexpected frame and only logs errors.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ _UPLOADED: Final = 0x43
 _ABORTED: Final = 0x80
 _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
 _GOES_ON: Final = 0x03
-"""Bits of a block upload's subcommand; none of them where it begins."""
+"""Subcommand bits of a block upload; 0 where it is initiated."""
 
 
 class Deferred(Exception):
-    """Raised by a node while it takes in a value: `NodeSdoServer.answer_later` will be called."""
+    """Raised by a node in a write: it will call `NodeSdoServer.answer_later`."""
 
 
 @dataclass(slots=True)
@@ -80,7 +80,7 @@ class NodeSdoServer(SdoServer):
     node
         Its `get_data` and `set_data` are called.
     may_answer
-        Whether the node's NMT state allows SDO now; otherwise requests get no answer at all.
+        Whether the node's NMT state allows SDO; if not, requests are ignored.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class NodeSdoServer(SdoServer):
                 self._abort(index, subindex, error.code)
 
     def answer_later(self, abort: Abort | None) -> None:
-        """Answer the deferred request, unless its client has given it up."""
+        """Answer the deferred request, unless the client has abandoned it."""
         with self._owner.lock:
             if self._waiting is None:
                 return
@@ -131,7 +131,7 @@ class NodeSdoServer(SdoServer):
                 self._abort(index, subindex, abort)
 
     def reset(self) -> None:
-        """Forget transfers under way."""
+        """Drop the present transfer."""
         self._transfer = self._waiting = None
 
     def _answer(self, data: bytes, head: int, index: int, subindex: int) -> None:
@@ -210,7 +210,7 @@ class NodeSdoServer(SdoServer):
 
     def _begin_block_upload(self, data: bytes, index: int, subindex: int) -> None:
         document = self._to_upload(index, subindex)
-        if len(document) <= data[5]:  # the client lets so few bytes come as a normal upload
+        if len(document) <= data[5]:  # protocol switch threshold: normal upload
             self._begin_upload(index, subindex, document)
             return
         by = BlockUpload(document, data[4])
@@ -227,7 +227,7 @@ class NodeSdoServer(SdoServer):
         self.network.send_message(self.tx_cobid, by.begin(index, subindex))
 
     def _blocks_of(self, head: int) -> _Blocks | None:
-        """The block transfer under way, if a frame belongs to it: what begins another or aborts does not."""
+        """The present block transfer, if the frame continues it."""
         match self._transfer:
             case _Blocks(by=BlockDownload()) if head != _ABORTED:
                 return self._transfer
@@ -254,7 +254,7 @@ class NodeSdoServer(SdoServer):
             self.network.send_message(self.tx_cobid, frame)
 
     def _expect(self, head: int, *, downloading: bool) -> _Transfer:
-        """The transfer a segment belongs to."""
+        """The transfer that a segment belongs to."""
         transfer = self._transfer
         if not isinstance(transfer, _Transfer) or transfer.downloading is not downloading:
             raise SdoAbortedError(Abort.UNKNOWN_COMMAND)

@@ -1,7 +1,6 @@
-"""What a virtual joint's sensor reports for a true angle: counts. Knows no chain and no bus.
+"""Sensors of the virtual joints: counts for a true angle, relative to sensor coordinate zero.
 
-Counts are relative to sensor coordinate zero. An RVDT has its electrical zero at the middle of its
-joint's range, and its converter saturates at the ends of full scale around it.
+An RVDT has its electrical zero at the middle of its joint's range; its converter saturates at the ends of full scale.
 """
 
 from __future__ import annotations
@@ -16,24 +15,16 @@ from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
-CURVE_DEGREES = (2, 3, 4, 5)
-"""Legendre polynomials of an RVDT's curve: all of them orthogonal to every straight line."""
+LEGENDRE_DEGREES = (2, 3, 4, 5)
+"""Degrees of the Legendre polynomials of a linearity deviation, all orthogonal to straight lines."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RvdtCurve:
-    """Smooth deviation of an RVDT from its best-fit straight line.
+class LinearityDeviation:
+    """Deviation of an RVDT from its best-fit line: ``sum_k c_k P_k(x)``, x the angle over half of full scale.
 
-    The deviation is ``sum_k c_k P_k(x)`` with x the angle over half of full scale. Without P_0 and
-    P_1 its least-squares line over full scale is exactly zero, so its peak is what a maker calls
-    linearity.
-
-    Attributes
-    ----------
-    coefficients_rad
-        c_k for the polynomials of `CURVE_DEGREES`, shape (4,).
-    half_scale_rad
-        Half of full scale.
+    Without P_0 and P_1 the least-squares line is zero, so that the peak is the maker's linearity. `coefficients_rad`
+    (4,) are c_k for `LEGENDRE_DEGREES`.
     """
 
     coefficients_rad: FloatArray
@@ -41,15 +32,14 @@ class RvdtCurve:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
-        if self.coefficients_rad.shape != (len(CURVE_DEGREES),):
-            raise ValueError(f"a curve needs {len(CURVE_DEGREES)} coefficients")
+        if self.coefficients_rad.shape != (len(LEGENDRE_DEGREES),):
+            raise ValueError(f"a curve needs {len(LEGENDRE_DEGREES)} coefficients")
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float) -> RvdtCurve:
-        """Random shape whose largest deviation is `peak` (a fraction of full scale) exactly.
-
-        The two higher polynomials are weaker: a transformer's curve is mostly a bow and an S.
-        """
+    def drawn(
+        cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
+    ) -> LinearityDeviation:
+        """Random shape with peak deviation `peak` (fraction of full scale); the higher degrees are weaker."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
         largest = unit.peak_rad()
@@ -72,8 +62,8 @@ class RvdtCurve:
 
     def peak_rad(self) -> float:
         """Largest deviation over full scale: at an end or where the slope vanishes."""
-        series = np.zeros(CURVE_DEGREES[-1] + 1)
-        series[list(CURVE_DEGREES)] = self.coefficients_rad
+        series = np.zeros(LEGENDRE_DEGREES[-1] + 1)
+        series[list(LEGENDRE_DEGREES)] = self.coefficients_rad
         roots = legendre.legroots(legendre.legder(series)) if np.any(series) else np.zeros(0)
         turns = [r.real for r in roots if abs(r.imag) < 1e-9 and abs(r.real) < 1.0]
         return float(np.abs(legendre.legval(np.array([-1.0, *turns, 1.0]), series)).max())
@@ -92,14 +82,14 @@ class JointSensor:
     lowest_counts, highest_counts
         Saturation; None for an encoder.
     curve, zero_rad
-        An RVDT's curve and electrical zero.
+        Linearity deviation and electrical zero of an RVDT.
     """
 
     resolution_rad: float
     noise_counts: float
     lowest_counts: int | None = None
     highest_counts: int | None = None
-    curve: RvdtCurve | None = None
+    curve: LinearityDeviation | None = None
     zero_rad: float = 0.0
 
     def deviation_rad(self, angle_rad: float) -> float:
@@ -117,14 +107,10 @@ class JointSensor:
         return count
 
 
-def joint_sensor(joint: Joint, *, with_noise: bool, curve: RvdtCurve | None) -> JointSensor:
-    """Sensor of one joint of an arm file.
-
-    Raises
-    ------
-    ValueError
-        If the joint has no sensor, or if a curve is given for an encoder.
-    """
+def joint_sensor(
+    joint: Joint, *, with_noise: bool, curve: LinearityDeviation | None
+) -> JointSensor:
+    """Sensor of one joint of an arm file; `ValueError` without a sensor, or for a deviation of an encoder."""
     match joint.sensor:
         case Encoder() as encoder:
             if curve is not None:
@@ -149,7 +135,7 @@ def joint_sensor(joint: Joint, *, with_noise: bool, curve: RvdtCurve | None) -> 
 
 
 class SensorBank:
-    """All sensors of an arm, read together once a control period; deterministic for a seed."""
+    """All sensors of an arm, read once per control period; reproducible for a seed."""
 
     def __init__(self, sensors: Sequence[JointSensor], *, rng: np.random.Generator) -> None:
         self.sensors = tuple(sensors)

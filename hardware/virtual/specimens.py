@@ -1,9 +1,8 @@
-"""A specimen of any arm in any fixture: a truth drawn by seed within what their files state. Knows no bus.
+"""A specimen of any arm in any fixture: a truth drawn by seed within the tolerances of their files.
 
-What calibration identifies is drawn: offsets within `OFFSET_RAD`, the fixture within the tolerance of
-its file (a third of it is one standard deviation). What is taken from the maker's table is off by the
-tolerance that the arm file states. What is not free, or what the loop could not show (the offset of a
-joint that does not move), is what the file says it is.
+Drawn are: offsets within `OFFSET_RAD`, the fixture within the tolerance of its file (three standard deviations), and
+the maker's lengths and twists with the standard deviations of the arm file. Entries that are not free or not
+observable keep their nominal values.
 """
 
 from __future__ import annotations
@@ -27,22 +26,19 @@ from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import PointClosure
 
 OFFSET_RAD = float(np.deg2rad(3.0))
-"""How far true offsets lie from the arm file's, at most: no file states it."""
-MISREMEMBERED_RAD = float(np.deg2rad(10.0))
-"""How far the offsets of a file may be from those of an arm that it still may mean."""
+"""Largest difference of true offsets from the arm file's."""
+OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
+"""Difference in offsets up to which a file may describe an arm."""
 NEAR_HOME_RAD = float(np.deg2rad(15.0))
-"""How far any joint of the pose that a specimen starts from may be from that of the files as stated."""
-INSIDE_RAD = float(np.deg2rad(3.0))
-"""What that pose keeps from the ends of the ranges."""
-TRIES = 200
+"""Largest difference of a specimen's start pose from that of the nominal files."""
+RANGE_MARGIN_RAD = float(np.deg2rad(3.0))
+"""Distance of that pose from the ends of the ranges."""
+MAX_DRAWS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stated:
-    """What the files say of a specimen.
-
-    `tolerance_m` and `tolerance_rad` are the fixture file's: the true placement is within them.
-    """
+class SpecimenFiles:
+    """The files of a specimen; the true placement is within the fixture file's tolerances."""
 
     arm: ArmModel
     fixture: Fixture
@@ -50,18 +46,10 @@ class Stated:
     tolerance_rad: float
 
 
-def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
-    """Draw a truth that closes near the arm's home.
+def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
+    """Draw a truth that closes near the arm's home; `ValueError` if no plant can be built of these files.
 
-    Parameters
-    ----------
-    maker_errors
-        Whether lengths and twists that nothing identifies are off by their tolerance, too.
-
-    Raises
-    ------
-    ValueError
-        No plant can be built of these files; says why.
+    `maker_errors`: whether lengths and twists that nothing identifies have errors too.
     """
     arm, kind = stated.arm, stated.fixture.kind
     model = stated.fixture.model(arm)
@@ -76,13 +64,15 @@ def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool)
     own, rows = _Specimen.drawn(arm, rng), model.arm_rows()
     if maker_errors:
         rows[1:] += own.maker
-    off, seen = own.of(model), _seen(stated, model, nominal, here)
-    placed = (nominal + seen * (off + _placed(model, stated, rng)) for _ in range(TRIES))
+    off, seen = own.of(model), _observable(stated, model, nominal, here)
+    placed = (
+        nominal + seen * (off + _placement_errors(model, stated, rng)) for _ in range(MAX_DRAWS)
+    )
     return _first_that_closes(
         (_truth(model, x, rows) for x in placed),
         arm,
         here,
-        f"in none of {TRIES} placements drawn within the tolerance of its file does this arm close near its "
+        f"in none of {MAX_DRAWS} placements drawn within the tolerance of its file does this arm close near its "
         "home_deg: state the placement more narrowly, or another home; another --seed is another arm",
     )
 
@@ -90,7 +80,7 @@ def drawn_truth(stated: Stated, rng: np.random.Generator, *, maker_errors: bool)
 def _first_that_closes(
     drawn: Iterable[Truth], arm: ArmModel, here: FloatArray, otherwise: str
 ) -> Truth:
-    """Return the first of some placements in which the arm closes near `here` (n,); ValueError if in none."""
+    """First truth in which the arm closes near `here` (n,); `ValueError` if there is none."""
     for truth in drawn:
         pose = _pose(truth, arm, arm.home_rad)
         if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
@@ -100,14 +90,14 @@ def _first_that_closes(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Specimen:
-    """How far one arm is from its file, whatever holds or sees its hand.
+    """Differences of one arm from its file.
 
     Attributes
     ----------
     free
-        (5, n): what may be identified.
+        (5, n): of entries that may be identified.
     maker
-        (4, n): s (m), a (m), alpha, beta (rad) where nothing identifies them.
+        (4, n): of s (m), a (m), alpha, beta (rad) that are not.
     """
 
     free: FloatArray
@@ -115,22 +105,22 @@ class _Specimen:
 
     @classmethod
     def drawn(cls, arm: ArmModel, rng: np.random.Generator) -> _Specimen:
-        """Draw all of it, needed or not, and before anything else of `rng`: for one seed it is one arm."""
+        """Draw all differences first, needed or not, so that one seed is one arm."""
         n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
         stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
         free, maker = np.zeros((5, n)), np.zeros((4, n))
         free[DhKind.THETA_OFF] = OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
-        free[1:4] = 3.0 * stated * _thirds(rng, (3, n))
+        free[1:4] = 3.0 * stated * _truncated_normal(rng, (3, n))
         maker[:3] = stated * rng.standard_normal((3, n))
-        # Where axes are parallel, a twist about y takes the place of a slide along z.
+        # For parallel axes (Hayati) a twist about y replaces the offset along z.
         twist = arm.twist_tolerance_rad[hayati]
-        free[DhKind.BETA, hayati] = 3.0 * twist * _thirds(rng, twist.shape)
+        free[DhKind.BETA, hayati] = 3.0 * twist * _truncated_normal(rng, twist.shape)
         maker[-1, hayati] = twist * rng.standard_normal(len(hayati))
         maker[0, hayati] = 0.0
         return cls(free=free, maker=maker)
 
     def of(self, model: ArmLoop) -> FloatArray:
-        """By how much the arm's unknowns of a loop are off (P,); 0 for those of the fixture."""
+        """Errors of a loop's unknowns (P,) that belong to the arm; 0 for those of the fixture."""
         placed = {*model.ground_side, *model.hand_side}
         off = np.zeros(len(model.parameters))
         for k, entry in enumerate(model.entries):
@@ -139,8 +129,8 @@ class _Specimen:
         return off
 
 
-def _seen(stated: Stated, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Which unknowns (P,) the loop can see, 1 or 0: the others stay as the files have them."""
+def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatArray) -> FloatArray:
+    """Which unknowns (P,) are observable, 1 or 0."""
     still: set[str] = set()
     if stated.fixture.holds_hand:
         still = {f"theta_off_{j}" for j in mobility(model, x, q).immobile_joints}
@@ -148,12 +138,11 @@ def _seen(stated: Stated, model: ArmLoop, x: FloatArray, q: FloatArray) -> Float
     return np.array([0.0 if p.name in still | hidden else 1.0 for p in model.parameters])
 
 
-def may_be(stated: Stated, truth: LoopTruth, home_rad: FloatArray) -> bool:
-    """Whether the files may mean this very arm in this very hinge, which closes at `home_rad` (n,).
+def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -> bool:
+    """Whether the files may describe this arm in this hinge, which closes at `home_rad` (n,).
 
-    What they leave free may be off by its tolerance (offsets by `MISREMEMBERED_RAD`); all else is what
-    the files say, within five of the standard deviations they state. Of an open arm the hinge, and with
-    it what the mounting decides, does not count.
+    Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), others by five of the stated
+    standard deviations. For an open arm the hinge and the entries that depend on mounting are not compared.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if model.joint_count != truth.joint_count:
@@ -171,19 +160,19 @@ def may_be(stated: Stated, truth: LoopTruth, home_rad: FloatArray) -> bool:
     for entry in model.entries:
         angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
         is_offset = entry.kind is DhKind.THETA_OFF
-        allowed[entry.kind, entry.row] = MISREMEMBERED_RAD if is_offset else angle
+        allowed[entry.kind, entry.row] = OFFSET_TOLERANCE_RAD if is_offset else angle
     near = np.abs(arm.home_rad - home_rad).max() < 2.0 * NEAR_HOME_RAD
     return bool(near and np.all(np.abs(off) <= allowed + 1e-9))
 
 
-def _may_be_arm(stated: Stated, truth: LoopTruth) -> bool:
-    """Whether the arm's file may mean the arm of this truth, whatever holds or sees its hand."""
+def _may_be_arm(stated: SpecimenFiles, truth: LoopTruth) -> bool:
+    """Whether the arm file may describe the arm of this truth, apart from its mounting."""
     arm = stated.arm
     off = arm.table.stacked() - truth.table.stacked()[:, 1:]
     angles = [kind for kind in DhKind if kind.is_angle]
     off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
     allowed = np.zeros(off.shape)
-    allowed[DhKind.THETA_OFF] = MISREMEMBERED_RAD
+    allowed[DhKind.THETA_OFF] = OFFSET_TOLERANCE_RAD
     allowed[[DhKind.S, DhKind.A]] = 5.0 * arm.length_tolerance_m
     allowed[[DhKind.ALPHA, DhKind.BETA]] = 5.0 * arm.twist_tolerance_rad
     for name in mounted_entries(arm.joint_count):
@@ -193,15 +182,15 @@ def _may_be_arm(stated: Stated, truth: LoopTruth) -> bool:
 
 
 def mounted_entries(joints: int) -> tuple[str, ...]:
-    """Entries of the arm that cannot be told from where its base and its hand's side are."""
+    """Entries of the arm that cannot be separated from the placements of base and tool."""
     last = (f"theta_off_{joints}", f"s_{joints}", f"a_{joints}", f"alpha_{joints}")
     return ("theta_off_1", "s_1", *last)
 
 
-def opened(stated: Stated, truth: Truth, rng: np.random.Generator) -> OpenTruth:
-    """The arm of another truth with nothing in its hand but a target; the instrument's place is drawn.
+def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> OpenTruth:
+    """The arm of another truth without fixture, with a target; the instrument's place is drawn.
 
-    What cannot be told from where base and target are is as the arm's file has it.
+    Entries that cannot be separated from base and target placements are nominal.
     """
     model = stated.fixture.model(stated.arm)
     if not isinstance(model, MeasuredClosure):
@@ -211,22 +200,19 @@ def opened(stated: Stated, truth: Truth, rng: np.random.Generator) -> OpenTruth:
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
     here = model.without([entry.name for entry in model.entries])
-    found = _truth(here, nominal_vector(here.parameters) + _placed(here, stated, rng), rows)
+    found = _truth(
+        here, nominal_vector(here.parameters) + _placement_errors(here, stated, rng), rows
+    )
     if not isinstance(found, OpenTruth):
         raise TypeError("the truth of an open arm is an open one")
     return found
 
 
-def mounted_anew(stated: Stated, truth: Truth, rng: np.random.Generator) -> Truth:
-    """The same arm in the same fixture, taken off and mounted anew within the tolerance of its file.
+def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
+    """The same arm and fixture, mounted again within the tolerance of its file.
 
-    Both its sides are new, but for that of the hand where it stays there; theta_off of the first and the
-    last joint go with them, since they count from the fixture.
-
-    Raises
-    ------
-    ValueError
-        In no placement that was drawn does this arm close near its home.
+    Both sides change, the tool's only if it does not stay on the tool; so do theta_off of the first and the last
+    joint, which count from the fixture. `ValueError` if the arm closes near home in no placement drawn.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):
@@ -242,44 +228,46 @@ def mounted_anew(stated: Stated, truth: Truth, rng: np.random.Generator) -> Trut
     here = _pose(truth, arm, arm.home_rad)
     if here is None:
         raise ValueError("as first mounted, this arm does not close near its home_deg")
-    seen = _seen(stated, model, nominal, here) > 0.0
+    seen = _observable(stated, model, nominal, here) > 0.0
     new = seen & np.array([p.name in sides for p in model.parameters])
-    drawn = (centre + size * _thirds(rng, (len(size),)) for _ in range(TRIES))
+    drawn = (centre + size * _truncated_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
     return _first_that_closes(
         (_truth(model, np.where(new, x, true), rows) for x in drawn),
         arm,
         here,
-        f"mounted anew within the tolerance of its file, in none of {TRIES} placements does this arm close "
+        f"mounted anew within the tolerance of its file, in none of {MAX_DRAWS} placements does this arm close "
         "near its home_deg: state the placement more narrowly",
     )
 
 
 def _true_vector(model: DhLoop | PointClosure, truth: Truth) -> FloatArray:
-    """What the unknowns of a loop really are (P,)."""
+    """True values of a loop's unknowns (P,)."""
     named = truth.named()
     return np.array([named[p.name] for p in model.parameters])
 
 
-def _placed(model: ArmLoop, stated: Stated, rng: np.random.Generator) -> FloatArray:
-    """By how much the fixture's unknowns of a loop are off (P,); 0 for those of the arm."""
+def _placement_errors(
+    model: ArmLoop, stated: SpecimenFiles, rng: np.random.Generator
+) -> FloatArray:
+    """Errors of a loop's unknowns (P,) that belong to the fixture; 0 for those of the arm."""
     offsets = {entry.name for entry in model.entries if entry.kind is DhKind.THETA_OFF}
     placed = {*model.ground_side, *model.hand_side} - offsets
     size = [
         (stated.tolerance_rad if p.is_angle else stated.tolerance_m) * (p.name in placed)
         for p in model.parameters
     ]
-    return np.array(size) * _thirds(rng, (len(size),))
+    return np.array(size) * _truncated_normal(rng, (len(size),))
 
 
-def _thirds(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Draw shares of a tolerance of which a third is one standard deviation, none beyond it."""
+def _truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
+    """Draw fractions of a tolerance: normal with a third as standard deviation, clipped to 1."""
     return np.clip(rng.standard_normal(shape) / 3.0, -1.0, 1.0)
 
 
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """The truth with these unknowns (P,) and these arm rows (5, n) where nothing is unknown."""
+    """The truth with unknowns `x` (P,) and arm rows (5, n) for the rest."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     here = model.with_table(DhTable.from_stacked(stacked))
@@ -300,13 +288,13 @@ def _truth(
 
 
 def _pose(truth: Truth, arm: ArmModel, near_rad: FloatArray) -> FloatArray | None:
-    """Readings (n,) of the closed pose nearest to some angles; None if there is none inside the ranges."""
+    """Readings (n,) of the closed pose nearest to `near_rad`; None if there is none inside the ranges."""
     try:
         pose, _ = truth.closed_near(near_rad)
     except ValueError:
         return None
     reading = pose - truth.offsets_rad
-    inside = np.all(reading > arm.lower_rad + INSIDE_RAD) and np.all(
-        reading < arm.upper_rad - INSIDE_RAD
+    inside = np.all(reading > arm.lower_rad + RANGE_MARGIN_RAD) and np.all(
+        reading < arm.upper_rad - RANGE_MARGIN_RAD
     )
     return reading if inside else None

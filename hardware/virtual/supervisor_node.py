@@ -1,7 +1,7 @@
-"""The supervisor on the bus: parameter documents, their slots, and who is in control. Knows no plant.
+"""The supervisor node: parameter documents, their slots, and the control token.
 
-Checking a document and writing it to disk take longer than a control period may, so both are done
-elsewhere (`later`), and the SDO request is answered when they are done.
+Checking and storing a document take longer than a control period, so both run elsewhere (`later`), and the SDO
+request is answered afterwards.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from hardware.virtual.parameter_store import (
     ParameterStore,
     Validate,
     ValidatedParameters,
-    objection,
+    refusal_reason,
 )
 from hardware.virtual.sdo_server import Deferred
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmLabel:
-    """Which arm this is, e.g. ``sarcos_dextrous``, ``SDA-0007``."""
+    """Model and serial number of the arm, e.g. ``sarcos_dextrous``, ``SDA-0007``."""
 
     model: str
     serial_number: str
@@ -40,17 +40,17 @@ class ArmLabel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Surroundings:
-    """What the supervisor needs of the controller it sits in.
+class ControllerHooks:
+    """Functions of the controller that the supervisor uses.
 
     Attributes
     ----------
     hears
         Whether a node's heartbeat is heard.
     control_changed
-        Called with the node in control (0: nobody) whenever that changes.
+        Called with the node in control (0: none) on every change.
     set_home_offsets
-        Gives joints 1..n their 607Ch.
+        Sets 607Ch of joints 1..n.
     later
         Runs work outside the control loop, in order.
     """
@@ -80,8 +80,8 @@ class SupervisorNode(VirtualNode):
         Where committed documents live.
     validate
         Strict parse of a document.
-    surroundings
-        See `Surroundings`.
+    hooks
+        See `ControllerHooks`.
     """
 
     def __init__(
@@ -91,13 +91,13 @@ class SupervisorNode(VirtualNode):
         axes: Sequence[AxisSettings],
         store: ParameterStore,
         validate: Validate,
-        surroundings: Surroundings,
+        hooks: ControllerHooks,
     ) -> None:
         super().__init__(objects.SUPERVISOR_NODE, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
         self._axes = tuple(axes)
-        self._store, self._validate, self._around = store, validate, surroundings
+        self._store, self._validate, self._hooks = store, validate, hooks
         self._received: bytes | None = None
         self._staged: tuple[bytes, ValidatedParameters] | None = None
         self._busy = False
@@ -110,14 +110,14 @@ class SupervisorNode(VirtualNode):
     # ---- life ----------------------------------------------------------------------------------------
 
     def power_up(self) -> None:
-        """Begin anew: nobody in control, nothing staged, home offsets from the active slot."""
+        """Power up: no node in control, nothing staged, home offsets from the active slot."""
         super().power_up()
         self._refusal = ""
         self.lapse()
         self.load()
 
     def load(self) -> None:
-        """Put the active document into force; one that does not fit is said in 2004h and not used."""
+        """Apply the active document; an invalid one is reported in 2004h and not used."""
         self._active = self._store.active
         self._active_document = self._store.document(self._active)
         offsets: tuple[int, ...] = (0,) * len(self._axes)
@@ -126,10 +126,10 @@ class SupervisorNode(VirtualNode):
                 offsets = self._check(self._active_document).home_offset_counts
             except _Refused as refused:
                 self._refusal = f"active document not used: {refused.text}"
-        self._around.set_home_offsets(offsets)
+        self._hooks.set_home_offsets(offsets)
 
     def lapse(self) -> None:
-        """Nobody is in control any more; what was not committed is dropped."""
+        """Release control; drop what was not committed."""
         with self.lock:
             self._take(0)
 
@@ -151,7 +151,7 @@ class SupervisorNode(VirtualNode):
         if node != 0 and self.holder != 0:
             self._refusal = f"node {self.holder} is in control"
             raise SdoAbortedError(Abort.DEVICE_STATE)
-        if node != 0 and not self._around.hears(node):
+        if node != 0 and not self._hooks.hears(node):
             self._refusal = f"the heartbeat of node {node} is not heard"
             raise SdoAbortedError(Abort.DEVICE_STATE)
         self._take(node)
@@ -162,7 +162,7 @@ class SupervisorNode(VirtualNode):
         self.holder = node
         if not self._busy:
             self._received = self._staged = None
-        self._around.control_changed(node)
+        self._hooks.control_changed(node)
 
     # ---- parameters ----------------------------------------------------------------------------------
 
@@ -176,7 +176,7 @@ class SupervisorNode(VirtualNode):
         self._require_control()
         command = ParameterCommand(int(value))
         self._busy = True
-        self._around.later(lambda: self._carry_out(command))
+        self._hooks.later(lambda: self._carry_out(command))
         raise Deferred
 
     def _require_control(self) -> None:
@@ -233,7 +233,7 @@ class SupervisorNode(VirtualNode):
         with self.lock:
             self._active, self._active_document = slot, document
             self._received = self._staged = None
-        self._around.set_home_offsets(parameters.home_offset_counts)
+        self._hooks.set_home_offsets(parameters.home_offset_counts)
 
     def _roll_back(self) -> None:
         if self._received is not None:
@@ -241,19 +241,19 @@ class SupervisorNode(VirtualNode):
             return
         document = self._store.document(self._store.spare)
         if document is None:
-            raise _Refused("there is no other document to go back to", Abort.DEVICE_STATE)
+            raise _Refused("there is no other document to roll back to", Abort.DEVICE_STATE)
         parameters = self._check(document)
         slot = self._store.roll_back()
         with self.lock:
             self._active, self._active_document = slot, document
-        self._around.set_home_offsets(parameters.home_offset_counts)
+        self._hooks.set_home_offsets(parameters.home_offset_counts)
 
     def _check(self, document: bytes) -> ValidatedParameters:
         try:
             parameters = self._validate(document)
         except ValueError as error:
             raise _Refused(str(error) or "the document is not valid") from error
-        text = objection(parameters, self._axes, self.arm.serial_number)
+        text = refusal_reason(parameters, self._axes, self.arm.serial_number)
         if text is not None:
             raise _Refused(text)
         return parameters
@@ -278,7 +278,7 @@ class SupervisorNode(VirtualNode):
         for sub, slot in ((objects.SLOTS_A, Slot.A), (objects.SLOTS_B, Slot.B)):
             self.serve(objects.SLOTS, sub, lambda slot=slot: int(self._store.state(slot)))  # type: ignore[misc]
         self.serve(objects.SLOTS, objects.SLOTS_STAGED, lambda: int(self._staged is not None))
-        # 2004h is a visible string: what is not ASCII in a refusal is written as an escape.
+        # 2004h is a visible string: ASCII with escapes.
         self.serve(objects.REFUSAL, 0, lambda: self._refusal.encode("ascii", "backslashreplace"))
         self.serve(objects.TOKEN, 0, lambda: self.holder)
         self.accept(objects.TOKEN, 0, self._ask_for_control)

@@ -1,7 +1,7 @@
-"""A tracker that sees the hand of the virtual open arm, and speaks the instrument port's lines. Knows no bus.
+"""Simulated tracker of the virtual open arm, with the line protocol of instruments.
 
-It answers a line ``{"measure": "12"}`` with ``{"pose": "12", "x_m": ..., ..., "rz_deg": ...}``: where the
-target is now in its own frame, and how it is turned, as a rotation vector.
+It answers ``{"measure": "12"}`` with ``{"pose": "12", "x_m": ..., ..., "rz_deg": ...}``: position of the target in its
+own frame, and orientation as a rotation vector.
 """
 
 from __future__ import annotations
@@ -21,20 +21,16 @@ FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 
 
 class SimulatedTracker:
-    """What sees the target of a truth.
+    """Measures the target of an arm's truth.
 
     Parameters
     ----------
-    truth
-        Of the arm that is seen.
     angles_rad
-        Where its joints truly are now, theta' (n,); asked at every measurement.
-    sigma_m, sigma_rad
+        Returns the true joint angles theta' (n,) of the moment.
+    sigma_m, sigma_rad, rng
         Noise of each component.
     full_pose
-        Whether it sees how the target is turned.
-    rng
-        Of the noise.
+        Whether it measures orientation too.
     """
 
     def __init__(
@@ -53,7 +49,7 @@ class SimulatedTracker:
         self._one_at_a_time = threading.Lock()
 
     def measured(self) -> FloatArray:
-        """Where the target is seen, (3,) m; of a full pose (6,), a rotation vector in rad behind it."""
+        """Measured position (3,) m; for a full pose (6,) with the rotation vector, rad."""
         with self._one_at_a_time:
             draw = self._rng.standard_normal(6)
         position, rotation = self._truth.target(self._angles())
@@ -64,7 +60,7 @@ class SimulatedTracker:
         return np.concatenate((position, rotation_vector(seen)))
 
     def answer(self, question: str) -> str:
-        """Answer a line; one that asks for no measurement with what would."""
+        """Answer a request line; an invalid one with an error that shows a valid one."""
         try:
             asked = json.loads(question)
             pose = str(asked["measure"])

@@ -1,4 +1,4 @@
-"""True geometry of the virtual arm's loop: what calibration must find. Knows no sensor, no bus."""
+"""True geometry of the virtual arm's loop, and random truths by seed."""
 
 from __future__ import annotations
 
@@ -20,13 +20,9 @@ from solver.loops.point import PointClosure
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth(ABC):
-    """An arm and what holds its hand, as they really are.
+    """True geometry of an arm and its fixture.
 
-    Attributes
-    ----------
-    table
-        D-H rows 0..n; row 0 is the fixture (`theta_off_rad[0]` is 0), rows 1..n the arm with its true
-        joint-angle offsets.
+    `table`: D-H rows 0..n; row 0 is the fixture (`theta_off_rad[0]` is 0), rows 1..n the arm with its true offsets.
     """
 
     table: DhTable
@@ -43,13 +39,13 @@ class Truth(ABC):
 
     @property
     def arm_table(self) -> DhTable:
-        """Rows 1..n: the arm without what holds it."""
+        """Rows 1..n: the arm without fixture."""
         return DhTable(
             **{name: getattr(self.table, name)[1:] for name in DhTable.__dataclass_fields__}
         )
 
     def named(self) -> dict[str, float]:
-        """True values, rad and m, by the names that unknowns of a calibration have."""
+        """True values, rad and m, by the parameter names of a calibration."""
         stacked = self.table.stacked()
         return {
             DhEntry(kind=kind, row=row).name: float(stacked[kind, row])
@@ -59,28 +55,16 @@ class Truth(ABC):
 
     @abstractmethod
     def loop(self) -> ArmLoop:
-        """Closure model with nothing unknown; its joint angles are sensor coordinates."""
+        """Closure model without unknowns, in sensor coordinates."""
 
     @abstractmethod
     def point(self) -> ChainPoint:
         """The same for the plant's inner loop, one pose at a time."""
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """Nearest closed pose to a reading.
+        """Closed pose nearest to a reading (n,) in sensor coordinates; `ValueError` if there is none.
 
-        Parameters
-        ----------
-        reading_rad
-            Joint angles in sensor coordinates, shape (n,).
-
-        Returns
-        -------
-        True joint angles theta' (n,) and the hinge angle theta_0, rad; 0 where there is no hinge.
-
-        Raises
-        ------
-        ValueError
-            If no pose near the reading closes the loop.
+        Returns true joint angles theta' (n,) and hinge angle theta_0, rad; 0 without a hinge.
         """
         loop, nothing = self.loop(), np.zeros(0)
         start = np.asarray(reading_rad, dtype=np.float64)[None, :]
@@ -93,7 +77,7 @@ class Truth(ABC):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopTruth(Truth):
-    """A hinge, or with ``hinge=False`` a rigid attachment: row 0 is a link that turns, or does not."""
+    """A hinge, or with ``hinge=False`` a rigid attachment, as link 0."""
 
     hinge: bool = True
 
@@ -108,12 +92,9 @@ class LoopTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BallTruth(Truth):
-    """A ball on the hand in a socket on the table; row 0 is nothing.
+    """A ball on the tool in a socket; row 0 is empty.
 
-    Attributes
-    ----------
-    tip_m, ground_m
-        Centre of the ball in the last frame, of the socket in the arm's base frame, (3,).
+    `tip_m`, `ground_m` (3,): centres of the ball in the last frame, and of the socket in the arm's base frame.
     """
 
     tip_m: FloatArray
@@ -135,14 +116,10 @@ class BallTruth(Truth):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenTruth(Truth):
-    """An arm that nothing holds, and a target on its hand that an instrument sees; row 0 is nothing.
+    """An open arm with a target on its tool; row 0 is empty.
 
-    Attributes
-    ----------
-    base_m, base_rotation
-        The arm's base in the instrument's frame, (3,) and (3, 3).
-    tip_m, tip_rotation
-        The target in the last frame, likewise.
+    `base_m` (3,), `base_rotation` (3, 3): the arm's base in the instrument's frame; `tip_m`, `tip_rotation`: the target
+    in the last frame.
     """
 
     base_m: FloatArray
@@ -151,11 +128,11 @@ class OpenTruth(Truth):
     tip_rotation: FloatArray
 
     def named(self) -> dict[str, float]:
-        """D-H entries, and where base and target are; not how they are turned."""
+        """D-H entries, and positions of base and target."""
         return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
 
     def loop(self) -> MeasuredClosure:
-        """Where the target is seen; bound to no measurement."""
+        """Closure of the measured target, without measurements."""
         return MeasuredClosure(
             table=self.arm_table,
             entries=(),
@@ -167,15 +144,15 @@ class OpenTruth(Truth):
         )
 
     def point(self) -> OpenPoint:
-        """No closure component at all."""
+        """No closure components."""
         return OpenPoint(self.table)
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
-        """True joint angles at a reading (n,): an open arm may stand anywhere."""
+        """True joint angles at a reading (n,): an open arm closes everywhere."""
         return np.asarray(reading_rad) + self.offsets_rad, 0.0
 
     def target(self, theta_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Place (3,) m and orientation (3, 3) of the target at true angles theta' (n,), as seen."""
+        """Position (3,) m and orientation (3, 3) of the target in the instrument's frame at true angles theta' (n,)."""
         q = (np.asarray(theta_rad) - self.offsets_rad)[None]
         position, rotation = self.loop().predicted(np.zeros(0), q)
         return position[0], rotation[0]
@@ -210,11 +187,9 @@ PAPER_HOME_RAD = frozen(
 def with_length_errors(
     truth: Truth, *, smallest_m: float, largest_m: float, rng: np.random.Generator
 ) -> Truth:
-    """Put every length that calibration takes from the maker's table off by a random amount.
+    """Add a random error of magnitude `smallest_m` to `largest_m` to every length from the maker's table.
 
-    These are s_2..s_n-1 and a_1..a_n-1: the fixture's own entries (s_1, s_n, a_n, row 0) are
-    identified and have no nominal value to be off from. Each is off by `smallest_m` to `largest_m`,
-    either way.
+    These are s_2..s_n-1 and a_1..a_n-1; the fixture's entries (s_1, s_n, a_n, row 0) are identified.
     """
     n = truth.joint_count
     fixed = {"s_m": slice(2, n), "a_m": slice(1, n)}
@@ -228,12 +203,12 @@ def with_length_errors(
 
 
 PLACEMENT = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
-"""D-H entries that say where the hinge is."""
+"""D-H entries of the hinge's placement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WildSpread:
-    """How far a wild truth lies from the paper's, and how far it must be able to move.
+    """Spread of a `wild` truth around the paper's, and the motion it must allow.
 
     Attributes
     ----------
@@ -241,15 +216,13 @@ class WildSpread:
         Half widths of uniform draws: of every joint of the true home pose (and so of the offsets)
         before the loop is closed again, and of the hinge's lengths and angles.
     smallest_crossing_rad
-        Least angle between the hinge axis and its neighbours' (nearly parallel ones are for
-        Hayati's parameters, not for D-H).
+        Smallest angle between the hinge axis and its neighbours (D-H degenerates for parallel axes).
     drives, lowest_rad, highest_rad
-        Two joints, and the corners of the box of their angles, relative to home, that the arm must
-        be able to cover without a fold.
+        Two joints, and the box of their angles relative to home that the arm must cover without a singularity.
     room_rad
-        (n,) how far each joint may get from home on the way.
-    steepest
-        Largest motion of any joint over the motion of the drives; it grows without bound at a fold.
+        (n,) largest distance of each joint from home on the way.
+    max_gradient
+        Largest motion of a joint over that of the drives; infinite at a singularity.
     """
 
     pose_rad: float = float(np.deg2rad(25.0))
@@ -262,20 +235,13 @@ class WildSpread:
     room_rad: FloatArray = field(
         default_factory=lambda: frozen(np.deg2rad([72.0] * 5 + [57.0] * 2))
     )
-    steepest: float = 4.0
+    max_gradient: float = 4.0
 
 
-def wild_loop(
+def draw_wild_loop(
     rng: np.random.Generator, *, spread: WildSpread, reading_rad: FloatArray
 ) -> LoopTruth:
-    """Draw a truth; its loop is closed exactly where the sensors read `reading_rad`.
-
-    Parameters
-    ----------
-    reading_rad
-        Home in sensor coordinates, shape (n,). Joint ranges are about this reading: offsets may be
-        anything without a joint leaving its range.
-    """
+    """Draw a truth whose loop closes exactly at the reading `reading_rad` (n,), home in sensor coordinates."""
     loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT), hinge=True)
     nominal = nominal_vector(loop.parameters)
     reach = np.where([p.is_angle for p in loop.parameters], spread.hinge_rad, spread.hinge_m)
@@ -302,10 +268,7 @@ def wild_loop(
 def can_cover(
     loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray, spread: WildSpread
 ) -> bool:
-    """Whether the two drives can go straight from `pose` to the edge of their box all round.
-
-    Follows a bundle of rays in small steps, all rays at once, each step started from the last.
-    """
+    """Whether the drives can move straight from `pose` to all sides of their box; follows rays in small steps."""
     edge = np.linspace(0.0, 1.0, 5)[:-1]
     square = np.concatenate(
         [
@@ -332,7 +295,7 @@ def can_cover(
         stride = np.abs(ends).max(-1, keepdims=True) / steps
         if not (
             bool(np.all(closed.closed))
-            and bool(np.all(np.abs(closed.q - before) <= spread.steepest * stride + 1e-9))
+            and bool(np.all(np.abs(closed.q - before) <= spread.max_gradient * stride + 1e-9))
             and bool(np.all(np.abs(closed.q - pose) <= spread.room_rad))
         ):
             return False

@@ -83,14 +83,14 @@ def published(*, poses: int = POSES) -> Published:
     """Reproduce the experiment of section 3 and what section 4 makes of it."""
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")
-    quiet = replace(all_three, curve_of_full_scale=0.0, lengths=None, loads=STIFF)
+    quiet = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
     taken = specimen_poses(procedure, all_three, poses=poses)
     solution = _calibrated(procedure, taken)
     printed = {p.name: _printed(all_three, p.name) for p in solution.estimate.parameters}
     alone = (
         (
             "RVDT curves of the wrist",
-            replace(quiet, curve_of_full_scale=all_three.curve_of_full_scale),
+            replace(quiet, linearity_of_full_scale=all_three.linearity_of_full_scale),
         ),
         ("fixed lengths off by 1 to 2 mm", replace(quiet, lengths=all_three.lengths)),
         ("fixture that yields", replace(quiet, loads=all_three.loads)),

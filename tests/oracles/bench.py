@@ -20,7 +20,7 @@ from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attending
+from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.truth import BallTruth, OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
@@ -68,7 +68,7 @@ class Bench:
             opening.procedure.profile,
             pace=Pace.FAST_FORWARD,
             timing=Timing(heartbeat_timeout_s=PATIENCE_S, lost_after_s=PATIENCE_S),
-            openers=attending(self.controller),
+            openers=attended_openers(self.controller),
         )
         fixture = opening.procedure.fixture.fixture
         session = open_session(

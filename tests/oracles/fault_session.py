@@ -23,7 +23,7 @@ from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import attending
+from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.faults import FAULT_KINDS, ScriptedFault, scripted
 from hardware.virtual.plant import Plant
 from operator_app.config.description import describe
@@ -186,7 +186,7 @@ def session_with(
                 answer_timeouts_s=dict.fromkeys(Pace, 0.05),
                 sdo_timeout_s=PATIENCE_S,
             ),
-            openers=attending(controller),
+            openers=attended_openers(controller),
         )
         if kind and not at_sync:
             begin()

@@ -14,7 +14,7 @@ from hardware.buses.python_can import BusSettings, open_bus
 from hardware.canopen.objects import COB_SYNC, COB_TPDO1
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.embedded_bus import EmbeddedBus, attending
+from hardware.virtual.embedded_bus import EmbeddedBus, attended_openers
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
@@ -48,7 +48,7 @@ def plant() -> CountingPlant:
 
 @pytest.fixture
 def settings(request: pytest.FixtureRequest) -> BusSettings:
-    return BusSettings(channel=f"attending-{request.node.name}")
+    return BusSettings(channel=f"attended_openers-{request.node.name}")
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def controller(plant: CountingPlant, settings: BusSettings) -> Iterator[VirtualC
 
 @pytest.fixture
 def bus(controller: VirtualController, settings: BusSettings) -> Iterator[can.BusABC]:
-    made = attending(controller).main(settings)
+    made = attended_openers(controller).main(settings)
     start_all(made)
     yield made
     made.shutdown()

@@ -167,7 +167,7 @@ def test_as_reported_has_plausible_errors(sarcos: ArmModel) -> None:
 
 def test_each_error_source_switches_alone(sarcos: ArmModel) -> None:
     reported = scenario("as_reported", 2)
-    straight = replace(reported, curve_of_full_scale=0.0)
+    straight = replace(reported, linearity_of_full_scale=0.0)
     assert straight.curves(sarcos) == (None,) * 7
     np.testing.assert_array_equal(straight.true_loop().table.s_m, reported.true_loop().table.s_m)
     true_lengths = replace(reported, lengths=None)

@@ -8,15 +8,17 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from hardware.virtual.sensors import JointSensor, RvdtCurve, SensorBank, joint_sensor
+from hardware.virtual.sensors import JointSensor, LinearityDeviation, SensorBank, joint_sensor
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import NoSensor
 
 FULL_SCALE_RAD = math.radians(120.0)
 
 
-def drawn(seed: int, peak: float = 0.02) -> RvdtCurve:
-    return RvdtCurve.drawn(np.random.default_rng(seed), full_scale_rad=FULL_SCALE_RAD, peak=peak)
+def drawn(seed: int, peak: float = 0.02) -> LinearityDeviation:
+    return LinearityDeviation.drawn(
+        np.random.default_rng(seed), full_scale_rad=FULL_SCALE_RAD, peak=peak
+    )
 
 
 @pytest.mark.parametrize("joint", [1, 5, 6, 7])
@@ -77,7 +79,9 @@ def test_a_curve_is_smooth(seed: int) -> None:
 
 
 def test_a_curve_is_its_legendre_series() -> None:
-    curve = RvdtCurve(coefficients_rad=np.array([0.3, -0.2, 0.1, 0.05]), half_scale_rad=2.0)
+    curve = LinearityDeviation(
+        coefficients_rad=np.array([0.3, -0.2, 0.1, 0.05]), half_scale_rad=2.0
+    )
     for angle in (-2.0, -1.1, 0.0, 0.3, 2.0):
         series = np.array([0.0, 0.0, 0.3, -0.2, 0.1, 0.05])
         assert curve.deviation_rad(angle) == pytest.approx(
@@ -127,7 +131,7 @@ def test_an_encoder_with_a_curve_or_no_sensor_at_all_is_a_wrong_call(sarcos: Arm
     with pytest.raises(ValueError, match="no sensor"):
         joint_sensor(blind, with_noise=False, curve=None)
     with pytest.raises(ValueError, match="coefficients"):
-        RvdtCurve(coefficients_rad=np.zeros(3), half_scale_rad=1.0)
+        LinearityDeviation(coefficients_rad=np.zeros(3), half_scale_rad=1.0)
 
 
 def test_a_bank_reads_one_angle_per_sensor() -> None:

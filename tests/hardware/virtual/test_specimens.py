@@ -11,7 +11,7 @@ from fixtures.ball import Ball
 from hardware.arm import JointMode
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.specimens import Stated, drawn_truth, may_be
+from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
 from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -19,9 +19,9 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
 
 
-def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> Stated:
+def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
     spec = load_fixture(fixture)
-    return Stated(
+    return SpecimenFiles(
         arm=load_arm("sarcos_dextrous") if arm is None else arm,
         fixture=spec.fixture,
         **{"tolerance_m": spec.tolerance_m, "tolerance_rad": spec.tolerance_rad, **other},
@@ -38,7 +38,7 @@ def closes(truth: Truth, theta_rad: np.ndarray, theta_0_rad: float) -> float:
 def test_a_specimen_closes_and_is_the_same_for_a_seed(fixture: str) -> None:
     what = stated(fixture)
     one, same, other = (
-        drawn_truth(what, np.random.default_rng(seed), maker_errors=True) for seed in (3, 3, 4)
+        draw_truth(what, np.random.default_rng(seed), maker_errors=True) for seed in (3, 3, 4)
     )
     pose, hinge = one.closed_near(what.arm.home_rad)
     assert closes(one, pose, hinge) < 1e-9
@@ -75,7 +75,7 @@ def test_everything_is_off_within_what_is_stated_and_nothing_else_is() -> None:
     nominal = what.fixture.model(what.arm).table.stacked()  # type: ignore[attr-defined]
     off = np.array(
         [
-            drawn_truth(what, np.random.default_rng(seed), maker_errors=True).table.stacked()
+            draw_truth(what, np.random.default_rng(seed), maker_errors=True).table.stacked()
             for seed in range(40)
         ]
     )
@@ -97,7 +97,7 @@ def test_everything_is_off_within_what_is_stated_and_nothing_else_is() -> None:
 
 def test_without_makers_errors_the_table_is_the_files() -> None:
     what = stated("sarcos_ball")
-    truth = drawn_truth(what, np.random.default_rng(0), maker_errors=False)
+    truth = draw_truth(what, np.random.default_rng(0), maker_errors=False)
     own = np.zeros((5, 8))
     own[:, 1:] = what.arm.table.stacked()
     same = truth.table.stacked() == own
@@ -107,8 +107,8 @@ def test_without_makers_errors_the_table_is_the_files() -> None:
 
 
 def test_the_papers_own_arm_stands_in_only_for_files_that_may_mean_it() -> None:
-    def paper(what: Stated) -> bool:
-        return may_be(what, paper_loop(), PAPER_HOME_RAD)
+    def paper(what: SpecimenFiles) -> bool:
+        return files_allow(what, paper_loop(), PAPER_HOME_RAD)
 
     sarcos = load_arm("sarcos_dextrous")
     assert paper(stated("hinge"))
@@ -148,7 +148,7 @@ def test_the_load_of_a_foreign_arm_is_one_that_its_drives_can_hold() -> None:
     """What bends the fixture of an arm of 100 Nm took 7 of the 12 Nm of a Panda's wrist, and tripped it on the way."""
     panda = load_arm("franka_panda")
     ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
-    what = Stated(arm=panda, fixture=ball, tolerance_m=0.03, tolerance_rad=np.deg2rad(10.0))
+    what = SpecimenFiles(arm=panda, fixture=ball, tolerance_m=0.03, tolerance_rad=np.deg2rad(10.0))
     for seed in range(3):
         plant = scenario_of("as_reported", seed, what).build(panda)
         start = plant.true_angles_rad[1:] - plant.truth.offsets_rad
@@ -167,14 +167,14 @@ def test_the_load_of_a_foreign_arm_is_one_that_its_drives_can_hold() -> None:
 def test_a_fixture_out_of_reach_is_refused_in_words() -> None:
     far = replace(stated("hinge"), fixture=replace(load_fixture("hinge").fixture, a_0_m=2.5))
     with pytest.raises(ValueError, match="no pose near the arm's home_deg"):
-        drawn_truth(far, np.random.default_rng(0), maker_errors=False)
+        draw_truth(far, np.random.default_rng(0), maker_errors=False)
 
 
 def test_between_parallel_axes_a_twist_about_y_is_drawn_and_no_slide() -> None:
     sarcos = load_arm("sarcos_dextrous")
     arm = replace(sarcos, hayati_rows=(3,))
     both = [
-        drawn_truth(stated("hinge", one), np.random.default_rng(5), maker_errors=True)
+        draw_truth(stated("hinge", one), np.random.default_rng(5), maker_errors=True)
         for one in (sarcos, arm)
     ]
     plain, twisted = (truth.table for truth in both)
@@ -182,4 +182,4 @@ def test_between_parallel_axes_a_twist_about_y_is_drawn_and_no_slide() -> None:
     assert np.flatnonzero(twisted.beta_rad).tolist() == [3]
     assert abs(np.rad2deg(twisted.beta_rad[3])) < 0.5
     assert twisted.s_m[3] == sarcos.table.s_m[2] != plain.s_m[3]
-    assert may_be(stated("hinge", arm), both[1], arm.home_rad)
+    assert files_allow(stated("hinge", arm), both[1], arm.home_rad)

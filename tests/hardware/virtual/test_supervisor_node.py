@@ -200,9 +200,9 @@ def test_a_new_document_takes_the_place_of_a_staged_one(arm: Rig) -> None:
 
 
 def test_a_controller_without_a_schema_refuses_every_document() -> None:
-    from hardware.virtual.parameter_store import takes_no_documents
+    from hardware.virtual.parameter_store import refuse_documents
 
-    with rig(validate=takes_no_documents) as arm:
+    with rig(validate=refuse_documents) as arm:
         arm.peer.take_control()
         arm.peer.write(16, 0x2000, 0, document())
         assert order(arm, STAGE) == 0x08000020

@@ -13,7 +13,7 @@ from fixtures.measured import Measured
 from hardware.arm import JointMode
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
-from hardware.virtual.specimens import Stated, mounted_entries
+from hardware.virtual.specimens import SpecimenFiles, mounted_entries
 from hardware.virtual.truth import OpenTruth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
@@ -26,8 +26,8 @@ INSTRUMENT = TRACKER.fixture
 assert isinstance(INSTRUMENT, Measured)
 
 
-def stated(arm=ARM) -> Stated:
-    return Stated(
+def stated(arm=ARM) -> SpecimenFiles:
+    return SpecimenFiles(
         arm=arm,
         fixture=INSTRUMENT,
         tolerance_m=TRACKER.tolerance_m,

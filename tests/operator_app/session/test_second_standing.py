@@ -11,7 +11,7 @@ import pytest
 from hardware.arm import Reading
 from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.specimens import Stated
+from hardware.virtual.specimens import SpecimenFiles
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
@@ -40,7 +40,7 @@ class Slipped(PlantArm):
         self._lost = [0] * procedure.arm.joint_count
         self._lost[joint - 1] = round(degrees * COUNTS_PER_DEG)
         own = procedure.fixture.fixture
-        stated = Stated(
+        stated = SpecimenFiles(
             arm=procedure.arm,
             fixture=own,
             tolerance_m=own.tolerance.position_m,

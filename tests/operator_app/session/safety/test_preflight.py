@@ -10,7 +10,7 @@ import pytest
 
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.specimens import Stated
+from hardware.virtual.specimens import SpecimenFiles
 from operator_app.calibration.closure_gate import loop_at_reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
@@ -124,7 +124,7 @@ def sound_poses(
 ) -> list[np.ndarray]:
     """Readings (n,) of closed poses of a drawn arm; up to 20 deg from home, or the nearest to `near`."""
     arm, fixture = procedure.arm, procedure.fixture.fixture
-    stated = Stated(
+    stated = SpecimenFiles(
         arm=arm,
         fixture=fixture,
         tolerance_m=fixture.tolerance.position_m,

@@ -7,7 +7,6 @@ a closure model's parameters and how smooth a fixture's give is; no derivative, 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
 
@@ -17,105 +16,56 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.load_shapes import FREE, Shapes, loaded_give, shapes_of_sag, sides_of_play
+from solver.estimators.load_shapes import (
+    UNMODELLED_SHARE,
+    Shapes,
+    loaded_give,
+    shapes_of_sag,
+    sides_of_play,
+)
 from solver.estimators.pose_basis import PoseBasis, PoseProcess, pose_process
+from solver.estimators.variance_groups import Group, VarianceComponent
 from solver.loops.closure import ClosureModel
 
-FLOOR = 1e-3
-"""No analogue reading is believed beyond this share of its stated standard deviation."""
+LEAST_NOISE_SHARE = 1e-3
+"""Smallest standard deviation of an analogue reading, as a share of the stated one."""
 
 LEAST_GIVE = 1e-8
-"""Smallest give (rad, m) that is told from none; where a fixture is stated to be rigid."""
+"""Smallest deflection (rad, m) of a fixture; that of one stated to be rigid."""
 
-FARTHEST = 100.0
-"""Times its tolerance that a fixture ever stands from where its file says."""
+LARGEST_PLACEMENT_SCALE = 100.0
+"""Largest distance of a fixture from its stated place, in stated tolerances."""
 
-LEAST_SCALE = 0.03
-"""Share of its statement below which no source is taken to be: what is left of it then moves nothing."""
+SMALLEST_SCALE = 0.03
+"""Smallest size of a source of error, as a share of the stated one: less has no effect on an estimate."""
 
 LEAST_CURVE = 0.1
-"""No analogue sensor is straighter than this share of its specification."""
+"""Smallest linearity deviation of an analogue sensor, as a share of its specification."""
 
-SPECIFIED = 4
-"""What a specification says of one sensor's curve or gain weighs like so many shapes that were seen: the
-few that poses do tell say little of how large all are, and where they happen to be small the others are not."""
+SPECIFICATION_DOF = 4
+"""Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the shapes,
+which say little of the size of the others."""
 
 FIRST_GIVE = 5e-4
-"""Where a give that nothing stated is looked for (rad, m)."""
+"""Start of the search for a deflection that is not stated (rad, m)."""
 
-WORST = 10.0
-"""Times its statement that lengths, twists, encoders, play and sag are ever believed to be off: what is farther off
-is a fault, to be found by the tests. Of many poses a fit would explain any fault by some of these without bounds,
-and leave an arm that is none."""
+LARGEST_SCALE = 10.0
+"""Largest size of lengths, twists, encoder errors, play and sag in stated sizes. More is a fault, which the tests
+diagnose: without bounds a fit of many poses would explain any fault by these."""
 
 LARGEST_DISCREPANCY = 5.0
-"""In its unit, below: what moves a hand by more has a name."""
+"""Largest discrepancy, in the unit below: a larger one is diagnosed as a fault."""
 
 UNIT_DISCREPANCY = 1e-3
-"""Discrepancy is counted in mm and mrad."""
+"""Unit of the discrepancy: 1 mm and 1 mrad."""
 
-ANEW = 0.4
-"""Share of a stated give or play that is expected to be new in every pose. All of it enters as what is the
-same again besides (smooth in the pose, or on one side of every joint): how much is new the data tell well,
-and what is the same they hardly do, so each has a scale of its own."""
+NON_REPEATABLE_SHARE = 0.4
+"""Share of a stated deflection or play that does not repeat at the same pose. The whole stated size enters once more as
+the repeatable part (smooth in the pose, or on one side of a joint). The data determine the first well and the
+second poorly, so each has a scale of its own."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 """Smooth functions of the pose for what twists under load (a joint) and what gives (a placement)."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class VarianceComponent:
-    """One variance to be estimated: where it starts, its floor, and where its prior puts a wall.
-
-    `stated` is what the files say. With `scaled` the logarithm of its size over the stated one has a
-    normal prior (method, section 10): the poses decide where they see it, the statement where they do not.
-    `soft` and `wall` bound an amplitude by its specification: a prior of that mean variance, and a
-    value it never exceeds. ``inf`` where there is none. `leap` may be reached in one step however
-    small it was. `spread_variance` is what `spread_dof` differences inside poses say of it, or a
-    specification that weighs like so many.
-    """
-
-    name: str
-    start: float
-    floor: float
-    stated: float
-    scaled: bool = False
-    soft: float = np.inf
-    wall: float = np.inf
-    leap: float = 0.0
-    spread_variance: float = 0.0
-    spread_dof: int = 0
-
-    @property
-    def source(self) -> str:
-        """What an uncertainty budget calls it: that of the groups it moves, if it moves any."""
-        kind, _, which = self.name.partition("_")
-        if kind in _OF_RVDTS:
-            return f"rvdt_{_OF_RVDTS[kind]}_{which}"
-        return "fixture_give" if kind == "fixture" else self.name
-
-
-_OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
-"""What an RVDT's components are of it."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Group:
-    """Columns that share a variance ``fixed + sum of rates * components``.
-
-    `source` is what an uncertainty budget calls it; `rates` are pairs of a component and its factor; `names`
-    say what each column is.
-    """
-
-    source: str
-    width: int
-    fixed: float = 0.0
-    rates: tuple[tuple[int, float], ...] = ()
-    names: tuple[str, ...] = ()
-
-    def variance(self, v: FloatArray) -> float:
-        """Variance of these columns' coefficients under the components (K,)."""
-        return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
 
 
 class Layout:
@@ -209,7 +159,7 @@ class Layout:
                 VarianceComponent(
                     name=f"rvdt_{a.joint}",
                     start=a.variance,
-                    floor=FLOOR**2 * a.variance,
+                    floor=LEAST_NOISE_SHARE**2 * a.variance,
                     stated=a.variance,
                     spread_variance=a.spread_variance,
                     spread_dof=a.spread_dof,
@@ -222,8 +172,8 @@ class Layout:
             self.fixture_components[key] = self._component(
                 VarianceComponent(
                     name=key,
-                    start=max(ANEW * stated, LEAST_GIVE) ** 2,
-                    floor=max(LEAST_SCALE * ANEW * stated, LEAST_GIVE) ** 2,
+                    start=max(NON_REPEATABLE_SHARE * stated, LEAST_GIVE) ** 2,
+                    floor=max(SMALLEST_SCALE * NON_REPEATABLE_SHARE * stated, LEAST_GIVE) ** 2,
                     stated=max(stated, LEAST_GIVE) ** 2,
                     scaled=stated > LEAST_GIVE,
                     leap=FIRST_GIVE**2,
@@ -234,11 +184,11 @@ class Layout:
             self.play_component = self._component(
                 VarianceComponent(
                     name="joint_play",
-                    start=ANEW**2,
-                    floor=(LEAST_SCALE * ANEW) ** 2,
+                    start=NON_REPEATABLE_SHARE**2,
+                    floor=(SMALLEST_SCALE * NON_REPEATABLE_SHARE) ** 2,
                     stated=1.0,
                     scaled=True,
-                    wall=WORST**2,
+                    wall=LARGEST_SCALE**2,
                 )
             )
         for k, source in enumerate(_SOFT):
@@ -298,8 +248,8 @@ class Layout:
         ):
             if curve.lines:
                 gain = VarianceComponent(
-                    name=f"gain_{joint}", start=1.0, floor=LEAST_SCALE**2, stated=1.0, scaled=True,
-                    spread_variance=1.0, spread_dof=SPECIFIED,
+                    name=f"gain_{joint}", start=1.0, floor=SMALLEST_SCALE**2, stated=1.0, scaled=True,
+                    spread_variance=1.0, spread_dof=SPECIFICATION_DOF,
                 )  # fmt: skip
                 self.groups.append(
                     Group(source=f"rvdt_gain_{joint}", width=1,
@@ -314,7 +264,7 @@ class Layout:
                 stated=stated,
                 wall=25.0 * stated,
                 spread_variance=stated,
-                spread_dof=SPECIFIED,
+                spread_dof=SPECIFICATION_DOF,
             )
             names = tuple(f"curve{k}_{joint}" for k in range(LOWEST, LOWEST + curve.bends))
             self.groups.append(
@@ -372,7 +322,7 @@ class Layout:
             )
         k = self.give_basis.phi.shape[1]
         # The basis has a variance of 2: a constant and a linear part beside its scales.
-        self.free_give = 1.0 if self.loaded is None else 0.5 * FREE
+        self.free_give = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
         smooth = (
             self._scale("smooth_give") if any(stated > 0.0 for _, stated in self.gives) else None
         )
@@ -400,13 +350,18 @@ class Layout:
         """Return the component of a source that is as large as stated unless the poses say otherwise."""
         return self._component(
             VarianceComponent(
-                name=name, start=1.0, floor=LEAST_SCALE**2, stated=1.0, scaled=True, wall=WORST**2
+                name=name,
+                start=1.0,
+                floor=SMALLEST_SCALE**2,
+                stated=1.0,
+                scaled=True,
+                wall=LARGEST_SCALE**2,
             )
         )
 
     def _placement_scale(self) -> int:
         """Return that of where the fixture stands, which never says that a file is better than it claims."""
-        far = FARTHEST**2
+        far = LARGEST_PLACEMENT_SCALE**2
         return self._component(
             VarianceComponent(
                 name=PLACEMENT, start=1.0, floor=1.0, stated=1.0, scaled=True, wall=far, leap=far

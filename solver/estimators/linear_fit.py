@@ -25,8 +25,8 @@ np.empty(2 << 20)
 """Freed at once, untouched: glibc keeps free blocks up to such a size from then on, where it would give the matrices of
 every round back to the system and have them filled with zeros for the next. Elsewhere it does nothing."""
 
-TOLD = 1e-3
-"""Share of its own noise from which a misclosure that the others predict is told from none."""
+LEAST_RESOLVED_SHARE = 1e-3
+"""Smallest share of its own noise that a misclosure predicted by the others keeps; below it is degenerate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -355,7 +355,7 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
     from scipy.linalg import lapack
 
     factor, failed = lapack.dpotrf(V, lower=True)
-    if failed or float(np.diagonal(factor).min()) < TOLD:
+    if failed or float(np.diagonal(factor).min()) < LEAST_RESOLVED_SHARE:
         return None
     z, _ = lapack.dtrtrs(factor, w, lower=True)
     return float(z @ z)

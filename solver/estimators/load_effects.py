@@ -33,24 +33,23 @@ from itertools import combinations
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.chain.kinematics import Frames, forward
-from solver.chain.parameters import DhEntry, DhKind, is_entry
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
 from solver.estimators.compliance import Pulled, blocks, compliance_sizes, covariance, variance
+from solver.estimators.gravity_torques import ArmPoses, by_moment
 from solver.estimators.pose_basis import farthest
 from solver.loops.closure import ClosureModel
 
-RUB_M = 0.1
-"""Friction of a free joint: N m for each N (and each N m) at the fixture."""
+FRICTION_M = 0.1
+"""Friction of a free joint, as a lever (m): N m for each N at the fixture."""
 
-HAND = 0.5
-"""Compliance of the hand's half of the fixture as a share of the table's."""
+TOOL_SIDE_COMPLIANCE = 0.5
+"""Compliance of the fixture's half on the tool, as a share of that on the table."""
 
-SETS = 8
-"""Sets of joints in position mode that are looked at, evenly among all."""
+MOST_DRIVE_SETS = 8
+"""Sets of joints in position mode that are evaluated, evenly among all."""
 
-EXPECTED = np.sqrt(2.0 / np.pi)
+HALF_NORMAL_MEAN = np.sqrt(2.0 / np.pi)
 """Mean of a compliance whose mean square is 1: half-normal, since none is negative."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 3, 24
@@ -63,7 +62,7 @@ SMALLEST = 1e-9
 """Eigenvalues below this share of the largest are rounding."""
 
 LEAST_TORQUE_NM = 1e-6
-"""A joint that gravity turns less than this is not turned by it."""
+"""Smallest torque of gravity that counts."""
 
 CHUNK = 512
 """Poses worked on at a time."""
@@ -149,7 +148,7 @@ class Gravity:
         (n,): what is left of the variance of a joint on which gravity has no lever.
     """
 
-    part: _Part
+    part: ArmPoses
     turn: FloatArray
     rate: FloatArray
     held: FloatArray
@@ -188,7 +187,7 @@ def load_basis(
     placements = [
         (
             np.arange(m)[of_poses],
-            _Part(model=part, x=x[of_part], q=q[of_poses], u=u[of_poses], masses=masses),
+            ArmPoses(model=part, x=x[of_part], q=q[of_poses], u=u[of_poses], masses=masses),
         )
         for part, of_part, of_poses in parts
     ]
@@ -207,8 +206,8 @@ def load_basis(
     for number, (here, one) in enumerate(placements):
         if max(give) > 0.0:
             ours = slice(number * give_columns, (number + 1) * give_columns)
-            moved[here, :, ours], missed[here] = one.gives(
-                give, give_columns, None if again is None else again[here]
+            moved[here, :, ours], missed[here] = _gives(
+                one, give, give_columns, None if again is None else again[here]
             )
     return LoadBasis(
         sag_expected=expected,
@@ -249,7 +248,7 @@ def _sags(
     scale = np.where(turned, size, np.inf)[:, None]
     # E[c^2] = 1 times the second moments of the torque, less the square of what is expected.
     share = np.ones(s)
-    share[0] = np.sqrt(1.0 - EXPECTED**2)
+    share[0] = np.sqrt(1.0 - HALF_NORMAL_MEAN**2)
     gram = np.zeros((n, s, s))
     for cut in cuts:
         by_joint = (share * torque[cut] / scale).transpose(1, 0, 2)
@@ -260,7 +259,7 @@ def _sags(
         some = share * torque[cut] / scale
         found[cut, :, : leading.shape[-1]] = (some.transpose(1, 0, 2) @ leading).transpose(1, 0, 2)
         missed[cut] = np.maximum((some**2).sum(-1) - (found[cut] ** 2).sum(-1), 0.0)
-    rate = EXPECTED / scale[:, 0]
+    rate = HALF_NORMAL_MEAN / scale[:, 0]
     turn = np.zeros((n, s, columns))
     turn[..., : leading.shape[-1]] = (share / scale)[..., None] * leading
     return rate * torque[..., 0], found, np.where(turned, missed, 1.0), turn, rate
@@ -271,136 +270,98 @@ def _cuts(m: int) -> list[slice]:
     return [slice(first, min(first + CHUNK, m)) for first in range(0, m, CHUNK)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Part:
-    """Poses of one placement."""
+def _wrenches(
+    part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
+) -> FloatArray:
+    """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set.
 
-    model: ClosureModel
-    x: FloatArray
-    q: FloatArray
-    u: FloatArray
-    masses: LinkMasses
-
-    def arm(self, poses: IntArray | slice) -> Frames:
-        """Frames 0..n of the arm alone."""
-        rows = self.arm_rows()
-        angle = self.q[poses] + rows[DhKind.THETA_OFF]
-        return forward(angle, *rows[DhKind.S :])
-
-    def arm_rows(self) -> FloatArray:
-        """D-H rows 1..n (5, n) of the arm alone.
-
-        The offsets of the first and the last joint are those of the arm's file: calibrated ones are
-        counted from the fixture's axis, and neither gravity nor the hand's centre knows of that.
-        """
-        rows = self.model.arm_rows().copy()
-        ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
-        for parameter, value in zip(self.model.parameters, self.x, strict=True):
-            if is_entry(parameter.name) and parameter.name not in ends:
-                entry = DhEntry.parse(parameter.name)
-                if entry.row > 0:
-                    rows[int(entry.kind), entry.row - 1] = value
-        return rows
-
-    @property
-    def shapes(self) -> int:
-        """Number s of shapes of a torque."""
-        return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
-
-    def torques(self, poses: slice) -> FloatArray:
-        """Gravity's torque (m, n, s): as stated, by uncertain moments, by a tilted base."""
-        arm, masses = self.arm(poses), self.masses
-        rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
-        stated, *tilts = (rates * masses.moments).sum((-1, -2))
-        shapes = (stated[..., None], _by_moment(rates[0], masses), np.stack(tilts, axis=-1))
-        return np.concatenate(shapes, axis=-1)
-
-    def wrenches(self, poses: IntArray | slice, torque: FloatArray | None = None) -> FloatArray:
-        """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set.
-
-        `torque` are the `torques` of these poses if they are known.
-        """
-        model = self.model
-        error = model.loop(self.x, self.q[poses], self.u[poses])
-        lost = [j - 1 for j in model.unsensed_joints]
-        own = error.jac_u.shape[-1] - len(lost)
-        J = error.jac_q.copy()
-        J[..., lost] = error.jac_u[..., own:]
-        E = left_null_space(error.jac_u[..., :own])
-        if torque is None:
-            moments = _by_moment(torque_rates(self.arm(poses), self.masses.down), self.masses)
-        else:
-            moments = torque[..., 1 : 1 + 4 * len(self.masses.mass_kg)]
-        every = np.arange(model.joint_count)
-        free = np.array(
-            [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
-        )
-        # (m, sets, k, 4 n): of every set its own free joints.
-        held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
-        return np.moveaxis(held, 1, -1)
-
-    def gives(
-        self, give: tuple[float, float], columns: int, torque: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k).
-
-        `torque` is that of all poses, if these are few.
-        """
-        m, k = len(self.q), self.model.components
-        centres = farthest(self.q, CENTRES)
-        # All poses at once if they are few, the centres among them; else these first, then some at a time.
-        few = torque is not None
-        first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
-        W = self.wrenches(first, torque)
-        if not W.any():
-            # Exact masses: whatever bends the fixture, it is not what this knows of.
-            return np.zeros((m, k, columns)), np.zeros((m, k))
-        # Every set of driven joints pulls as hard as another, by moments and by forces.
-        unit = np.ones((k, W.shape[-1]))
-        for rows in blocks(k):
-            size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
-            unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        unit /= np.sqrt(W.shape[-1])
-        s = compliance_sizes(give, rotations=k - 3)
-        size = np.array([give[0]] * (k - 3) + [give[1]] * 3)
-        scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
-        sized = unit[:, None] * s[:, None, None]
-        held = self._pulled(first, W * sized)
-        there = held.at_poses(among)
-        across = covariance(held, there, s)
-        values, vectors = np.linalg.eigh(
-            across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
-        )
-        good = values > SMALLEST * values[-1]
-        # Of these the largest, whose eigenvectors come last.
-        kept = min(columns, int(good.sum()))
-        root = vectors[:, : -kept - 1 : -1] / np.sqrt(values[: -kept - 1 : -1])
-        found = np.zeros((m, k, columns))
-        missed = np.zeros((m, k))
-        for cut in _cuts(m):
-            if not few:
-                held = self._pulled(cut, self.wrenches(cut) * sized)
-                across = covariance(held, there, s)
-            found[cut, :, :kept] = (across @ root).reshape(-1, k, kept) * scale[:, None]
-            total = variance(held, s) * scale**2
-            missed[cut] = np.maximum(total - (found[cut] ** 2).sum(-1), 0.0)
-        return found, missed
-
-    def _pulled(self, poses: IntArray | slice, W: FloatArray) -> Pulled:
-        """Wrenches (m, k, 4 n, sets) on table and hand, and how each half stands."""
-        axes = self.model.fixture_axes(self.x, self.q[poses], self.u[poses])
-        share = np.array([1.0, HAND]) / np.hypot(1.0, HAND)
-        halves = []
-        for turn, part in zip(axes, share.tolist(), strict=True):
-            T = np.zeros((*W.shape[:2], W.shape[1]))
-            for rows in blocks(W.shape[1]):
-                T[:, rows, rows] = turn
-            still = bool((turn == np.eye(3)).all())
-            halves.append((part, None if still else T))
-        return Pulled(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
+    `torque` are the `torques` of these poses if they are known.
+    """
+    model = part.model
+    error = model.loop(part.x, part.q[poses], part.u[poses])
+    lost = [j - 1 for j in model.unsensed_joints]
+    own = error.jac_u.shape[-1] - len(lost)
+    J = error.jac_q.copy()
+    J[..., lost] = error.jac_u[..., own:]
+    E = left_null_space(error.jac_u[..., :own])
+    if torque is None:
+        moments = by_moment(torque_rates(part.arm(poses), part.masses.down), part.masses)
+    else:
+        moments = torque[..., 1 : 1 + 4 * len(part.masses.mass_kg)]
+    every = np.arange(model.joint_count)
+    free = np.array(
+        [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
+    )
+    # (m, sets, k, 4 n): of every set its own free joints.
+    held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
+    return np.moveaxis(held, 1, -1)
 
 
-def wrench_of(J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = RUB_M) -> FloatArray:
+def _gives(
+    part: ArmPoses, give: tuple[float, float], columns: int, torque: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k).
+
+    `torque` is that of all poses, if these are few.
+    """
+    m, k = len(part.q), part.model.components
+    centres = farthest(part.q, CENTRES)
+    # All poses at once if they are few, the centres among them; else these first, then some at a time.
+    few = torque is not None
+    first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
+    W = _wrenches(part, first, torque)
+    if not W.any():
+        # Exact masses: whatever bends the fixture, it is not what this knows of.
+        return np.zeros((m, k, columns)), np.zeros((m, k))
+    # Every set of driven joints pulls as hard as another, by moments and by forces.
+    unit = np.ones((k, W.shape[-1]))
+    for rows in blocks(k):
+        size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
+        unit[rows] = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    unit /= np.sqrt(W.shape[-1])
+    s = compliance_sizes(give, rotations=k - 3)
+    size = np.array([give[0]] * (k - 3) + [give[1]] * 3)
+    scale = np.divide(1.0, size, out=np.zeros(k), where=size > 0.0)
+    sized = unit[:, None] * s[:, None, None]
+    held = _pulled(part, first, W * sized)
+    there = held.at_poses(among)
+    across = covariance(held, there, s)
+    values, vectors = np.linalg.eigh(
+        across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
+    )
+    good = values > SMALLEST * values[-1]
+    # Of these the largest, whose eigenvectors come last.
+    kept = min(columns, int(good.sum()))
+    root = vectors[:, : -kept - 1 : -1] / np.sqrt(values[: -kept - 1 : -1])
+    found = np.zeros((m, k, columns))
+    missed = np.zeros((m, k))
+    for cut in _cuts(m):
+        if not few:
+            held = _pulled(part, cut, _wrenches(part, cut) * sized)
+            across = covariance(held, there, s)
+        found[cut, :, :kept] = (across @ root).reshape(-1, k, kept) * scale[:, None]
+        total = variance(held, s) * scale**2
+        missed[cut] = np.maximum(total - (found[cut] ** 2).sum(-1), 0.0)
+    return found, missed
+
+
+def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> Pulled:
+    """Wrenches (m, k, 4 n, sets) on table and hand, and how each half stands."""
+    axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
+    share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
+    halves = []
+    for turn, size in zip(axes, share.tolist(), strict=True):
+        T = np.zeros((*W.shape[:2], W.shape[1]))
+        for rows in blocks(W.shape[1]):
+            T[:, rows, rows] = turn
+        still = bool((turn == np.eye(3)).all())
+        halves.append((size, None if still else T))
+    return Pulled(pull=W.reshape(*W.shape[:2], -1), halves=tuple(halves))
+
+
+def wrench_of(
+    J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = FRICTION_M
+) -> FloatArray:
     """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
     Parameters
@@ -418,13 +379,7 @@ def wrench_of(J: FloatArray, E: FloatArray, torque: FloatArray, rub: float = RUB
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
     """0-based joints that may have been in position mode: as many as `equations` leave free."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
-    chosen = np.unique(np.linspace(0, len(every) - 1, min(SETS, len(every))).astype(np.int64))
+    chosen = np.unique(
+        np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
+    )
     return [every[i] for i in chosen]
-
-
-def _by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
-    """Torque (m, n, 4 n) for a unit of each uncertain moment."""
-    m, n = rates.shape[:2]
-    # One product for every link: all joints at all poses with its moments.
-    by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd
-    return by_link.reshape(n, m, n, 4).transpose(1, 2, 0, 3).reshape(m, n, -1)

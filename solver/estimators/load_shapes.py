@@ -16,11 +16,11 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import LoadBasis
 from solver.estimators.pose_basis import PoseBasis
 
-FREE = 0.15
-"""Share of a stated sag or give that is no load's, where loads are known: they may be known wrongly."""
+UNMODELLED_SHARE = 0.15
+"""Share of the variance of a stated sag or deflection that the stated loads do not explain."""
 
 BY_APPROACH = 0.5
-"""How likely play is to follow the way a joint came; else it lies where the load is."""
+"""Probability that play follows the direction of approach; otherwise it follows the load."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -77,15 +77,15 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
         columns = np.concatenate((columns, expected[..., None]), axis=-1)
         expected = np.zeros_like(expected)
     return Shapes(
-        columns=np.sqrt(1.0 - FREE) * columns,
-        missed=(1.0 - FREE) * loads.sag_missed + FREE,
-        expected=np.sqrt(1.0 - FREE) * expected,
+        columns=np.sqrt(1.0 - UNMODELLED_SHARE) * columns,
+        missed=(1.0 - UNMODELLED_SHARE) * loads.sag_missed + UNMODELLED_SHARE,
+        expected=np.sqrt(1.0 - UNMODELLED_SHARE) * expected,
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadedGive:
-    """What a fixture of stated give `sizes` (k,), rad and m, yields under load, but for what is `FREE`.
+    """What a fixture of stated give `sizes` (k,), rad and m, yields under load, less the share `UNMODELLED_SHARE`.
 
     Its shapes are the largest of all and never stand side by side scaled: some poses at a time.
     """
@@ -100,12 +100,12 @@ class LoadedGive:
 
     def columns(self, poses: slice) -> FloatArray:
         """Shapes (m, k, c) along the closure components."""
-        scale = np.sqrt(1.0 - FREE) * self.sizes
+        scale = np.sqrt(1.0 - UNMODELLED_SHARE) * self.sizes
         return np.asarray(scale[:, None] * self.loads.give_at(poses))
 
     def missed(self, poses: slice) -> FloatArray:
         """Variance (m, k) that they leave."""
-        return np.asarray((1.0 - FREE) * self.sizes**2 * self.loads.give_missed[poses])
+        return np.asarray((1.0 - UNMODELLED_SHARE) * self.sizes**2 * self.loads.give_missed[poses])
 
 
 def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:

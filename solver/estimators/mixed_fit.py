@@ -27,50 +27,46 @@ from solver.estimators.scoring import Ascent, ScoringStep, scale_spread, step, w
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 
 MAX_ROUNDS = 40
-SETTLED, BESIDE_VARIANCES = 1e-3, 2e-3
-"""What a round may leave of every parameter, in standard errors, and be the last; the second where variances are
-looked for as well, which are known less well by far."""
+SETTLED_SIGMA, SETTLED_BESIDE_VARIANCES_SIGMA = 1e-3, 2e-3
+"""Largest change of a parameter, in standard errors, that the last round may leave; the second where variances are
+estimated too, which are far less certain."""
 
-STEADY, CREEPING = 1e-1, 2e-2
-"""The same of every variance: so little of one moves no parameter by more than that share of its sigma. The second is
-for variances that creep, of which much more is left than one round shows."""
+STEADY_VARIANCE_SIGMA, CREEPING_VARIANCE_SIGMA = 1e-1, 2e-2
+"""The same of every variance. The second applies to variances that converge slowly, where one round shows little of
+what is left."""
 
-STRAIGHT = 1e-4
-"""What the loops' curvature may leave of every parameter, in standard errors, and the next round, in which little
-but the variances moves, be made from the same linearisation: of what is told it is less than a last digit."""
+RELINEARISE_SIGMA = 1e-4
+"""Largest error of linearisation, in standard errors of a parameter, up to which the next round uses the same one."""
 
-GAINED = 0.3
-"""Slope of the log-likelihood along a step, about twice what there is to gain, that is worth no further round: sizes
-that are known to a factor move within a hundredth of that."""
+LEAST_GAIN = 0.3
+"""Slope of the log-likelihood along a step, about twice the gain left, below which the iteration ends."""
 
-FAR = 3.0
-"""Change of a parameter, in standard errors, from which slopes of two rounds cannot be compared."""
+COMPARABLE_SIGMA = 3.0
+"""Largest change of a parameter, in standard errors, between rounds whose slopes are compared."""
 
-NEARLY, ALMOST_STEADY, SIGN_IN_DOUBT = 0.1, 0.5, 0.25
-"""What may be left of every parameter and every variance, in standard errors, when the readings say whether
-gravity shows, where so much more or less of it than half is there, or more than what is left of the variances:
-by no more than that it changes still."""
+SIGN_TEST_SIGMA, SIGN_TEST_VARIANCE_SIGMA, DOUBTFUL_SIGN_SHARE = 0.1, 0.5, 0.25
+"""The test for the sign of gravity is made once the changes of parameters and of variances (standard errors) are below
+the first two, and where the share found differs from one half by the third, or by what is left of the variances."""
 
 FREE_ROUNDS = 20
-NOTHING_TO_GAIN = 0.1
-"""Rounds after which variances stay whose next step begins with no more than this rise of the log-likelihood."""
+NEGLIGIBLE_GAIN = 0.1
+"""After so many rounds variances are fixed when their next step would gain less than this in log-likelihood."""
 
-SURPRISE = 4.0
-"""chi2 per degree of freedom from which the search starts at large variances."""
+CHI2_LARGE_START = 4.0
+"""chi2/dof from which the search starts at large variances."""
 
-HOPELESS = 30.0
-"""chi2 per degree of freedom, where much may give and solved to the end, from which no variance is looked for: what
-is so far from every statement is a fault for the tests to find, whatever variances are made to explain of it."""
+CHI2_GIVE_UP = 30.0
+"""chi2/dof at large variances from which variances are not estimated: such a misfit is a fault, which the tests
+diagnose."""
 
-CURVED = 3.0
-"""Share of a step that the loops' curvature leaves undone, for each rad or m of its largest change: Newton's
-steps err by their square."""
+CURVATURE_SHARE = 3.0
+"""Error of a Newton step as a share of it, per rad or m of its largest component: the error grows by the square."""
 
-STIFF, TINY = 1e-3, 1e-200
-"""Share of what its joints move a loop by below which it is left open along a way; and keeps from dividing by zero."""
+LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
+"""Directions in which joints move a loop by less than this share stay open; a guard against division by zero."""
 
-FOR_VARIANCES = 600
-"""Poses from which variances are found: more know them no better than a few per cent matter."""
+POSES_FOR_VARIANCES = 600
+"""Number of poses from which variances are estimated: more improve them by a few per cent."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -159,9 +155,9 @@ def fit_mixed(
         Where to start, if anything is known of it.
     """
     like = None if near is None else near.layout
-    if variances is None and len(q) > 2 * FOR_VARIANCES:
+    if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
         # Evenly over the poses, which are in canonical order: the same whatever order they came in.
-        some = np.linspace(0, len(q) - 1, FOR_VARIANCES).astype(np.int64)
+        some = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
         rough = _iterate(
             LinearModel(
                 model.at_poses(some), q[some], errors.at_poses(some),
@@ -197,7 +193,7 @@ def _iterate(
     said = _nothing if progress is None else progress
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
-    settled = BESIDE_VARIANCES if free else SETTLED
+    settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
     if near is not None and free:
         v = np.array([near.variances.get(c.name, c.start) for c in design.components])
         v = np.clip(v, design.floors, design.walls)
@@ -206,14 +202,14 @@ def _iterate(
     converged, rounds, ascent, wanted = False, 0, Ascent(), ScoringStep.none(len(v))
     here, left = Linearisation(design, state), 0.0
     for rounds in range(1, MAX_ROUNDS + 1):
-        if left > STRAIGHT:
+        if left > RELINEARISE_SIGMA:
             here = Linearisation(design, state)
         fit = _solved(design, here, v)
-        if rounds == 1 and free and fit.chi2 > SURPRISE * fit.dof:
+        if rounds == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
             # Nothing stated explains these readings: start where much may give.
             v = np.maximum(v, design.leaps)
             calm = _iterate(design, x0, v, progress, near)
-            if not calm.fit.chi2 <= HOPELESS * calm.fit.dof:
+            if not calm.fit.chi2 <= CHI2_GIVE_UP * calm.fit.dof:
                 return calm
             fit = LinearFit(design, here, v)
         state, moved, left = _advance(design, here, fit)
@@ -223,16 +219,16 @@ def _iterate(
         if free:
             found = with_priors(fit)
             wanted = step(fit, found)
-            v = ascent.onward(fit, found, wanted, far=moved > FAR)
-            if rounds >= FREE_ROUNDS and wanted.slope < NOTHING_TO_GAIN:
+            v = ascent.onward(fit, found, wanted, far=moved > COMPARABLE_SIGMA)
+            if rounds >= FREE_ROUNDS and wanted.slope < NEGLIGIBLE_GAIN:
                 # That is no reason to go on: the parameters settle under the variances as they are.
                 free, wanted, v = False, ScoringStep.none(len(v)), fit.v
-        enough = STEADY if ascent.fast else CREEPING
-        converged = left < settled and (wanted.largest < enough or wanted.slope < GAINED)
-        nearly = left < NEARLY and wanted.largest < ALMOST_STEADY
+        enough = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
+        converged = left < settled and (wanted.largest < enough or wanted.slope < LEAST_GAIN)
+        nearly = left < SIGN_TEST_SIGMA and wanted.largest < SIGN_TEST_VARIANCE_SIGMA
         if sign_asked and (nearly or rounds >= FREE_ROUNDS):
             surplus = gravity_share(fit) - 0.5
-            in_doubt = abs(surplus) < min(SIGN_IN_DOUBT, wanted.largest)
+            in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, wanted.largest)
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
                 # From here on without; neither likelihoods nor steps of the two can be compared.
@@ -348,7 +344,7 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
         closed_q=old.closed_q + shrink * (closed_q - old.closed_q),
         closed_u=old.closed_u + shrink * (closed_u - old.closed_u),
     )
-    return new, moved, moved * (1.0 - shrink + min(1.0, CURVED * largest))
+    return new, moved, moved * (1.0 - shrink + min(1.0, CURVATURE_SHARE * largest))
 
 
 def _closing(system: System, give: FloatArray) -> FloatArray:
@@ -357,7 +353,7 @@ def _closing(system: System, give: FloatArray) -> FloatArray:
     Bt = np.swapaxes(system.B, -1, -2)
     square = system.B @ Bt
     # Of a pose that hardly moves some way no joint is turned far for it.
-    ridge = STIFF**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
+    ridge = LEAST_MOTION_SHARE**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
     square += ridge[:, None, None] * np.eye(square.shape[-1])
     return np.asarray((Bt @ np.linalg.solve(square, open_by))[..., 0])
 

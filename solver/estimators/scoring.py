@@ -17,30 +17,30 @@ from solver.estimators.linear_fit import LinearFit
 TINY = 1e-300
 """Keeps a logarithm finite."""
 
-FASTEST = 6.0
-"""A variance changes by no more than this factor in one step."""
+LARGEST_VARIANCE_RATIO = 6.0
+"""Largest factor by which a variance changes in one step."""
 
-PAST = 0.5
-"""A step whose end falls off by this share of the slope at its start went past the top."""
+OVERSHOOT_SHARE = 0.5
+"""A step overshot where the slope at its end is below minus this share of that at its start."""
 
 LEAST_SHARE = 0.1
-"""Where so little of a step is left it was no good: the next is made from there."""
+"""A step that was shortened to less than this share is given up."""
 
-WORSE = 3.0
-"""Fall of the log-likelihood in a round that relinearising does not explain."""
+LIKELIHOOD_FALL = 3.0
+"""Fall of the log-likelihood in a round beyond what relinearisation explains."""
 
-NEAR = 0.3
-"""Change in standard errors up to which the likelihood is taken for its parabola."""
+NEWTON_SIGMA = 0.3
+"""Largest step, in standard errors, for which the observed curvature is used (Newton) rather than the expected."""
 
-CONCAVE = 0.05
+LEAST_CURVATURE = 0.05
 """Smallest eigenvalue of the curvature, in units of the expected information, for Newton's step."""
 
 
 SCALE_SD = float(np.log(2.0))
 """Standard deviation of the logarithm of a source's size over its statement: a factor of two is one sigma."""
 
-FAST = 0.3
-"""Variances creep where a round leaves more than this share of what the one before left."""
+FAST_SHARE = 0.3
+"""Convergence is fast where a step is below this share of the one before."""
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
@@ -115,8 +115,8 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     wall, leap = fit.design.walls, fit.design.leaps
-    low = np.where(leap > 0.0, floor, np.maximum(floor, v / FASTEST))
-    high = np.minimum(wall, np.maximum(FASTEST * v, leap))
+    low = np.where(leap > 0.0, floor, np.maximum(floor, v / LARGEST_VARIANCE_RATIO))
+    high = np.minimum(wall, np.maximum(LARGEST_VARIANCE_RATIO * v, leap))
     rate = np.where(scaled, 2.0 * v, 1.0)
     known = np.diagonal(found.information) * rate**2
     told = known > 0.0  # what tells nothing, or less by rounding, stays where it is
@@ -151,11 +151,11 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
         return change
 
     change = bounded(found.information * np.outer(unit, unit))
-    if np.abs(change).max(initial=0.0) < NEAR and moving.any():
+    if np.abs(change).max(initial=0.0) < NEWTON_SIGMA and moving.any():
         # Away from the maximum the curvature may point anywhere, and its expectation leads there fast.
         bend = np.diag(np.where(scaled, 4.0 * v * found.score, 0.0) / size**2)
         metric = found.curvature * np.outer(unit, unit) - bend
-        if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > CONCAVE:
+        if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > LEAST_CURVATURE:
             change = bounded(metric)
     return ScoringStep(
         change=np.clip(changed(change), low, high) - v,
@@ -192,13 +192,13 @@ class Ascent:
         `far` says that the next linearisation will be so different that slopes cannot be compared.
         """
         if self._wanted is not None:
-            self.fast = wanted.largest < FAST * self._wanted
+            self.fast = wanted.largest < FAST_SHARE * self._wanted
         self._wanted = wanted.largest
         if self._from is not None:
             start, likelihood, last = self._from
             slope = float(found.score @ last.change)
-            fell = fit.log_likelihood < likelihood - WORSE
-            if self._share > LEAST_SHARE and (slope < -PAST * last.slope or fell):
+            fell = fit.log_likelihood < likelihood - LIKELIHOOD_FALL
+            if self._share > LEAST_SHARE and (slope < -OVERSHOOT_SHARE * last.slope or fell):
                 top = last.slope / (last.slope - slope) if slope < 0.0 else 0.5
                 self._share *= float(np.clip(top, 0.1, 0.7))
                 return np.asarray(start + self._share * last.change)

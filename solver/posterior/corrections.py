@@ -23,7 +23,7 @@ from solver.chain.parameters import DhKind
 from solver.chain.sensors import powers_of
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.estimators.layout import Layout
-from solver.estimators.load_shapes import FREE
+from solver.estimators.load_shapes import UNMODELLED_SHARE
 from solver.posterior.joint_corrections import JointCorrections, JointsThere
 
 LEAST_RAD = 1e-9
@@ -138,7 +138,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
         rows = gravity.part.arm_rows()
         width = design.sags.width
         for j in design.sag_joints:
-            own, scale = some(width), np.sqrt(1.0 - FREE) * design.sag[j]
+            own, scale = some(width), np.sqrt(1.0 - UNMODELLED_SHARE) * design.sag[j]
             columns = gravity.turn.shape[-1]
             shapes = gravity.turn[j] @ own[:columns]
             # Unsigned, what is expected of it is a column like the others.

@@ -153,15 +153,21 @@ def _placement(s: SessionSnapshot) -> str:
 
 
 def _time_left(s: SessionSnapshot) -> str:
-    """From the usual time between the last captures: the operator's pauses are no part of it."""
+    """From the usual time between captures of this run: poses taken by hand and pauses are no part of it."""
     used, wanted = s.state.used_poses, s.wanted_poses
     if len(used) >= wanted:
         return "complete    "
-    if s.task is None or s.task.kind is not TaskKind.AUTOMATIC or len(used) < 3:
+    if s.task is None or s.task.kind is not TaskKind.AUTOMATIC:
         return " " * 12
+    if s.procedure.capture.strategy == "planned" and not s.state.campaign.begun:
+        return "exploring   "  # until it has seen enough, nobody knows how many
     from datetime import datetime
 
     times = [datetime.fromisoformat(p.utc) for p in used[-8:]]
+    run_s = s.now_s - s.task.started_s
+    times = [time for time in times if (times[-1] - time).total_seconds() < run_s]
+    if len(times) < 3:
+        return " " * 12
     each_s = median((later - sooner).total_seconds() for sooner, later in pairwise(times))
     seconds = each_s * (wanted - len(used))
     return f"{int(seconds) // 60}:{int(seconds) % 60:02d} min left"

@@ -85,7 +85,16 @@ def test_the_time_left_does_not_count_a_pause_of_the_operator():
         for p, t in zip(poses, seconds, strict=True)
     )
     s = replace(s, state=replace(s.state, poses=poses))
-    assert f"0:{4 * (s.wanted_poses - 10)} min left" in said(ProgressPanel(), s, 66, 1)[0]
+
+    def after(run_s, s=s):
+        task = replace(s.task, started_s=s.now_s - run_s)
+        return said(ProgressPanel(), replace(s, task=task), 66, 1)[0]
+
+    assert f"0:{4 * (s.wanted_poses - 10)} min left" in after(3600.0)
+    assert f"0:{4 * (s.wanted_poses - 10)} min left" in after(15.0), "four poses of this run"
+    assert "min left" not in after(5.0), "most were taken by hand before"
+    planned = replace(s.procedure, capture=replace(s.procedure.capture, strategy="planned"))
+    assert "exploring" in after(3600.0, replace(s, procedure=planned))
 
 
 def test_the_trend_is_over_all_poses_with_its_first_and_last_value():

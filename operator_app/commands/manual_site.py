@@ -14,7 +14,7 @@ from operator_app.manual.pages import SECTIONS
 def on_config(config: Any) -> Any:
     """Set the navigation: the table of topics is the only one."""
     sections = [{name: [f"{topic}.md" for topic in topics]} for name, topics in SECTIONS.items()]
-    config.nav = [{"sarcal": "index.md"}, *sections]
+    config.nav = [{"Start": "index.md"}, *sections]
     return config
 
 

@@ -33,6 +33,9 @@ Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_PLACEMENTS = 100
 JOINT_NAME = re.compile(r"(.*?)(\d{1,3})(\D*)")
+BESIDE = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
+"""What a log has beside its joints."""
+
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 
 
@@ -177,6 +180,9 @@ def find_columns(
         # What a log has beside its joints, times mostly, stands before them.
         first = max(1, there - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
+        if header:
+            likely = [header[k] for k in left if not BESIDE.fullmatch(header[k])][:joint_count]
+            example = ",".join(likely) if len(likely) == joint_count else example
         raise only(
             file,
             None,

@@ -32,6 +32,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "planned-poses": "have the poses chosen",
             "wrist-repair": "see which offsets moved in a repair",
             "over-the-years": "follow an arm over the years: what shifted, when the next is due",
+            "exporting": "put a calibration into your own URDF, xacro or UR file",
             "notebooks": "two notebooks, for readings of your own",
             "scripting": "use it from a shell script or from Python",
             "recording": "keep the frames of a bus",

@@ -11,6 +11,18 @@ True
 >>> result.fk(made.poses.q_rad).shape
 (30, 4, 4)
 
+What there is, in the order of use::
+
+    load_arm, load_fixture     an arm, what holds its hand: files or names of packaged ones
+    load_poses, poses_of       readings, from a CSV file or data frame, or from an array
+    plan                       poses that tell most, before any is taken
+    simulate                   readings of a simulated arm, with the truth
+    calibrate                  a Result: values, sigmas, intervals, verdict, fk, export
+    verify, compare            judge it by new poses, or beside another calibration
+    load_result                a result again, from a session
+
+Each has a page of its own: ``help(sarcal.calibrate)``. A first script: ``sarcal help scripting`` in a shell.
+
 Own readings come as an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture
 are files, or the names of packaged ones. What a name ends in is its unit: ``_rad``, ``_deg``, ``_m``,
 ``_mm``. Angles are what the sensors read: joint angle = reading + theta_off.

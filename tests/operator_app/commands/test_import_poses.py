@@ -170,13 +170,13 @@ def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> Non
     [
         ("0.1,0.2,0.3\n" * 6, {}, "does not say its unit.*say --rad, or --deg"),
         ("1,2,3,4\n", {"unit": "deg"}, "4 columns for an arm of 3 joints; .*--columns 2-4"),
-        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}, r"4 columns \(t, a, b, c\) for an arm of 3 .*columns 2-4;"),
+        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}, r"4 columns \(t, a, b, c\) for an arm of 3 .*columns a,b,c;"),
         ("1,2\n", {"unit": "deg"}, "2 columns for an arm of 3 joints; .*--columns 1-3"),
         ("1,2,3\n4,x,6\n", {"unit": "deg"}, r":2: joint 2: 'x' is not a number"),
         ("1,2,3\n4,5\n", {"unit": "deg"}, ":2: 2 cells where the lines before have 3"),
         ("1,2,900\n", {"unit": "rad"}, "^[^\n]*:1: joint 3: .*more than ten turns[^\n]*$"),
         ("1,200,900\n" * 9, {"unit": "rad"}, r"^[^\n]*:1: joint 2: .*ten turns[^\n]*and 17 cells more[^\n]*$"),
-        ("t,a,b,c,p\n1,2,3,4,x\n", {"unit": "deg", "placement": "p"}, r"4 columns \(t, a, b, c\) .*columns 2-4;"),
+        ("t,a,b,c,p\n1,2,3,4,x\n", {"unit": "deg", "placement": "p"}, r"4 columns \(t, a, b, c\) .*columns a,b,c;"),
         ("1,2,3\n", {"unit": "deg", "columns": "1-4"}, "there is no column 4; the file has 3"),
         ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}, "names 2 columns for an arm of 3 joints"),
         ("1,2,3\n", {"unit": "deg", "columns": "q1"}, "no column 'q1'; the file has no header"),
@@ -301,6 +301,13 @@ def test_names_that_are_ambiguous_are_asked_for(tmp_path: Path) -> None:
     log.write_text("q1,q2,q3,q4,q5,q6,q7,v1,v2,v3,v4,v5,v6,v7\n" + "1," * 13 + "1\n")
     with pytest.raises(ConfigError, match="say which are its joints"):
         load_joint_log(log, joint_count=7)
+
+
+def test_columns_without_numbers_are_offered_by_name_without_the_time(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("time,base,shoulder,elbow,w1,w2,flange,extra\n0,1,2,3,4,5,6,7\n")
+    with pytest.raises(ConfigError, match="--columns base,shoulder,elbow,w1,w2,flange;"):
+        load_joint_log(log, joint_count=6)
 
 
 def test_solve_and_verify_send_a_raw_log_to_import(

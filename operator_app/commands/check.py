@@ -37,8 +37,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.any_file import look_through
     from operator_app.config.errors import ConfigError, Problem
     from operator_app.planning.inspection import chains_of
-    from operator_app.report.results.check import check_text, problems_text
-    from operator_app.report.results.check_json import found_json
+    from operator_app.report.results.check import check_text, found_json, problems_text
 
     missing: list[Problem] = []
     sources: list[Resource] = []

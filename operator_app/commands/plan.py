@@ -75,8 +75,7 @@ def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
     from operator_app.planning.fixed_parameters import held_checks
     from operator_app.planning.preview import preview
-    from operator_app.report.results.plan import advice_text, plan_text
-    from operator_app.report.results.plan_json import advice_json, plan_json
+    from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
 
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: plan at least 1")

@@ -130,8 +130,7 @@ def _draw(folder: Path, subject: Subject) -> None:
 
 def _write(args: argparse.Namespace, subject: Subject, folder: Path) -> None:
     from operator_app.config.atomic import write_atomically
-    from operator_app.report.html.page import report_html
-    from operator_app.report.html.session_page import REPORT_NAME
+    from operator_app.report.html.page import REPORT_NAME, report_html
 
     page = report_html(subject)
     if str(args.output) == "-":

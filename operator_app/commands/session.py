@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Report on stdout."""
     from operator_app.errors import JournalError
-    from operator_app.report.results.session_table import session_table_text
+    from operator_app.report.results.session import session_table_text
     from operator_app.report.text import aligned
     from operator_app.session.store.folders import (
         SessionEntry,
@@ -118,7 +118,7 @@ def _procedure_of(state: SessionState) -> str:
 
 
 def _repair(args: argparse.Namespace) -> int:
-    from operator_app.report.results.repair import repair_json, repair_text
+    from operator_app.report.results.session import repair_json, repair_text
     from operator_app.session.store.folders import find_session
     from operator_app.session.store.journal_repair import repair
 

@@ -144,7 +144,7 @@ def _open_loop(
     from operator_app.calibration.open_loop import check_open_loop
     from operator_app.carried_procedure import carried_procedure
     from operator_app.config.fixture_file import load_fixture
-    from operator_app.report.results.open_loop import open_loop_json, open_loop_text
+    from operator_app.report.results.verification import open_loop_json, open_loop_text
 
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError("--open-loop judges calibrations of one hinge or rigid placement")

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
+from operator_app.calibration.remedies import reading_tables
+from operator_app.calibration.result import Solution
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.json_schema import calibration_data, checks_data, estimate_data
 from operator_app.report.parameter_tables import (
@@ -24,28 +26,30 @@ from operator_app.report.parameter_tables import (
     parameter_table,
     tolerated_table,
 )
-from operator_app.report.posterior_tables import (
-    best_table_table,
-    distance_table,
-    posterior_data,
-    scale_table,
-)
 from operator_app.report.quality_tables import (
     CLOSURE_COLUMNS,
     accuracy_table,
+    causes_table,
     closure_row,
     closure_table,
     determined_table,
     hand_table,
     observability_table,
+    tests_table,
     trend_table,
     truth_table,
 )
-from operator_app.report.remedy_tables import remedy_table, side_note
-from operator_app.report.table import FactTable, Headline, keyed
-from operator_app.report.uncertainty_tables import budget_table, components_table, halving_table
-from operator_app.report.verdict_tables import causes_table, tests_table
-from operator_app.units.figure import CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
+from operator_app.report.table import Cell, FactTable, Headline, figures, keyed
+from operator_app.report.uncertainty_tables import (
+    best_table_table,
+    budget_table,
+    components_table,
+    distance_table,
+    halving_table,
+    posterior_data,
+    scale_table,
+)
+from operator_app.units.figure import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
@@ -54,6 +58,7 @@ if TYPE_CHECKING:
     from solver.arrays import FloatArray
     from solver.estimators.estimate import Estimate
     from solver.estimators.goodness import TwoReadings
+
 
 CONDITION_PAPER = 28
 
@@ -224,3 +229,59 @@ def _repeatability(solution: Solution) -> FloatArray | None:
         return None
 
     return np.array([s for name, s in solution.within.items() if name not in solution.tolerated])
+
+
+EVERY = 4
+"""Rows of a table of corrections that are shown: so many apart."""
+
+
+def side_note(solution: Solution) -> str:
+    """Say whose each parameter is, arm, ground or hand: what outlives the mounting."""
+    names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
+    for parameter in solution.identified.parameters:
+        names[side_of(solution.model, parameter.name)].append(parameter.name)
+    said = [f"Arm: {', '.join(names['arm'])}." if names["arm"] else "Nothing is of the arm alone."]
+    said += [
+        f"{side.capitalize()}: {', '.join(names[side])}."
+        for side in ("ground", "hand")
+        if names[side]
+    ]
+    return " ".join([*said, "What is of the arm outlives the mounting."])
+
+
+def remedy_table(solution: Solution) -> FactTable | None:
+    """Offset, gain and corrections of every RVDT that the poses could judge; None without any."""
+    rows: list[tuple[Cell, ...]] = []
+    for found in reading_tables(solution):
+        head: tuple[Cell, ...] = (
+            str(found.joint),
+            Figure(found.theta_off_rad, ANGLE, places=3),
+            Figure(found.gain, places=4),
+        )
+        columns = (found.reading_rad, found.add_rad, found.sigma_rad)
+        for reading, add, sigma in zip(*(c[::EVERY].tolist() for c in columns), strict=True):
+            rows.append(
+                (
+                    *head,
+                    Figure(reading, ANGLE, places=1),
+                    Figure(add, ANGLE, places=3, signed=True),
+                    Figure(sigma, ANGLE, places=3),
+                )
+            )
+            head = ("", "", "")
+    if not rows:
+        return None
+    return FactTable(
+        ident="rvdt-remedy",
+        title="Corrections of RVDT readings, from the closed loop",
+        columns=(
+            *figures("joint"),
+            *figures("theta_off", unit="deg"),
+            *figures("gain"),
+            *figures("reading", "add", "sigma", unit="deg"),
+        ),
+        rows=tuple(rows),
+        note="Corrected reading = reading + add, linear in between; theta_off belongs to corrected "
+        "readings, gain (reading per angle) is in the corrections. The whole table is in the parameters "
+        "file: solve --rvdt-table FILE applies it.",
+    )

@@ -144,7 +144,7 @@ class ScreenFace:
 
     def write_report(self, runner: Runner) -> Path:
         """Write the report page."""
-        from operator_app.report.html.session_page import write_report
+        from operator_app.report.html.page import write_report
 
         return write_report(runner.session)
 

@@ -11,8 +11,7 @@ import numpy as np
 
 from operator_app.planning.preview import Preview, preview
 from operator_app.planning.simulated import simulated_poses
-from operator_app.report.results.plan import plan_text
-from operator_app.report.results.plan_json import plan_json
+from operator_app.report.results.plan import plan_json, plan_text
 
 from .blas_threads import one_blas_thread
 from .given import joints, whole

@@ -21,12 +21,10 @@ from operator_app.errors import SessionError
 from operator_app.report.exports import FILES, Calibration, in_format, into_description
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.html.markup import element, join
-from operator_app.report.html.page import report_html
-from operator_app.report.html.session_page import REPORT_NAME
+from operator_app.report.html.page import REPORT_NAME, report_html
 from operator_app.report.html.table import table_html
-from operator_app.report.plots.figure_files import PaperFigure
+from operator_app.report.plots.figure_files import PaperFigure, drawings
 from operator_app.report.plots.figure_files import figure as draw_figure
-from operator_app.report.plots.paper_figures import drawings
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from operator_app.report.html.elements import figure
+from operator_app.report.html.markup import figure
 from operator_app.report.plots.calibration_plots import pose_axis
 from operator_app.report.plots.strips import Range, Strip, ranges, strips
 from operator_app.report.plots.svg import plot

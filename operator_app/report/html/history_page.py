@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 
 from operator_app.calibration.history import ArmHistory, EntryHistory
-from operator_app.report.html.elements import Section, bullets, figure, plots, remark
-from operator_app.report.html.markup import Html, element
-from operator_app.report.html.page import POLICY
-from operator_app.report.html.style import STYLE
+from operator_app.report.html.markup import Html, Section, bullets, element, figure, plots, remark
+from operator_app.report.html.page import document
 from operator_app.report.html.table import table_html
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, axis
 from operator_app.report.plots.svg import plot
@@ -44,15 +42,6 @@ def history_html(found: ArmHistory) -> bytes:
     how = Section(
         ident="how", title="Verifications and method", content=(bullets(notes), remark(HOW))
     )
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("title", title),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("meta", http_equiv="Content-Security-Policy", content=POLICY),
-        element("style", Html(STYLE)),
-    )
     good = not found.shifted
     verdict = element(
         "div",
@@ -65,7 +54,7 @@ def history_html(found: ArmHistory) -> bytes:
         element("header", element("h1", title), verdict),
         element("main", *(section.html for section in [*sections, how]), id="content"),
     )
-    return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n".encode()
+    return document(title, body)
 
 
 def _chart(part: EntryHistory, j: int) -> Html:

@@ -2,17 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.report.html.head import summary, tiles, verdict_words
-from operator_app.report.html.markup import Html, element
+from operator_app.calibration.sensitivity import source_sensitivities
+from operator_app.config.atomic import write_atomically
+from operator_app.errors import GuardError
+from operator_app.report.html.figures import drawn
+from operator_app.report.html.markup import Html, bullets, element, plots, prose, remark, sentence
 from operator_app.report.html.sections import sections_of
 from operator_app.report.html.style import STYLE
+from operator_app.report.plots.before_after import hand_pair
+from operator_app.report.subject import subject_of_session
+from operator_app.report.uncertainty_tables import source_words
+from operator_app.session.store.journal import read_journal
+from operator_app.session.store.stored_calibration import StoredCalibration, recorded
 from operator_app.session.workflow.importing import UNSTATED
+from operator_app.units.figure import CLOSURE_LENGTH, SHARE, Figure, quantity_of
 
 if TYPE_CHECKING:
-    from operator_app.report.html.elements import Section
+    from operator_app.report.facts import Facts
+    from operator_app.report.html.markup import Section
     from operator_app.report.subject import Subject
+    from operator_app.session.workflow.session import Session
+
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
 """What a browser may load for this page: nothing."""
@@ -24,16 +38,6 @@ def report_html(subject: Subject) -> bytes:
     title = (
         f"{subject.procedure.arm.name} {subject.serial_number}: "
         f"{verdict_words(subject).lower()} ({subject.name})"
-    )
-    head = element(
-        "head",
-        element("meta", charset="utf-8"),
-        element("title", title),
-        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        element("meta", name="color-scheme", content="light dark"),
-        element("meta", http_equiv="Content-Security-Policy", content=POLICY),
-        element("meta", name="generator", content=f"sarcal {subject.software_version}"),
-        element("style", Html(STYLE)),
     )
     body = element(
         "body",
@@ -48,6 +52,22 @@ def report_html(subject: Subject) -> bytes:
             " makes this page again. ",
             *_history(subject.serial_number),
         ),
+    )
+    return document(title, body, generator=f"sarcal {subject.software_version}")
+
+
+def document(title: str, body: Html, *, generator: str = "") -> bytes:
+    """Return a whole page, UTF-8, that loads nothing."""
+    made_by = [element("meta", name="generator", content=generator)] if generator else []
+    head = element(
+        "head",
+        element("meta", charset="utf-8"),
+        element("title", title),
+        element("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        element("meta", name="color-scheme", content="light dark"),
+        element("meta", http_equiv="Content-Security-Policy", content=POLICY),
+        *made_by,
+        element("style", Html(STYLE)),
     )
     return f"<!DOCTYPE html>\n{element('html', head, body, lang='en')}\n".encode()
 
@@ -65,3 +85,140 @@ def _history(serial: str) -> tuple[Html | str, ...]:
 def _contents(sections: tuple[Section, ...]) -> Html:
     links = [element("li", element("a", s.title, href=f"#{s.ident}")) for s in sections]
     return element("nav", element("ul", *links), aria_label="Contents")
+
+
+REPORT_NAME = "report.html"
+
+
+def write_report(session: Session) -> Path:
+    """Write the page into the session's folder, from its journal."""
+    found = recorded(session.state)
+    if not isinstance(found, StoredCalibration):
+        raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
+    folder = session.journal.path.parent
+    contents = read_journal(folder)
+    subject = subject_of_session(
+        folder.resolve().name, contents.events, session.procedure, found, torn=contents.torn
+    )
+    target = folder / REPORT_NAME
+    write_atomically(target, report_html(subject))
+    return target
+
+
+def verdict_words(subject: Subject) -> str:
+    """Return the verdict in a word or two."""
+    facts = subject.facts
+    return ("not identifiable" if facts is None else facts.verdict).capitalize()
+
+
+def summary(subject: Subject) -> Html:
+    """Return what comes first: the verdict and what to do next beside what the calibration brings."""
+    return element(
+        "div",
+        element("div", banner(subject), verdict(subject), *_widest(subject)),
+        *_tool(subject),
+        class_="summary",
+    )
+
+
+def _widest(subject: Subject) -> list[Html]:
+    """The parameter that is known worst, and what narrows it; nothing without a budget."""
+    found = () if subject.solution is None else source_sensitivities(subject.solution)
+    if not found:
+        return []
+    worst = found[0]
+    sigma, then = (
+        Figure(v, quantity_of(worst.parameter), digits=2) for v in (worst.sigma, worst.then)
+    )
+    return [
+        element("h2", "Widest sigma"),
+        element(
+            "p",
+            element("span", worst.parameter.name, class_="mono"),
+            f": {sigma.with_unit}, {Figure(worst.share, SHARE, places=0).with_unit} of its variance from "
+            f"{source_words(worst.source)}. With half of that: {then.with_unit}.",
+        ),
+        element("p", "To halve it: ", prose(f"{worst.remedy}.")),
+    ]
+
+
+def _tool(subject: Subject) -> list[Html]:
+    """How far off the tool is before and after, as figures and in a picture."""
+    solution, facts = subject.solution, subject.facts
+    if solution is None or facts is None or (found := solution.accuracy) is None:
+        return []
+    pair = hand_pair(solution, subject.procedure.arm)
+    before, after = (Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (found.before, found.after))
+    truth = facts.table("truth")
+    return [
+        element(
+            "div",
+            element("h2", f"Tool off by {before} rms before, {after} after (one sigma)"),
+            *([] if pair is None else [plots([drawn(pair.before), drawn(pair.after)])]),
+            *([] if pair is None else [remark(pair.note)]),
+            *([] if truth is None else [element("p", "The truth: ", truth.note)]),
+        )
+    ]
+
+
+def banner(subject: Subject) -> Html:
+    """Say that the arm was a simulated one; nothing for a real one."""
+    if not subject.simulated:
+        return Html("")
+    scenario = subject.state.settings.get("scenario")
+    words = "SIMULATED: the drives said that they are virtual"
+    return element("p", f"{words}; scenario {scenario}" if scenario else words, class_="simulated")
+
+
+def verdict(subject: Subject) -> Html:
+    """Return the verdict, which arm it is about, and why it is not better."""
+    facts = subject.facts
+    good = facts is not None and facts.accepted
+    when = subject.state.opened_utc[:16].replace("T", " ")
+    said: list[str] = [
+        element(
+            "h1",
+            element("span", "✓ " if good else "✕ ", class_="glyph", aria_hidden="true"),
+            verdict_words(subject),
+        ),
+        element(
+            "p",
+            f"Calibration of {subject.procedure.arm.name}, serial "
+            f"{subject.serial_number or 'not known'}, in fixture {subject.procedure.fixture.name}, "
+            f"{when} UTC.",
+            " The limits of the procedure are met." if good else "",
+        ),
+    ]
+    if reasons := _reasons(subject):
+        said.append(bullets(sentence(reason) for reason in reasons))
+    return element("div", *said, class_="verdict" if good else "verdict no")
+
+
+def tiles(facts: Facts | None) -> Html:
+    """Return the figures that sum a calibration up."""
+    return element(
+        "dl",
+        *(
+            element(
+                "div",
+                element("dt", h.name),
+                element(
+                    "dd",
+                    h.figure.shown,
+                    " ",
+                    element("span", h.figure.quantity.unit, class_="unit"),
+                ),
+                element("dd", h.note, class_="was"),
+            )
+            for h in (() if facts is None else facts.headlines)
+        ),
+        class_="tiles",
+    )
+
+
+def _reasons(subject: Subject) -> Sequence[str]:
+    """Why the verdict is not better."""
+    if subject.facts is not None:
+        return subject.facts.reasons
+    blind = subject.unidentifiable
+    return [] if blind is None else [str(d) for d in blind.directions]

@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 from operator_app.calibration.acceptance import Verdict
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.html import figures
-from operator_app.report.html.elements import (
+from operator_app.report.html.markup import (
+    Html,
     Section,
     bullets,
     definitions,
+    element,
+    join,
     plots,
     prose,
     remark,
     sentence,
 )
-from operator_app.report.html.markup import Html, element, join
 from operator_app.report.html.table import table_html
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.session_tables import (

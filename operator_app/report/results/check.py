@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fixtures.base import CheckKind, Severity
 from operator_app.config.fixture_file import FixtureSpec
@@ -22,6 +22,7 @@ from operator_app.units.figure import (
     READING_SD,
     SPAN,
     STRAY,
+    Figure,
 )
 from operator_app.units.numbers import joints_named
 from solver.chain.arm_model import ArmModel, Joint
@@ -33,7 +34,9 @@ if TYPE_CHECKING:
     from operator_app.config.errors import Problem
     from operator_app.planning.inspection import Chain
     from operator_app.planning.outlook import Outlook
+    from solver.chain.arm_model import Joint
     from solver.diagnostics.identifiability import Identifiability
+
 
 UNITS = (
     "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "
@@ -267,3 +270,64 @@ def _well(what: str, seen: Identifiability) -> str:
 
 def _many(count: int, what: str) -> str:
     return f"{count} {what}{'s' if count != 1 else ''}"
+
+
+def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:
+    """Return the object: the files, all that is wrong, and what would come of each arm in its fixture."""
+    return {
+        "files": [
+            {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in found.files
+        ],
+        "problems": [_problem(p) for p in found.problems],
+        "chains": [_chain_data(chain) for chain in chains],
+    }
+
+
+def _problem(problem: Problem) -> dict[str, Any]:
+    return {
+        "file": problem.file,
+        "line": problem.line,
+        "column": problem.column,
+        "key": problem.key,
+        "text": problem.text,
+        "remedy": problem.remedy,
+    }
+
+
+def _chain_data(chain: Chain) -> dict[str, Any]:
+    found, arm = chain.outlook, chain.arm
+    return {
+        "procedure": chain.procedure or None,
+        "arm": arm.name,
+        "fixture": chain.fixture.name,
+        "kind": chain.fixture.kind,
+        "joints": [_joint(k, joint) for k, joint in enumerate(arm.joints, 1)],
+        "mobility": found.mobility,
+        "drives": None
+        if found.choice is None
+        else {"joints": list(found.choice.drives), "reasons": list(found.choice.reasons)},
+        "home_deg": None if chain.home is None else short_degrees(chain.home[0]),
+        "refusal": None if found.refusal is None else str(found.refusal),
+        "checks": [c.data for c in found.checks],
+        "parameters": [p.name for p in found.parameters],
+        "held": dict(chain.held),
+        "seen": None if found.seen is None else _seen(found.seen),
+        "poses": {file: _seen(seen) for file, seen in chain.poses},
+        "unfit": dict(chain.unfit),
+        "assumed": list(arm.assumed),
+    }
+
+
+def _joint(number: int, joint: Joint) -> dict[str, Any]:
+    kinds: dict[type, str] = {Encoder: "encoder", Rvdt: "rvdt", NoSensor: "none"}
+    return {"joint": number, "name": joint.name, "sensor": kinds[type(joint.sensor)]}
+
+
+def _seen(seen: Identifiability) -> dict[str, Any]:
+    return {
+        "rank": seen.rank,
+        "scaled_condition_number": Figure(seen.scaled_condition_number).in_json,
+        "not_identifiable": [
+            {"parameters": list(d.parameters), "text": str(d)} for d in seen.directions
+        ],
+    }

@@ -12,8 +12,7 @@ import sarcal
 
 from operator_app.cli import main
 from operator_app.errors import SessionError
-from operator_app.report.plots.figure_files import ENDINGS
-from operator_app.report.plots.paper_figures import FIGURES
+from operator_app.report.plots.figure_files import ENDINGS, FIGURES
 from tests.oracles.panda import FOLDER as PANDA
 
 HINGE = Path(__file__).parents[3] / "data/hinge/hinge_quantised.csv"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.report.html import figures
+from operator_app.report.html.figures import corrections_by_joint, coverage, drawn
 from operator_app.report.html.markup import (
     Html,
     Section,
@@ -138,13 +138,13 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
         case "trend" if subject.solution is not None:
             limit = subject.procedure.acceptance.scaled_condition_number
             trend = calibration_plots.condition_trend(subject.solution.seen.trend, limit)
-            content = [plots([table_html(table), figures.drawn(trend)])]
+            content = [plots([table_html(table), drawn(trend)])]
         case "closure":
             shown = (
                 *calibration_plots.closure_by_pose(subject, estimate),
                 calibration_plots.misses(subject, estimate),
             )
-            content += [remark(CLOSURE_WORDS), plots(map(figures.drawn, shown))]
+            content += [remark(CLOSURE_WORDS), plots(map(drawn, shown))]
     return Section(
         ident=table.ident,
         title=HEADINGS.get(table.ident, table.title),
@@ -158,7 +158,7 @@ def _before_and_after(subject: Subject) -> list[str]:
     pair = None if subject.solution is None else before_after.arm_pair(subject)
     if pair is None:
         return []
-    return [plots(map(figures.drawn, (pair.before, pair.after))), remark(pair.note)]
+    return [plots(map(drawn, (pair.before, pair.after))), remark(pair.note)]
 
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
@@ -192,11 +192,11 @@ def _warnings(subject: Subject) -> Section | None:
 def _joints(subject: Subject) -> Section:
     """What the loops say of each joint's readings, and how far each joint was moved."""
     table = joint_table(subject, subject.implicit)
-    drawn = [figures.corrections_by_joint(subject, subject.implicit), figures.coverage(subject)]
+    pictures = [corrections_by_joint(subject, subject.implicit), coverage(subject)]
     return Section(
         ident="joints",
         title="Residuals and coverage by joint",
-        content=(table_html(table), remark(table.note), plots(d for d in drawn if d)),
+        content=(table_html(table), remark(table.note), plots(d for d in pictures if d)),
     )
 
 
@@ -214,7 +214,7 @@ def _rvdt(subject: Subject) -> Section | None:
     if table := rvdt_table(subject):
         measured = [(v.joint, v.figures) for v in verdicts if v.figures is not None]
         shown = (calibration_plots.rvdt_deviations(subject, joint, f) for joint, f in measured)
-        content += [table_html(table), plots(map(figures.drawn, shown))]
+        content += [table_html(table), plots(map(drawn, shown))]
     used = [j for j in joints if j not in subject.unsensed_joints]
     if len(used) < len(joints):
         unused = joints_named([j for j in joints if j not in used])
@@ -222,7 +222,7 @@ def _rvdt(subject: Subject) -> Section | None:
     if used and estimate is not None and estimate.corrections is not None:
         content.append(remark(CURVE_WORDS.format(joints=joints_named(used))))
         shown = (calibration_plots.rvdt_corrections(subject, estimate, j) for j in used)
-        content.append(plots(map(figures.drawn, shown)))
+        content.append(plots(map(drawn, shown)))
     return Section(ident="rvdt", title="RVDT joints", content=tuple(content))
 
 

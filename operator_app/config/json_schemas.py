@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
+import yaml
 from pydantic import TypeAdapter
 
 from operator_app.config.arm_file import ArmFile
@@ -49,12 +52,26 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
         whole["properties"] = {"schema": line, **whole["properties"]}
         whole["required"] = ["schema", *whole["required"]]
         choices.append({"$ref": f"#/$defs/{model.__name__}"})
+    meanings = _meanings()[kind]
+    for name, model in found["$defs"].items():
+        for key, spec in model.get("properties", {}).items():
+            meaning = meanings.get(f"{name}.{key}", meanings.get(key))
+            if meaning:
+                spec.setdefault("description", meaning)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"sarcal {kind} file",
         "oneOf": choices,
         "$defs": found["$defs"],
     }
+
+
+@cache
+def _meanings() -> dict[str, dict[str, str]]:
+    """Return what keys mean, by kind of file, as far as their models do not say it."""
+    text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
+    found: dict[str, dict[str, str]] = yaml.safe_load(text)
+    return found
 
 
 def schema_name(kind: FileKind) -> str:

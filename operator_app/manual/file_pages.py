@@ -25,12 +25,12 @@ EXAMPLES: Mapping[str, str] = {
 PURPOSE: Mapping[FileKind, str] = {
     "arm": "An arm file holds the Denavit-Hartenberg table, the sensors and the ranges of an arm, and how "
     "well each is known.",
-    "fixture": "A fixture file says what is bolted between hand and table, and where.",
+    "fixture": "A fixture file says what is bolted between tool and table, and where.",
     "procedure": "A procedure file says what `sarcal run` does: arm, fixture, bus, modes, poses, limits.",
     "profile": "A bus profile says how the arm's CANopen nodes are set up. `sarcal probe --draft FILE` "
     "writes one.",
-    "parameters": "A parameters file holds the result of a calibration. `sarcal export` writes it; people "
-    "do not.",
+    "parameters": "A parameters file holds the result of a calibration. `sarcal export` writes it; it is "
+    "not edited by hand.",
 }
 
 
@@ -44,9 +44,9 @@ def file_page(kind: FileKind) -> str:
         f"# {title}",
         PURPOSE[kind],
         (
-            "YAML. Unknown keys, keys given twice, wrong units and numbers that are none are errors; all of "
-            "them are told at once, with file, line and key. What a name ends in is its unit: `_m`, `_mm`, "
-            "`_deg`, `_mrad`, `_s`."
+            "YAML. Unknown keys, duplicate keys, wrong units and values that are not numbers are errors; all of "
+            "them are listed at once, with file, line and key. A name ends in its unit: `_m`, `_mm`, `_deg`, "
+            "`_mrad`, `_s`."
         ),
     ]
     if kind in EXAMPLES:

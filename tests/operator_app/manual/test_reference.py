@@ -5,6 +5,7 @@ from __future__ import annotations
 import configparser
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 import yaml
@@ -12,6 +13,7 @@ import yaml
 from operator_app import cli
 from operator_app.commands.help_topic import manual
 from operator_app.commands.table import COMMANDS
+from operator_app.config.json_schemas import FileKind, json_schema
 from operator_app.exit_codes import MEANING, ExitCode
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -55,6 +57,23 @@ def test_every_key_of_a_packaged_file_is_explained(topic: str, folder: str) -> N
             k for k in keys(yaml.safe_load(file.read_text())) - free if f"| `{k}` |" not in page
         }
         assert not missing, file.name
+
+
+@pytest.mark.parametrize("kind", get_args(FileKind))
+def test_every_key_of_a_file_has_a_meaning(kind: FileKind) -> None:
+    page = manual().page(f"{kind}-file").markdown
+    assert not re.findall(r"^\| `\w+` .*\|\s*\|$", page, re.MULTILINE)
+    # And nothing is explained that there is not, or that its model explains.
+    given = yaml.safe_load((ROOT / "operator_app/data/key_meanings.yaml").read_text())[kind]
+    models = json_schema(kind)["$defs"]
+    shown = {
+        name
+        for model, spec in models.items()
+        for key, value in spec["properties"].items()
+        for name in (key, f"{model}.{key}")
+        if value.get("description") == given.get(name)
+    }
+    assert set(given) <= shown
 
 
 def test_every_object_of_the_eds_files_is_on_the_page() -> None:

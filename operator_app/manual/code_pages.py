@@ -70,12 +70,12 @@ def faults_page() -> str:
         (
             "# Faults",
             (
-                "What can go wrong on the bus and in the arm, what you see of it, and what to do. "
-                "`sarcal controller --fault NAME` makes each of the first table on the virtual controller, so "
-                "that you see it once before it matters. J is the joint. What shows as an arm is connected "
-                f"({', '.join(f'`{name}`' for name, fault in FAULTS.items() if fault.at_connect)}) is there "
-                "before anybody connects, the others 1000 SYNCs later; `--fault-sync N` says otherwise, 0 is "
-                "before. An upload that one of them meets ends whole, or what was active stays active."
+                "What can go wrong on the bus and in the arm, what is reported, and what to do. `sarcal "
+                "controller --fault NAME` produces each fault of the first table on the virtual controller. J is "
+                "the number of the joint. A fault that shows while an arm is being connected "
+                f"({', '.join(f'`{name}`' for name, fault in FAULTS.items() if fault.at_connect)}) is present from "
+                "the start; the others begin after 1000 SYNCs. `--fault-sync N` changes that; 0 is from the start. "
+                "An upload that meets a fault either completes, or the parameters that were active stay active."
             ),
             table(head, _faults(FAULTS)),
             "## Where the operator sits",

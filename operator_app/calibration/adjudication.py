@@ -1,12 +1,13 @@
-"""From a fit to its verdict: what was known before, what the tests say, what else would explain it.
+"""Adjudication: from a fit, its tests and what screening found, to the causes of what is wrong and the verdict.
 
-Knows calibrations, files' objects and verdicts; no screen. Solves anew only when a test fires.
+Fits again only where a test fires.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,6 +56,7 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
 from solver.search.global_start import GlobalStart
+from solver.loops.closure import ClosureModel
 
 UNEXPLAINED = {
     FindingKind.UNEXPLAINED_SCATTER,
@@ -93,6 +95,55 @@ class PriorInformation:
     by_files: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Case:
+    """A fit with what tests and screening say of it; `used` are its poses in the order they were taken."""
+
+    found: Calibrated
+    arm: ArmModel
+    fixture: Fixture
+    used: PoseSet
+    judged: tuple[str, ...]
+    known: PriorInformation
+    paper: Estimate | None
+    diagnosis: Diagnosis
+
+    @property
+    def estimate(self) -> Estimate:
+        """The estimate that is judged."""
+        return self.found.estimate if self.paper is None else self.paper
+
+    @property
+    def model(self) -> ClosureModel:
+        """The loops of the fit."""
+        return self.found.linear.design.model
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """At stated variances."""
+        return self.diagnosis.stated_chi2_per_dof
+
+    @property
+    def gross(self) -> bool:
+        """Whether no single linear explanation reaches the misfit."""
+        return _unexplained_chi2_per_dof(self.diagnosis) > CHI2_PER_DOF_REFUSED
+
+    def alternatives(
+        self, *, near: bool = False, of_files: bool = False
+    ) -> tuple[Finding, ...]:
+        """Alternative models that explain the misfit."""
+        return find_alternatives(
+            self.arm,
+            self.fixture,
+            self.used,
+            unsensed=self.model.unsensed_joints,
+            scale=self.chi2_per_dof,
+            dof=self.diagnosis.left.dof,
+            near=near,
+            of_files=of_files,
+        )
+
+
 def adjudicate(
     found: Calibrated,
     arm: ArmModel,
@@ -104,7 +155,7 @@ def adjudicate(
     known: PriorInformation,
     paper: Estimate | None = None,
 ) -> Judgement:
-    """Judge a fit.
+    """Weigh what is wrong with a fit, the most probable cause first.
 
     Parameters
     ----------
@@ -115,107 +166,37 @@ def adjudicate(
     paper
         The paper's estimate, where that is to be judged.
     """
-    judging = found.estimate if paper is None else paper
-    used = pick(poses, distinct)
-    diagnosis = diagnose(
-        found.linear, arm, taken=found.order, measured=measured_deviations(known.rvdt, arm)
+    measured = measured_deviations(known.rvdt, arm)
+    case = _Case(
+        found=found,
+        arm=arm,
+        fixture=fixture,
+        used=pick(poses, distinct),
+        judged=judged,
+        known=known,
+        paper=paper,
+        diagnosis=diagnose(found.linear, arm, taken=found.order, measured=measured),
     )
-    design = found.linear.design
-    model = design.model
-    unsensed = model.unsensed_joints
-    scale = diagnosis.stated_chi2_per_dof
-    gross = _unexplained_chi2_per_dof(diagnosis) > CHI2_PER_DOF_REFUSED
-    by_tests = causes_of(diagnosis, found.estimate, judged, _labels(used))
-    rivals: tuple[Finding, ...] = ()
-    if gross:
-        # Linear explanations end where nothing is near the truth any more.
-        rivals = find_alternatives(
-            arm, fixture, used, unsensed=unsensed, scale=scale, dof=diagnosis.left.dof
-        )
-        by_tests = rivals or by_tests
-    elif scale > CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
-        # A fixture that gives, or a length that is off, by so much may as well be a file that is wrong.
-        rivals = find_alternatives(
-            arm,
-            fixture,
-            used,
-            unsensed=unsensed,
-            scale=scale,
-            dof=diagnosis.left.dof,
-            of_files=True,
-        )
-        by_tests = rivals or by_tests
-    elif joint := _suspected_reading(diagnosis):
-        by_tests = (
-            step_alternative(arm, fixture, used, unsensed=unsensed, joint=joint, scale=scale)
-            or by_tests
-        )
-    elif not by_tests:
-        by_tests = rvdt_causes(known.rvdt, arm)
-    nothing_fits = (
-        not rivals
-        and len(by_tests) == 1
-        and by_tests[0].blocking
-        and by_tests[0].kind in UNEXPLAINED
-    )
-    if by_tests and not (rivals or gross or nothing_fits) and not _single_cause(diagnosis):
-        by_tests = (*_exceeded_specifications(found.linear, diagnosis), *by_tests)
-    if scale > CHI2_PER_DOF_REFUSED and by_tests:
-        # What is named may move nothing by more than its sigmas: these are as wide as the misfit made them.
-        by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
-    # Where poses of another arm lead these files' loops says nothing.
-    far = (
-        other_basin(model, found.estimate, design.q, judged)
-        if known.search is None and not unsensed and not nothing_fits
-        else ()
-    )
-    if far and not gross:
-        # It fits, but is it the arm of the files? A mistake that fits as well and is near them is likelier.
-        far = (
-            *find_alternatives(
-                arm,
-                fixture,
-                used,
-                unsensed=unsensed,
-                scale=scale,
-                dof=diagnosis.left.dof,
-                near=True,
-            ),
-            *far,
-        )
-    diverged = has_diverged((*far, *by_tests), scale, judging, judged)
-    lost = _poorly_determined(found, used, fixture, arm, judged) if far or gross or diverged else ()
+    unsensed, labels, scale = case.model.unsensed_joints, _labels(case.used), case.chi2_per_dof
+    by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
+    # Where the poses of another arm lead these loops means nothing.
+    far = () if nothing_fits else _local_minimum_causes(case)
+    diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged)
+    lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = return_tests(known.returned, found.estimate)
-    tests = (*diagnosis.tests, *of_returns)
-    of_paper: tuple[Finding, ...] = ()
-    if paper is not None:
-        test, of_paper = paper_test(paper, found.estimate)
-        tests = (*tests, test)
-    # What files tell of a parameter is no fault of the poses, nor what follows from it of others.
-    of_fit = fit_causes(
-        judging.given(known.by_files),
-        judged,
-        stated_by_fixture(model.parameters, arm, fixture),
-        partial(exceeded_source, found),
-    )
-    if lost or diverged:
-        # Said already as it is at the nominal values; where the solution is astray its sigmas tell of no pose.
-        of_fit = tuple(
-            cause
-            for cause in of_fit
-            if cause.kind not in (FindingKind.SIGMAS_USELESS, FindingKind.SIGMAS_WIDE)
-        )
+    of_paper = () if paper is None else (paper_test(paper, found.estimate),)
+    of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
-        of_fit = (*hinge_alternative(arm, fixture, used, unsensed=unsensed), *of_fit)
+        of_fit = (*hinge_alternative(arm, fixture, case.used, unsensed=unsensed), *of_fit)
     first = (
         *_screening_causes(arm, poses, known),
-        *too_few_poses(judging),
+        *too_few_poses(case.estimate),
         *lost,
-        *(() if gross or diverged else _geometry_causes(known.checks)),
-        *(() if gross else far),
+        *(() if case.gross or diverged else _geometry_causes(known.checks)),
+        *(() if case.gross else far),
     )
-    shaken = motion_causes(arm, used, unsensed, _labels(used))
-    if not judging.converged:
+    shaken = motion_causes(arm, case.used, unsensed, labels)
+    if not case.estimate.converged:
         by_tests, shaken = _refusing_when_likely(by_tests), _refusing_when_likely(shaken)
     slipped, by_tests = proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
@@ -227,14 +208,82 @@ def adjudicate(
             *by_tests,
             *(c for c in not_yet_named(since, by_tests) if not c.blocking),
             *shaken,
-            *(far if gross and not rivals else ()),
-            *of_paper,
+            *(far if case.gross and not alternatives else ()),
+            *(cause for _, causes in of_paper for cause in causes),
             *of_fit,
         ),
-        tests=tests,
+        tests=(*case.diagnosis.tests, *of_returns, *(test for test, _ in of_paper)),
         stated_chi2_per_dof=scale,
         diverged=diverged,
     )
+
+
+class _Misfit(NamedTuple):
+    """Causes of a misfit, those among them that are alternative models, and whether poses are of another arm."""
+
+    causes: tuple[Finding, ...]
+    alternatives: tuple[Finding, ...]
+    nothing_fits: bool
+
+
+def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
+    """Explain the misfit by the tests' causes, or by alternative models where it is gross."""
+    diagnosis, scale = case.diagnosis, case.chi2_per_dof
+    by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
+    alternatives: tuple[Finding, ...] = ()
+    if case.gross:
+        # Linear explanations end where nothing is near the truth any more.
+        alternatives = case.alternatives()
+        by_tests = alternatives or by_tests
+    elif scale > CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
+        # A compliant fixture, or a length that is off, by so much may as well be a wrong file.
+        alternatives = case.alternatives(of_files=True)
+        by_tests = alternatives or by_tests
+    elif joint := _suspected_reading(diagnosis):
+        by_tests = (
+            step_alternative(
+                case.arm,
+                case.fixture,
+                case.used,
+                unsensed=case.model.unsensed_joints,
+                joint=joint,
+                scale=scale,
+            )
+            or by_tests
+        )
+    elif not by_tests:
+        by_tests = rvdt_causes(case.known.rvdt, case.arm)
+    unexplained = len(by_tests) == 1 and by_tests[0].blocking and by_tests[0].kind in UNEXPLAINED
+    nothing_fits = unexplained and not alternatives
+    explained = not (alternatives or case.gross or nothing_fits)
+    if by_tests and explained and not _single_cause(diagnosis):
+        by_tests = (*_exceeded_specifications(case.found.linear, diagnosis), *by_tests)
+    if scale > CHI2_PER_DOF_REFUSED and by_tests:
+        # No cause may move anything by more than its sigmas: these are as wide as the misfit made them.
+        by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
+    return _Misfit(by_tests, alternatives, nothing_fits)
+
+
+def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
+    """Say that the solution is far from the nominal values, and which alternative near them fits as well."""
+    if case.known.search is not None or case.model.unsensed_joints:
+        return ()
+    far = other_basin(
+        case.model, case.found.estimate, case.found.linear.design.q, case.judged
+    )
+    return (*case.alternatives(near=True), *far) if far and not case.gross else far
+
+
+def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
+    """What the fit itself shows; what files tell of a parameter is no fault of the poses."""
+    found = fit_causes(
+        case.estimate.given(case.known.by_files),
+        case.judged,
+        stated_by_fixture(case.model.parameters, case.arm, case.fixture),
+        partial(exceeded_source, case.found),
+    )
+    wide = (FindingKind.SIGMAS_USELESS, FindingKind.SIGMAS_WIDE)
+    return tuple(c for c in found if not (without_motion and c.kind in wide))
 
 
 def stated_by_fixture(
@@ -253,26 +302,22 @@ def stated_by_fixture(
     }
 
 
-def _poorly_determined(
-    found: Calibrated, used: PoseSet, fixture: Fixture, arm: ArmModel, judged: tuple[str, ...]
-) -> tuple[Finding, ...]:
-    """What such poses hardly tell wherever the solution lies, so that it may have ended anywhere.
+def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
+    """Parameters that such poses hardly determine wherever the solution lies, so that it may have ended anywhere.
 
-    Judged at the nominal values: where a fit has gone astray its own sigmas mean nothing. Not where the
-    nominal geometry itself is to blame.
+    Evaluated at the nominal values: the sigmas of a diverged fit mean nothing. Empty where the nominal geometry
+    itself is to blame.
     """
-    design = found.linear.design
-    model = design.model
+    design, model = case.found.linear.design, case.model
     nominal = nominal_vector(model.parameters)
-    checks = placement_checks(fixture, arm, model, nominal)
-    if _geometry_causes(checks):
+    if _geometry_causes(placement_checks(case.fixture, case.arm, model, nominal)):
         return ()
     expected = expected_fit(
-        model, design.q, design.errors, nominal, group=used.placement[found.order]
+        model, design.q, design.errors, nominal, group=case.used.placement[case.found.order]
     )
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(
-        replace(cause, blocking=True) for cause in little_motion(model.parameters, sd, judged)
+        replace(cause, blocking=True) for cause in little_motion(model.parameters, sd, case.judged)
     )
 
 

@@ -12,6 +12,7 @@ poses say nothing of whether the arm changed: nothing of theirs counts.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -150,16 +151,10 @@ def compare(
         raise ValueError("a level lies between 0 and 1")
     if reasons := _different_arms(before, after):
         raise IncomparableError(reasons)
-    other_fixture = before.fixture != after.fixture
-    names = [e.entry for e in before.calibrated]
     later = {e.entry: e.sigma for e in after.calibrated}
     values = nearest_values(before, after)
     sides = sides_of(before)
-    left_out = [(name, "identified in A only") for name in names if name not in later]
-    left_out += [(name, "identified in B only") for name in later if name not in names]
-    if other_fixture or remounted:
-        why = "another fixture" if other_fixture else "the fixture was mounted anew"
-        left_out += [(n, why) for n in names if n in later and sides[n] is not Side.ARM]
+    left_out = _not_compared(before, after, sides, remounted=remounted)
     skipped = {name for name, _ in left_out}
     compared = [e for e in before.calibrated if e.entry not in skipped]
     if not compared:
@@ -201,6 +196,24 @@ def compare(
         left_out=tuple(left_out),
         notices=notices(before, after, scales),
     )
+
+
+def _not_compared(
+    before: ParametersDocument,
+    after: ParametersDocument,
+    sides: Mapping[str, Side],
+    *,
+    remounted: bool,
+) -> list[tuple[str, str]]:
+    """Entries that only one calibration identified, or that the mounting changed, with the reason."""
+    first, second = ([e.entry for e in d.calibrated] for d in (before, after))
+    found = [(name, "identified in A only") for name in first if name not in second]
+    found += [(name, "identified in B only") for name in second if name not in first]
+    other_fixture = before.fixture != after.fixture
+    if other_fixture or remounted:
+        why = "another fixture" if other_fixture else "the fixture was mounted anew"
+        found += [(n, why) for n in first if n in second and sides[n] is not Side.ARM]
+    return found
 
 
 def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:

@@ -110,21 +110,7 @@ def predict_new_poses(
     both = concatenated_poses(old, new)
     later = np.arange(len(both)) >= len(old)
     model, x0, column = _model(arm, fixture, made, old, both, start)
-    tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
-    asked = model.without(tuple(tolerated))
-    stated = free_within_tolerance(
-        asked, arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
-    )[1]
-    prior = stated_priors(asked, arm, fixture) if solution.estimate.estimator == "implicit" else {}
-    errors = error_model(
-        arm,
-        fixture,
-        both,
-        np.arange(len(both)),
-        unsensed_joints=solution.model.unsensed_joints,
-        tolerance={name: sd for name, sd in stated.items() if name in tolerated},
-        prior={name: sd for name, sd in prior.items() if name not in start},
-    )
+    errors = _errors(arm, fixture, solution, model, both, start)
     learned = {} if solution.components is None else solution.components.variances
     try:
         found = fit_as_stated(
@@ -164,6 +150,32 @@ def predict_new_poses(
         left=replace(left, dof=dof),
         subjects=subjects,
         chi2=chi2_test(predicted_residuals(sharp, later, given).chi2, dof),
+    )
+
+
+def _errors(
+    arm: ArmModel,
+    fixture: Fixture,
+    solution: Solution,
+    model: ClosureModel,
+    both: PoseSet,
+    start: Mapping[str, float],
+) -> ErrorModel:
+    """Stated errors of old and new poses, with the tolerances and priors that the calibration used."""
+    tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
+    asked = model.without(tuple(tolerated))
+    stated = free_within_tolerance(
+        asked, arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
+    )[1]
+    prior = stated_priors(asked, arm, fixture) if solution.estimate.estimator == "implicit" else {}
+    return error_model(
+        arm,
+        fixture,
+        both,
+        np.arange(len(both)),
+        unsensed_joints=solution.model.unsensed_joints,
+        tolerance={name: sd for name, sd in stated.items() if name in tolerated},
+        prior={name: sd for name, sd in prior.items() if name not in start},
     )
 
 

@@ -17,6 +17,8 @@ from operator_app.config.urdf_rows import AxisLine, meant_deg, rotation_of_rpy, 
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
+ONLY_REVOLUTE = "an arm here has revolute joints only: --base and --tip leave others out"
+
 NO_LIMIT_RAD = math.pi
 """Either way, of a joint that goes round and round."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
@@ -296,15 +298,13 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         if not np.linalg.norm(axis) > 0.0:
             raise refuse("has no axis", "write for example <axis xyz='0 0 1'/>")
         axis = axis / np.linalg.norm(axis)
-        limit = element.find("limit")
-        stated = limit if limit is not None else ET.Element("limit")
+        stated = next(element.iterfind("limit"), ET.Element("limit"))
         low, high = -NO_LIMIT_RAD, NO_LIMIT_RAD
         if kind == "revolute":
             low, high = (float(numbers(stated, key, "0", 1)[0]) for key in ("lower", "upper"))
             if not low < high:
-                raise refuse(
-                    f"its range goes from {low:g} to {high:g} rad", "state lower and upper"
-                )
+                shown = f"its range goes from {low:g} to {high:g} rad"
+                raise refuse(shown, "state lower and upper")
         speed, effort = (
             float(numbers(stated, key, "0", 1)[0]) or None for key in ("velocity", "effort")
         )
@@ -312,8 +312,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
             name=name, lower_rad=low, upper_rad=high, velocity_rad_per_s=speed, effort_nm=effort
         )
     elif kind != "fixed":
-        remedy = "an arm here has revolute joints only: --base and --tip leave others out"
-        raise refuse(f"is of type {kind!r}", remedy)
+        raise refuse(f"is of type {kind!r}", ONLY_REVOLUTE)
     return UrdfStep(
         name=name,
         parent=parent,

@@ -153,11 +153,10 @@ def make_plan(
         seed=task.seed,
     )
     trusted = _trusted(task, x, manifold, covariance)
-    if avoid_rad is not None:
-        for pose in avoid_rad:
-            # Where the arm stands close by, it must still be able to leave.
-            radius = min(avoid_radius_rad, 0.5 * float(np.linalg.norm(q_start - pose)))
-            trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
+    for pose in () if avoid_rad is None else avoid_rad:
+        # Where the arm stands close by, it must still be able to leave.
+        radius = min(avoid_radius_rad, 0.5 * float(np.linalg.norm(q_start - pose)))
+        trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
     # The arm is where it is.
     trusted[0] = True
     ranked: tuple[RankedDrives, ...] = ()
@@ -178,8 +177,6 @@ def make_plan(
     points = [0, *design.chosen]
     visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
     total = information.of(visits) + (0.0 if fixed is None else fixed)
-    q = manifold.q[list(visits)]
-    J = task.model.reduced(x, q).jac_x
     return PosePlan(
         x=np.array(x),
         manifold=manifold,
@@ -190,12 +187,18 @@ def make_plan(
         ranked=ranked,
         predicted_sigma=standard_deviations(total),
         log_det=log_det(total),
-        design=identifiability_of_jacobian(
-            J.reshape(-1, J.shape[-1]),
-            tuple(p.name for p in task.model.parameters),
-            poses=len(visits),
-            spans_rad=np.ptp(q, axis=0),
-        ),
+        design=_identifiability(task.model, x, manifold.q[list(visits)]),
+    )
+
+
+def _identifiability(model: ClosureModel, x: FloatArray, q: FloatArray) -> Identifiability:
+    """Identifiability of poses q (m, n) that close."""
+    J = model.reduced(x, q).jac_x
+    return identifiability_of_jacobian(
+        J.reshape(-1, J.shape[-1]),
+        tuple(p.name for p in model.parameters),
+        poses=len(q),
+        spans_rad=np.ptp(q, axis=0),
     )
 
 

@@ -32,6 +32,7 @@ from solver.diagnostics.smooth_curve import Scatter
 from solver.estimators.component_report import flexure_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
+from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import noise_left, settle
 from solver.loops.closure import ClosureModel
@@ -119,11 +120,8 @@ def rvdt_verdicts(
     ValueError
         If no unsensed joint of `model` has an RVDT.
     """
-    sensors = {
-        j: sensor
-        for j in model.unsensed_joints
-        if isinstance(sensor := arm.joints[j - 1].sensor, Rvdt)
-    }
+    unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
+    sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}
     if not sensors:
         raise ValueError("none of the model's unsensed joints has an RVDT to judge")
 
@@ -146,18 +144,9 @@ def rvdt_verdicts(
             near=(found.corrections[back], found.unsensed[back]),
         )
     }
-    # A fixture that turns looks like noise of the wrist, and no pose tells the two apart: where it
-    # gives more than stated, none of the scatter between poses is held against the sensor.
-    blurred = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
-    if blurred:
-        flexure = flexure_test(found.fit.stated, found.fit.design)
-        if flexure is not None and flexure.gives:
-            noise = {**noise, **blurred}
+    noise = _without_compliance(noise, found.fit)
     offsets = {j: sensor_angle(q[:, j - 1], a)[1] for j, a in angles.items()}
-    sensed, known = (
-        model.with_all_joints_sensed(),
-        {p.name: float(value) for p, value in zip(model.parameters, found.x, strict=True)},
-    )
+    known = dict(zip((p.name for p in model.parameters), found.x.tolist(), strict=True))
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
@@ -177,9 +166,22 @@ def rvdt_verdicts(
             samples=float(1.0 / np.mean(1.0 / samples)),
         )
         here = offsets | {joint: figures.theta_off_rad}
-        share = _share(sensed, known, q, joint, figures, here)
+        share = _share(model.with_all_joints_sensed(), known, q, joint, figures, here)
         verdicts.append(_judge(joint, sensor, figures, share))
     return tuple(verdicts)
+
+
+def _without_compliance(
+    noise: Mapping[int, SingleNoise], fit: LinearFit
+) -> Mapping[int, SingleNoise]:
+    """Return the noise without what a fixture may do that is more compliant than stated.
+
+    A fixture that turns looks like noise of the wrist, and no pose tells the two apart: then none of the scatter
+    between poses counts against the sensor.
+    """
+    uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
+    compliance = flexure_test(fit.stated, fit.design) if uncertain else None
+    return {**noise, **uncertain} if compliance is not None and compliance.gives else noise
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:

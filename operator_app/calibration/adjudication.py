@@ -55,8 +55,8 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import expected_fit
 from solver.estimators.variance_components import Calibrated
-from solver.search.global_start import GlobalStart
 from solver.loops.closure import ClosureModel
+from solver.search.global_start import GlobalStart
 
 UNEXPLAINED = {
     FindingKind.UNEXPLAINED_SCATTER,
@@ -128,9 +128,7 @@ class _Case:
         """Whether no single linear explanation reaches the misfit."""
         return _unexplained_chi2_per_dof(self.diagnosis) > CHI2_PER_DOF_REFUSED
 
-    def alternatives(
-        self, *, near: bool = False, of_files: bool = False
-    ) -> tuple[Finding, ...]:
+    def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         """Alternative models that explain the misfit."""
         return find_alternatives(
             self.arm,
@@ -268,9 +266,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     """Say that the solution is far from the nominal values, and which alternative near them fits as well."""
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
-    far = other_basin(
-        case.model, case.found.estimate, case.found.linear.design.q, case.judged
-    )
+    far = other_basin(case.model, case.found.estimate, case.found.linear.design.q, case.judged)
     return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
 

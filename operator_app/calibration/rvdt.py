@@ -18,7 +18,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
 from solver.chain.poses import PoseSet, back_to_caller
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.fault_candidate import LinearityDeviation
+from solver.diagnostics.fault_candidate import PeakDeviation
 from solver.diagnostics.identifiability import identifiability_of_fit
 from solver.diagnostics.rvdt import (
     RvdtVerdict,
@@ -169,7 +169,7 @@ def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
 
 def measured_deviations(
     verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
-) -> dict[int, LinearityDeviation]:
+) -> dict[int, PeakDeviation]:
     """How far RVDTs stray from their best lines, by joint, where the loop could measure it."""
     return {
         v.joint: linearity_deviation(v.figures, sensor)

@@ -16,7 +16,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics.change_points import ChangePoint, steps
-from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, LinearityDeviation
+from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, PeakDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.hypothesis_tests import (
     HypothesisTest,
@@ -126,7 +126,7 @@ def diagnose(
     arm: ArmModel,
     *,
     taken: IntArray,
-    measured: Mapping[int, LinearityDeviation] = NO_DEVIATIONS,
+    measured: Mapping[int, PeakDeviation] = NO_DEVIATIONS,
 ) -> Diagnosis:
     """Test a fit.
 
@@ -203,7 +203,7 @@ def _explanations(
     scene: FaultModels,
     left: WhitenedResiduals,
     odd: Outliers,
-    measured: Mapping[int, LinearityDeviation],
+    measured: Mapping[int, PeakDeviation],
 ) -> Iterable[tuple[Explanation, ...]]:
     """Take in the best explanation of what is left over, until nothing fires any more."""
     persistent_faults = tuple(scene.persistent_faults(measured))
@@ -238,7 +238,7 @@ def _suspected_entries(
     scene: FaultModels,
     left: WhitenedResiduals,
     odd: Outliers,
-    measured: Mapping[int, LinearityDeviation],
+    measured: Mapping[int, PeakDeviation],
 ) -> tuple[Explanation, ...]:
     """Toleranced entries that may well be off their file, where no test is sure that anything is wrong."""
     found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))

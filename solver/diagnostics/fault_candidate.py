@@ -36,7 +36,7 @@ class Cause(Enum):
     GIVES = "gives"
 
 
-class LinearityDeviation(NamedTuple):
+class PeakDeviation(NamedTuple):
     """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is from."""
 
     peak: float
@@ -48,7 +48,7 @@ class LinearityDeviation(NamedTuple):
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
-NO_DEVIATIONS: Mapping[int, LinearityDeviation] = {}
+NO_DEVIATIONS: Mapping[int, PeakDeviation] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,7 +96,7 @@ class Candidate:
     shapes: FloatArray | None = None
     least: float = 0.0
     most_stated: float = 0.0
-    measured: LinearityDeviation | None = None
+    measured: PeakDeviation | None = None
     lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
 
@@ -115,7 +115,7 @@ class Candidate:
         out[self.own] = (self.columns @ b.reshape(len(self.own), -1, 1))[..., 0]
         return out
 
-    def deviation(self, b: FloatArray, covariance: FloatArray) -> LinearityDeviation:
+    def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
         """Largest deviation over the poses, gain and all or from its best line: the more certain one.
 
         The loop sees how a sensor bends far better than its gain.
@@ -131,7 +131,7 @@ class Candidate:
             size = np.abs(columns @ b)
             k = int(np.argmax(size))
             sd = float(np.sqrt(max(float(columns[k] @ covariance @ columns[k]), 0.0)))
-            found.append(LinearityDeviation(peak=float(size[k]), sd=sd, from_line=of_line))
+            found.append(PeakDeviation(peak=float(size[k]), sd=sd, from_line=of_line))
         if self.measured is not None:
             found.append(self.measured)
         return max(

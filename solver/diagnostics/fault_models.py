@@ -15,7 +15,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt, SensorCurve
 from solver.diagnostics.change_points import Suspect
-from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, LinearityDeviation
+from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, PeakDeviation
 from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
 from solver.estimators.effects import LinearModel, System
 
@@ -119,7 +119,7 @@ class FaultModels:
         )
 
     def persistent_faults(
-        self, measured: Mapping[int, LinearityDeviation] = NO_DEVIATIONS
+        self, measured: Mapping[int, PeakDeviation] = NO_DEVIATIONS
     ) -> Iterator[Candidate]:
         """Causes that are there in all poses, or in a run of them.
 
@@ -199,9 +199,7 @@ class FaultModels:
                     poses=tuple(range(first, last)),
                 )
 
-    def linearity_curve(
-        self, j: int, measured: LinearityDeviation | None = None
-    ) -> Candidate | None:
+    def linearity_curve(self, j: int, measured: PeakDeviation | None = None) -> Candidate | None:
         """Line and curve of joint j's sensor; None where it has none."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
@@ -224,7 +222,7 @@ class FaultModels:
             lines=_lines(turn),
         )
 
-    def _smooth(self, measured: Mapping[int, LinearityDeviation]) -> Iterator[Candidate]:
+    def _smooth(self, measured: Mapping[int, PeakDeviation]) -> Iterator[Candidate]:
         """Every joint's reading off by a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]

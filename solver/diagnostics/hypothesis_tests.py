@@ -12,7 +12,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.diagnostics.cross_validation import far_block, fold_poses
-from solver.diagnostics.fault_candidate import LinearityDeviation
+from solver.diagnostics.fault_candidate import PeakDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY
 from solver.diagnostics.model_selection import evidence
@@ -143,7 +143,7 @@ def without_curves_in_specification(
     tests: Iterable[HypothesisTest],
     scene: FaultModels,
     left: WhitenedResiduals,
-    measured: Mapping[int, LinearityDeviation],
+    measured: Mapping[int, PeakDeviation],
 ) -> Iterable[HypothesisTest]:
     """Tests but for those of curves that stray no further than stated: that bound is all that is stated.
 
@@ -156,7 +156,7 @@ def without_curves_in_specification(
 
 
 def _as_stated(
-    j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, LinearityDeviation]
+    j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, PeakDeviation]
 ) -> bool:
     """Whether the curve of joint j is within its linearity but for chance, by the loop if that measured it."""
     linearity_curve = scene.linearity_curve(j)

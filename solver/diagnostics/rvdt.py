@@ -18,7 +18,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
-from solver.diagnostics.fault_candidate import LinearityDeviation
+from solver.diagnostics.fault_candidate import PeakDeviation
 from solver.diagnostics.limits import (
     CURVATURE_FALSE_ALARM_PROBABILITY,
     RVDT_HARMFUL_RATIO,
@@ -226,10 +226,10 @@ def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
     return noise.low > RVDT_NOISE_RATIO * sensor.noise_lsb
 
 
-def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> LinearityDeviation:
+def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
     """How far a sensor strays from its best line over the poses."""
     scale = sensor.full_scale_rad
-    return LinearityDeviation(
+    return PeakDeviation(
         peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True
     )
 

@@ -200,7 +200,7 @@ def test_poses_beyond_all_reason_are_refused(tmp_path: Path, poses: int) -> None
         begin("hinge", Choices(poses=poses), root=tmp_path)
 
 
-class LinearityDeviation(PlantArm):
+class PeakDeviation(PlantArm):
     """The plant, stopped by itself while nobody asked anything of it."""
 
     why: SensorFault | None = None
@@ -214,10 +214,10 @@ class LinearityDeviation(PlantArm):
         return super().capture(samples)
 
 
-def stray(folder: Path) -> tuple[LinearityDeviation, Session]:
+def stray(folder: Path) -> tuple[PeakDeviation, Session]:
     """Begin a session on it, its drives in place."""
     procedure = short_procedure(8, "datasheet")
-    arm = LinearityDeviation(procedure, "datasheet")
+    arm = PeakDeviation(procedure, "datasheet")
     session = opened(folder, arm, procedure)
     session.connect()
     session.set_modes((1, 5))

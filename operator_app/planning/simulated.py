@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hardware.virtual.sensors import JointSensor, PeakDeviation, joint_sensor
+from hardware.virtual.sensors import JointSensor, LinearityDeviation, joint_sensor
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.errors import SessionError
@@ -146,7 +146,7 @@ def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor 
         return None
     curve = None
     if isinstance(found.sensor, Rvdt) and found.sensor.linearity > 0.0:
-        curve = PeakDeviation.drawn(
+        curve = LinearityDeviation.drawn(
             rng, full_scale_rad=found.sensor.full_scale_rad, peak=found.sensor.linearity
         )
     return joint_sensor(found, with_noise=True, curve=curve)

@@ -45,10 +45,10 @@ class ActivePdo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PdoCapability:
-    """Numbers of a drive's RPDOs and TPDOs, valid or not, and bits of each object to be mapped."""
+    """Numbers of a drive's RPDOs (`taken`) and TPDOs (`sent`), valid or not, and bits of each object to be mapped."""
 
-    rpdos: tuple[int, ...] = ()
-    tpdos: tuple[int, ...] = ()
+    taken: tuple[int, ...] = ()
+    sent: tuple[int, ...] = ()
     bits: tuple[tuple[int, int], ...] = ()
 
 
@@ -67,7 +67,7 @@ def read_pdo_capability(access: ObjectAccess, node: int) -> PdoCapability:
         tuple(number for number, _ in read_records(access, node, first))
         for first in (RPDO1_COMMUNICATION, TPDO1_COMMUNICATION)
     )
-    return PdoCapability(rpdos=rpdos, tpdos=tpdos, bits=tuple(bits))
+    return PdoCapability(taken=rpdos, sent=tpdos, bits=tuple(bits))
 
 
 def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:

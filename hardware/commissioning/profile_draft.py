@@ -153,7 +153,7 @@ def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
 
 
 def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
-    base, numbers = (COB_TPDO1, node.room.tpdos) if sent else (COB_RPDO1, node.room.rpdos)
+    base, numbers = (COB_TPDO1, node.room.sent) if sent else (COB_RPDO1, node.room.taken)
     frames = _frames(node, sent=sent)
     return tuple(
         Pdo(number=number, cob_id=base + COB_NEXT_PDO * at + node.node, entries=entries)
@@ -175,7 +175,7 @@ def _has_no_room(node: FoundNode) -> Iterator[str]:
     yield from (f"node {node.node}: {index:04X}h cannot be read" for index in absent)
     if absent:  # how many frames are needed is not known
         return
-    for numbers, sent in ((node.room.rpdos, False), (node.room.tpdos, True)):
+    for numbers, sent in ((node.room.taken, False), (node.room.sent, True)):
         needed = len(_frames(node, sent=sent))
         if len(numbers) < needed:
             kind = "TPDO" if sent else "RPDO"

@@ -362,7 +362,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
             model,
             fitted.estimate.x,
             tuple(poses.label[k] for k in there),
-            fixture.give,
+            fixture.compliance,
         ),
         by_files=tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE),
     )
@@ -409,7 +409,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         search=loops.search,
         outliers=tuple(poses.label[k] for k in _outliers(whole, fitted.before.distinct)),
         rvdt=known.rvdt,
-        assumed=(*task.arm.assumed, *task.fixture.give.assumed),
+        assumed=(*task.arm.assumed, *task.fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=task.length_tolerance_m,

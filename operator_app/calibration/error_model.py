@@ -55,8 +55,8 @@ def error_model(
     return replace(
         errors,
         endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
-        give_rad=fixture.give.orientation_rad if passive else None,
-        give_m=fixture.give.position_m if passive else None,
+        give_rad=fixture.compliance.orientation_rad if passive else None,
+        give_m=fixture.compliance.position_m if passive else None,
         tolerance={} if tolerance is None else tolerance,
         prior={} if prior is None else prior,
         distances=_measured(stated_distances(fixture, poses.placements)),
@@ -105,7 +105,7 @@ def _loads(
     order = canonical_order(poses.q_rad[there])
     used = pick(poses, there[order])
     model = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed)
-    x, give = nominal_vector(model.parameters), fixture.give
+    x, give = nominal_vector(model.parameters), fixture.compliance
     return load_basis(
         model,
         x,

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Fixture, Give
+from fixtures.base import Compliance, Fixture
 from fixtures.hinge import Hinge
 from fixtures.rigid import Rigid
 from operator_app.messages.finding import Finding, FindingKind
@@ -55,9 +55,9 @@ def hinge_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
         arm,
         Line(point_m=ground, direction=along[1]),
         Line(point_m=tip, direction=along[0]),
-        give=Give(
-            position_m=fixture.give.position_m,
-            orientation_rad=fixture.give.orientation_rad or TURNS_RAD,
+        compliance=Compliance(
+            position_m=fixture.compliance.position_m,
+            orientation_rad=fixture.compliance.orientation_rad or TURNS_RAD,
         ),
     )
     lines = f"{_points(tip, ground)} --hand-direction={_way(along[0])} --base-direction={_way(along[1])}"
@@ -83,7 +83,7 @@ def _ball_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
             kind=FindingKind.WRONG_FIXTURE_BALL,
             names=(fixture.kind, _new("ball", arm, _points(tip, ground))),
         ),
-        Ball(tip_m=_point(tip), ground_m=_point(ground), give=fixture.give),
+        Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance),
     )
 
 

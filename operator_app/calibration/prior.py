@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import ROUGHLY_PLACED, Fixture, FixtureError
+from fixtures.base import ROUGH_PLACEMENT, Fixture, FixtureError
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.verification import Fixed, stated_noise
@@ -185,7 +185,7 @@ def _by_files(
     Offsets are believed within what a protractor tells where the arm's file states nothing, or less: a
     calibration is what begins here.
     """
-    offset = max(ROUGHLY_PLACED.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
+    offset = max(ROUGH_PLACEMENT.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
     tolerance = fixture.tolerance
     sides, sd = {*model.ground_side, *model.hand_side}, []
     for p in model.parameters:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import NO_GIVE, Give
+from fixtures.base import RIGID, Compliance
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
@@ -55,7 +55,7 @@ class Repeat:
     difference_rad
         (n,) second reading less the first, all joints.
     chi2, dof
-        Of the difference that no motion of the chain explains, by stated noise, play and give.
+        Of the difference that no motion of the chain explains, by stated noise, play and compliance.
     joint
         The joint (1-based) whose reading alone explains most of that.
     size_rad, sigma_rad
@@ -90,7 +90,7 @@ def compare_readings(
     *,
     samples: int,
     samples_again: int | None = None,
-    give: Give = NO_GIVE,
+    compliance: Compliance = RIGID,
 ) -> Repeat:
     """Compare two readings (n,) of one pose, each the mean of `samples`, by all that is stated.
 
@@ -122,7 +122,7 @@ def compare_readings(
     d: FloatArray = np.asarray(off.T @ (difference[used] / sigma), dtype=np.float64)
     by_give = off.T @ (np.linalg.pinv(motion.jacobian[0])[used] / sigma[:, None])
     rows = by_give.shape[1]
-    stated = np.repeat([give.orientation_rad, give.position_m], 3)[6 - rows :]
+    stated = np.repeat([compliance.orientation_rad, compliance.position_m], 3)[6 - rows :]
     bends = by_give * stated
     # White under everything stated: noise has unit variance here, the give two draws.
     L = np.linalg.cholesky(np.eye(len(d)) + 2.0 * bends @ bends.T)
@@ -172,7 +172,7 @@ def repeats_of(
     model: ClosureModel,
     x: FloatArray,
     labels: tuple[str, ...],
-    give: Give,
+    compliance: Compliance,
 ) -> tuple[tuple[Reread, Repeat], ...]:
     """Compare all readings of poses that count; `labels` are those of the poses of `model`.
 
@@ -191,7 +191,7 @@ def repeats_of(
                 r.again_rad,
                 samples=r.samples,
                 samples_again=r.samples_again,
-                give=give,
+                compliance=compliance,
             ),
         )
         for r in rereads

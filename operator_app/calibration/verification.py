@@ -267,7 +267,7 @@ def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) 
         whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], fixed.rvdt_sd_rad.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(whole, least) + gain**2
-    give = np.repeat([fixture.give.orientation_rad**2, fixture.give.position_m**2], 3)
+    give = np.repeat([fixture.compliance.orientation_rad**2, fixture.compliance.position_m**2], 3)
     if stated.fixture_variance is not None:
         give = give + stated.fixture_variance
     if fixed.fixture_variance is not None:

@@ -12,7 +12,7 @@ from typing import Any
 
 from pydantic import ConfigDict, model_validator
 
-from fixtures.base import Give
+from fixtures.base import Compliance
 from operator_app.config.quantities import StatedDeg, StatedMm, StatedMrad
 from operator_app.config.schema import StrictModel
 from solver.chain.arm_model import RowTolerance
@@ -66,10 +66,10 @@ class GiveModel(Uncertain):
     position_mm: StatedMm = GIVE_MM
     orientation_mrad: StatedMrad = GIVE_MRAD
 
-    def give(self, held: Sequence[str]) -> Give:
+    def compliance(self, held: Sequence[str]) -> Compliance:
         """Domain object of a fixture that holds ``position_mm`` or ``orientation_mrad`` or both."""
         missing = (key for key in held if key not in self.model_fields_set)
-        return Give(
+        return Compliance(
             position_m=self.position_mm / 1e3,
             orientation_rad=self.orientation_mrad / 1e3,
             assumed=tuple(f"give.{key}: {getattr(self, key):g}" for key in missing),

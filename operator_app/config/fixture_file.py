@@ -156,7 +156,7 @@ class MetalFields(CommonFields):
 
     def own(self) -> dict[str, Any]:
         """Tell how far it yields."""
-        return {"give": self.give.give(self.holds)}
+        return {"compliance": self.give.compliance(self.holds)}
 
 
 class HingePlacement(StrictModel):

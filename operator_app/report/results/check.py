@@ -165,7 +165,7 @@ def _sensor(joint: Joint) -> str:
 def _chain(chain: Chain) -> str:
     """What would come of one arm in one fixture."""
     arm, spec, found = chain.arm, chain.fixture, chain.outlook
-    give = spec.fixture.give
+    give = spec.fixture.compliance
     yields = [
         *([GIVES_LENGTH(give.position_m).with_unit] if give.position_m else []),
         *(

@@ -108,7 +108,7 @@ def _reread(state: SessionState, procedure: Procedure) -> Repeat | None:
         last.again.mean_rad,
         samples=last.first.samples,
         samples_again=last.again.samples,
-        give=fixture.give,
+        compliance=fixture.compliance,
     )
     if found.chi2 <= float(chdtri(found.dof, IMPROBABLE)):
         return None

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixtures.base import Give
+from fixtures.base import Compliance
 from fixtures.hinge import Hinge
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.notices import outliers_still_used
@@ -113,7 +113,7 @@ def stated_exact(arm: ArmModel, hinge: Hinge) -> tuple[ArmModel, Hinge]:
         )
         for joint in arm.joints
     )
-    return replace(arm, joints=joints, tolerances=()), replace(hinge, give=Give())
+    return replace(arm, joints=joints, tolerances=()), replace(hinge, compliance=Compliance())
 
 
 def test_what_the_files_state_is_corrected_and_in_the_sigmas(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fixtures.base import NO_GIVE
+from fixtures.base import RIGID
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import approach_of, error_model
@@ -97,7 +97,7 @@ def test_loads_are_there_where_the_arm_weighs_something(poses):
     assert unstated is not None
     assert unstated.sag.any()
     assert not unstated.give.any()
-    rigid = replace(HINGE, give=NO_GIVE)
+    rigid = replace(HINGE, compliance=RIGID)
     assert not error_model(ARM, rigid, poses, kept).loads.give.any()
 
 

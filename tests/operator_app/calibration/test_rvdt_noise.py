@@ -100,8 +100,8 @@ def on_a_ball(seed: int, *, lsb: float, samples: int) -> tuple[Session, Ball]:
     hand = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(angles[:, 7])
     ground = (hand @ np.append(tip, 1.0))[:, :3]
     assert np.ptp(ground, axis=0).max() < 1e-9
-    give = load_fixture("hinge").fixture.give
-    return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), give=give)
+    give = load_fixture("hinge").fixture.compliance
+    return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=give)
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])

@@ -20,10 +20,10 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said() -> None:
     found = calibrate(arm, hinge, poses)
     said = source_sensitivities(found)
     assert len(said) == WORST
-    give = hinge.give
+    give = hinge.compliance
     stiffer = replace(
         hinge,
-        give=replace(
+        compliance=replace(
             give, position_m=0.5 * give.position_m, orientation_rad=0.5 * give.orientation_rad
         ),
     )

@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from fixtures.base import NO_GIVE, Give
+from fixtures.base import RIGID, Give
 from fixtures.registry import FIXTURES
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
@@ -114,7 +114,7 @@ def test_an_arm_made_in_a_program_is_exact() -> None:
     assert arm.length_tolerance_m.shape == (7,)
     assert Encoder(counts_per_rev=4096).accuracy_rad == 0.0
     for kind in FIXTURES.values():
-        assert kind.example(known).give == NO_GIVE
+        assert kind.example(known).compliance == RIGID
     with pytest.raises(ValueError, match="one tolerance per D-H row"):
         ArmModel(
             name="a",
@@ -162,20 +162,22 @@ def test_figures_that_cannot_be_are_refused(old: str, new: str, says: str) -> No
 
 @pytest.mark.parametrize("name", ["hinge", "rigid", "ball"])
 def test_packaged_fixtures_state_how_far_they_give(name: str) -> None:
-    give = load_fixture(name).fixture.give
+    give = load_fixture(name).fixture.compliance
     assert give.position_m == pytest.approx(2e-4, rel=1e-14)
     assert give.orientation_rad == pytest.approx(2e-4, rel=1e-14)
     assert give.assumed == ()
 
 
 def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> None:
-    give = parse_fixture(OLD_HINGE.encode(), "f.yaml").fixture.give
+    give = parse_fixture(OLD_HINGE.encode(), "f.yaml").fixture.compliance
     lines = ("give.position_mm: 0.2", "give.orientation_mrad: 0.2")
     assert give == Give(position_m=0.2 / 1e3, orientation_rad=0.2 / 1e3, assumed=lines)
-    part = parse_fixture((OLD_HINGE + "give: {position_mm: 1}\n").encode(), "f.yaml").fixture.give
+    part = parse_fixture(
+        (OLD_HINGE + "give: {position_mm: 1}\n").encode(), "f.yaml"
+    ).fixture.compliance
     assert (part.position_m, part.assumed) == (0.001, lines[1:])
-    rigid = parse_fixture((OLD_HINGE + "give: 0\n").encode(), "f.yaml").fixture.give
-    assert rigid == NO_GIVE
+    rigid = parse_fixture((OLD_HINGE + "give: 0\n").encode(), "f.yaml").fixture.compliance
+    assert rigid == RIGID
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from fixtures.base import RIGID, Give
+from fixtures.base import RIGID, Compliance
 from fixtures.registry import FIXTURES
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
@@ -171,7 +171,7 @@ def test_packaged_fixtures_state_how_far_they_give(name: str) -> None:
 def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> None:
     give = parse_fixture(OLD_HINGE.encode(), "f.yaml").fixture.compliance
     lines = ("give.position_mm: 0.2", "give.orientation_mrad: 0.2")
-    assert give == Give(position_m=0.2 / 1e3, orientation_rad=0.2 / 1e3, assumed=lines)
+    assert give == Compliance(position_m=0.2 / 1e3, orientation_rad=0.2 / 1e3, assumed=lines)
     part = parse_fixture(
         (OLD_HINGE + "give: {position_mm: 1}\n").encode(), "f.yaml"
     ).fixture.compliance

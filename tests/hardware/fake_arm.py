@@ -25,7 +25,6 @@ MAPS = {
     0x1600: (3, 0x60400010, 0x607A0020, 0x60600008),
     0x1A00: (3, 0x60410010, 0x60640020, 0x60770010),
 }
-FAULT_CLEARED_STATES = {0x40: "switch on disabled"}
 
 
 @dataclass

@@ -209,6 +209,7 @@ def test_who_watches_ends_by_going(monkeypatch: pytest.MonkeyPatch) -> None:
             say("what was seen", streaming=True)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&-"])
 def test_closed_streams_are_no_defect(closed: str, tmp_path: Path) -> None:
     """Nor does a file of ours get their numbers."""

@@ -23,7 +23,6 @@ from tests.oracles.raw_can import RawPeer
 
 ARM = ArmLabel(model="test_arm", serial_number="SDA-0007")
 COUNTS_PER_REV = 36_000  # 100 counts a degree
-ENCODER_SCALE = COUNTS_PER_REV / math.tau
 _channels = itertools.count()
 
 

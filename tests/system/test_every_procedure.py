@@ -12,11 +12,17 @@ import pytest
 
 from tests.oracles.bench import bench
 
+LONG = [("rigid", 24), ("ball", 24), ("open_loop", 12)]
+
 
 @pytest.mark.parametrize(
-    "scenario", [pytest.param("exact", marks=pytest.mark.campaign), "datasheet"]
+    ("procedure", "poses", "scenario"),
+    [
+        *(("rigid", 14, "datasheet"), ("ball", 14, "datasheet"), ("open_loop", 8, "datasheet")),
+        *(pytest.param(*long, "exact", marks=pytest.mark.campaign) for long in LONG),
+        *(pytest.param(*long, "datasheet", marks=pytest.mark.campaign) for long in LONG),
+    ],
 )
-@pytest.mark.parametrize(("procedure", "poses"), [("rigid", 24), ("ball", 24), ("open_loop", 12)])
 def test_it_is_accepted_and_finds_what_was_planted(
     tmp_path: Path, procedure: str, poses: int, scenario: str
 ) -> None:

@@ -204,6 +204,7 @@ def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path: Path) -
     assert np.array_equal([p.mean_rad for p in kept], [p.mean_rad for p in found.poses])
 
 
+@pytest.mark.campaign
 def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path: Path) -> None:
     found = session_with("", tmp_path / "s", joint=4, at_sync=0, poses=3)
     q = found.poses[-1].mean_rad.copy()

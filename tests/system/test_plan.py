@@ -228,6 +228,7 @@ def test_joints_that_are_not_used_drop_out_of_the_plan(capsys: pytest.CaptureFix
     assert set(json.loads(out)["sigma"]).isdisjoint({"theta_off_6", "theta_off_7"})
 
 
+@pytest.mark.campaign
 def test_rigid_is_planned_with_its_elbow_held_and_says_why(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

@@ -44,6 +44,7 @@ def run_a_little(settings: BusSettings) -> tuple[int, list[float], list[float]]:
     return syncs, reading.mean_counts.tolist(), reading.sd_rad.tolist()
 
 
+@pytest.mark.sample(1)
 def test_two_driven_joints_move_the_closed_chain(driven: CanopenArm) -> None:
     start = driven.snapshot().positions_rad
     result = driven.move({2: start[1] + 0.1, 5: start[4] - 0.1}, speed_rad_per_s=0.5)
@@ -118,6 +119,7 @@ def test_ctrl_c_in_a_move_leaves_the_arm_held(driven: CanopenArm) -> None:
     assert held.mean_rad[1] == pytest.approx(snapshot.positions_rad[1], abs=1e-3)
 
 
+@pytest.mark.sample(1)
 def test_parameters_are_uploaded_and_read_back(driven: CanopenArm) -> None:
     document = b"11 -22 33 -44 55 -6 7".ljust(4000)
     receipt = driven.upload_parameters(document)

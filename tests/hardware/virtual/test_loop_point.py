@@ -31,6 +31,7 @@ def closed(truth: LoopTruth) -> FloatArray:
     return np.concatenate(([hinge], joints))
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize("truth", [paper_loop(), general_loop()], ids=["paper", "general"])
 @pytest.mark.parametrize("spread_rad", [0.0, 1e-12, 1e-8, 2e-5, 1e-4, 1e-2, 0.3])
 def test_agrees_with_the_solver_at_and_off_closure(truth: LoopTruth, spread_rad: float) -> None:

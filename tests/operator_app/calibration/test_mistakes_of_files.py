@@ -38,6 +38,7 @@ def test_readings_that_wrap_are_named_by_joint():
     assert said.causes[0] == "WHOLE_TURNS_2_5_6", said.said
 
 
+@pytest.mark.campaign
 def test_offsets_of_the_arm_file_in_radians_are_named():
     """-2.094 where -120 belongs."""
     arm = load_arm("sarcos_dextrous")

@@ -33,6 +33,7 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(
         assert (verdict.verdict is Soundness.OUT_OF_SPECIFICATION) == (lsb > 2.5)
 
 
+@pytest.mark.campaign
 def test_single_readings_are_told_by_the_loops() -> None:
     taken = session(7003, Sizes(noise_lsb=8.0), samples=1)
     for verdict in solved(taken).rvdt:

@@ -70,6 +70,7 @@ def hinge_poses(reference_data: Path) -> PoseSet:
     return first(load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses, 24)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "options",
     [

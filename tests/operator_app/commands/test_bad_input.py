@@ -92,6 +92,7 @@ VALUES = [
 """Every option and every positional argument, of every command, that takes a value."""
 
 
+@pytest.mark.sample(90)
 @pytest.mark.parametrize("blank", ["", " \t"])
 @pytest.mark.parametrize(
     ("command", "action"), VALUES, ids=[f"{c} {a.option_strings or a.dest}" for c, a in VALUES]

@@ -57,6 +57,7 @@ def test_what_shows_as_an_arm_is_connected_is_there_before() -> None:
     assert asked(*both, "--fault-sync", "30") == [30, 30]
 
 
+@pytest.mark.sample(10)
 @pytest.mark.parametrize("kind", list(FAULTS))
 def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind: str) -> None:
     at_sync = "0" if FAULTS[kind].at_connect else "1"

@@ -52,6 +52,7 @@ def ends_with(code: int, *arguments: object) -> None:
     assert main([str(a) for a in arguments]) == code
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_report_and_export_read(
     made: str,
@@ -80,6 +81,7 @@ def test_report_and_export_read(
     assert (tmp_path / "parameters.yaml").is_file()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_python_reads_what_the_command_exports(
     made: str, journalled: Mapping[str, Path], nobody_solves: None, tmp_path: Path
@@ -101,6 +103,7 @@ def test_python_reads_what_the_command_exports(
     assert said[0] == said[1]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_compare_reads_the_journal_and_finds_what_an_export_says(
     made: str,

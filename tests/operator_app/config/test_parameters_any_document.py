@@ -108,6 +108,7 @@ def test_writing_and_reading_changes_no_bit(original: ParametersDocument) -> Non
     assert list(bits(again)) == list(bits(original))
 
 
+@pytest.mark.sample(16)
 @pytest.mark.parametrize(
     "missing", [k for k, line in enumerate(GOOD.splitlines()) if not line.startswith("#")]
 )

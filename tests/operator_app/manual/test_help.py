@@ -36,6 +36,7 @@ def test_every_page_has_a_topic_and_every_topic_a_page() -> None:
     assert not written & made
 
 
+@pytest.mark.sample(12)
 @pytest.mark.parametrize("topic", TOPICS)
 def test_a_page_is_shown_in_80_columns(topic: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["help", topic]) == 0

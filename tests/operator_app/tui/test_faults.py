@@ -22,6 +22,7 @@ from operator_app.session.ui.snapshot import DataState, Level, TaskKind
 from operator_app.session.ui.steps import Step
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("error", "words"),
     [

@@ -47,6 +47,7 @@ def compare(snap_compare, monkeypatch):
     return look
 
 
+@pytest.mark.sample(13)
 @pytest.mark.parametrize("theme", [DARK, NO_COLOUR])
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
@@ -62,6 +63,7 @@ def test_ascii(compare):
     assert compare(story()["capturing"], Step.CAPTURE, SIZES[0], ascii_only=True)
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("size", SIZES, ids=["120x36", "80x24"])
 @pytest.mark.parametrize("what", ["stopped", "astray", "stale", "lost", "moving"])
 def test_what_can_happen(compare, what, size):

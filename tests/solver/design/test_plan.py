@@ -72,6 +72,7 @@ def test_twenty_poses_are_chosen_from_thousands(task, x) -> None:
     assert len(set(plan.visits)) == 20
 
 
+@pytest.mark.campaign
 def test_captured_poses_change_the_plan(task, x, plan) -> None:
     first = plan.poses_rad[:10]
     more = make_plan(task, x, HOME, 10, captured=first)

@@ -44,6 +44,7 @@ def move_to_and_fro(arm: CanopenArm) -> None:
             arm.move({2: angle}, speed_rad_per_s=0.5)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("doing", [capture_for_ever, settle_for_ever, move_to_and_fro])
 @pytest.mark.parametrize("joint", [2, 3, 5, 7])
 def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(

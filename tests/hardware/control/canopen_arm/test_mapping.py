@@ -26,6 +26,7 @@ def u32(value: int) -> bytes:
     return struct.pack("<L", value)
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize(
     ("place", "value", "words"),
     [
@@ -76,6 +77,7 @@ def test_what_differs_is_named_with_node_object_expected_and_found(
 RPDO, TPDO = 0x1400, 0x1800
 
 
+@pytest.mark.sample(6)
 @pytest.mark.parametrize(
     ("record", "number", "cob_id"),
     [

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -70,9 +69,6 @@ class Changed(PlantArm):
     def take_control(self) -> None:
         self.enabled += 1
         super().take_control()
-
-
-MakeArm = Callable[[], Changed]
 
 
 def left_after(folder: Path, poses: int, name: str = "datasheet") -> Procedure:

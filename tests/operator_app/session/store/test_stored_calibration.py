@@ -103,6 +103,7 @@ def test_second_opinions_belong_to_the_solution_they_follow() -> None:
     assert apply(state, "solved", {"record": {"version": 1}}, "").checks == {}
 
 
+@pytest.mark.campaign
 def test_a_solution_whose_figures_do_not_go_together_is_made_again(
     make_session: MakeSession, procedure: Procedure
 ) -> None:

@@ -160,6 +160,7 @@ def steps(whole: SimpleNamespace) -> list[int]:
     return [k for k, e in enumerate(whole.events) if e.name in wanted]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.6, 0.8, 0.99])
 def test_replayed_from_the_journal_it_decides_what_it_decided_then(
     whole: SimpleNamespace, tmp_path: Path, share: float

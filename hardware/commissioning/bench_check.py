@@ -20,8 +20,8 @@ from hardware.commissioning.finding import (
     SCATTER_RAD,
     Ask,
     Bounds,
+    CheckFinding,
     Clause,
-    Finding,
     Stage,
     declined,
     deg,
@@ -86,7 +86,7 @@ class Bench:
         return here + (self.step_rad if up else -self.step_rad)
 
 
-def check(bench: Bench, *, last: Stage) -> Iterator[Finding]:
+def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
     """Check an arm up to and with a stage; the caller closes it whatever happens."""
     found: list[ArmIdentity] = []
 
@@ -108,18 +108,20 @@ def check(bench: Bench, *, last: Stage) -> Iterator[Finding]:
             for clause in tried():
                 names.add(clause.name)
                 fine = fine and clause.passed is not False
-                yield Finding.of(stage, clause)
+                yield CheckFinding.of(stage, clause)
                 if not fine and stage is not Stage.LOOK:
                     return  # an arm that fails once its drives are on is not moved any further
         except HardwareError as error:
             fine = False
-            yield Finding(stage=stage, name="no error", passed=False, text=str(error))
+            yield CheckFinding(stage=stage, name="no error", passed=False, text=str(error))
         if not fine or (stage is Stage.HOLD and STOP not in names):
             return  # nothing enables the drives of an arm whose STOP was not tried
         if stage is last:
             break
     for name, why in LEFT_OUT.items() if last is Stage.SILENCE else ():
-        yield Finding(stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {why}")
+        yield CheckFinding(
+            stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {why}"
+        )
 
 
 def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:

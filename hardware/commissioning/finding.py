@@ -40,7 +40,7 @@ class Clause:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class CheckFinding:
     """A clause, and the stage in which it was tried."""
 
     stage: Stage
@@ -50,7 +50,7 @@ class Finding:
     joint: int | None = None
 
     @classmethod
-    def of(cls, stage: Stage, clause: Clause) -> Finding:
+    def of(cls, stage: Stage, clause: Clause) -> CheckFinding:
         """Say in which stage it was."""
         return cls(
             stage=stage,

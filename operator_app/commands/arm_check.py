@@ -25,7 +25,7 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import harmless, say
 
 if TYPE_CHECKING:
-    from hardware.commissioning.finding import Finding
+    from hardware.commissioning.finding import CheckFinding
 
 STAGES = ("look", "hold", "move", "free", "leave", "silence")
 """Names of `hardware.commissioning.finding.Stage`, here so that --help does not load the bus."""
@@ -77,7 +77,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--step: between 0.05 and 10 deg")
     if not 0.05 <= args.speed <= 10.0:
         raise UsageError("--speed: between 0.05 and 10 deg/s")
-    findings: list[Finding] = []
+    findings: list[CheckFinding] = []
     with (
         ending_signals_interrupt(),
         open_arm(opening_from(args), record_to=args.record) as rig,
@@ -120,7 +120,7 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if held and not failed else ExitCode.ARM_FAULT
 
 
-def _left(findings: Sequence[Finding], problem: NotLetGoError | None) -> str:
+def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> str:
     """Say how the arm is left."""
     if not any(finding.name == "connect" for finding in findings):
         return "Nothing was enabled: there is no connection to the arm."
@@ -130,7 +130,7 @@ def _left(findings: Sequence[Finding], problem: NotLetGoError | None) -> str:
     return f"{said[0].upper()}{said[1:]}"
 
 
-def _line(finding: Finding) -> str:
+def _line(finding: CheckFinding) -> str:
     who = "" if finding.joint is None else f"joint {finding.joint}"
     return (
         f"{MARK[finding.passed]:<7} {finding.stage.value:<8} {who:<9} {finding.name:<16} "

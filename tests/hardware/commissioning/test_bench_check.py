@@ -24,7 +24,7 @@ from hardware.buses.python_can import BusSettings
 from hardware.canopen.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import LEFT_OUT, check
 from hardware.commissioning.bench_check import Bench as Tried
-from hardware.commissioning.finding import BENCH, Finding, Stage
+from hardware.commissioning.finding import BENCH, CheckFinding, Stage
 from hardware.commissioning.motion_checks import Turn, is_interrupted
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
@@ -111,7 +111,7 @@ def bench() -> Iterator[Bench]:
         yield Bench(stack)
 
 
-def tried(arm: CanopenArm, who: Bystander, last: Stage = Stage.SILENCE) -> list[Finding]:
+def tried(arm: CanopenArm, who: Bystander, last: Stage = Stage.SILENCE) -> list[CheckFinding]:
     bench = Tried(
         arm=arm,
         description=arm.on_bus.description,
@@ -132,7 +132,7 @@ def others_than(joint: int) -> list[str]:
     return [f"Joint {j} will turn" for j in range(1, 8) if j != joint]
 
 
-def failed(findings: list[Finding]) -> list[tuple[str, int | None]]:
+def failed(findings: list[CheckFinding]) -> list[tuple[str, int | None]]:
     return [(f.name, f.joint) for f in findings if f.passed is False]
 
 

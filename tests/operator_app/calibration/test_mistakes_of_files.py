@@ -13,6 +13,7 @@ from operator_app.calibration.closed_loops import pick_placements
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
+from operator_app.messages.finding import FindingKind
 from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.panda import FOLDER
 from tests.oracles.shop_floor import session
@@ -77,5 +78,4 @@ def test_real_poses_of_a_panda_are_refused_as_of_another_arm_with_an_iiwa():
         drop=True,
     )
     assert found.verdict is Verdict.NOT_ACCEPTED
-    (reason,) = found.reasons
-    assert "they may be of another arm" in reason
+    assert [c.kind for c in found.causes if c.blocking] == [FindingKind.POSES_DO_NOT_FIT]

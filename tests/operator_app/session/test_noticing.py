@@ -200,7 +200,7 @@ def test_poses_beyond_all_reason_are_refused(tmp_path: Path, poses: int) -> None
         begin("hinge", Choices(poses=poses), root=tmp_path)
 
 
-class PeakDeviation(PlantArm):
+class LinearityDeviation(PlantArm):
     """The plant, stopped by itself while nobody asked anything of it."""
 
     why: SensorFault | None = None
@@ -214,10 +214,10 @@ class PeakDeviation(PlantArm):
         return super().capture(samples)
 
 
-def stray(folder: Path) -> tuple[PeakDeviation, Session]:
+def stray(folder: Path) -> tuple[LinearityDeviation, Session]:
     """Begin a session on it, its drives in place."""
     procedure = short_procedure(8, "datasheet")
-    arm = PeakDeviation(procedure, "datasheet")
+    arm = LinearityDeviation(procedure, "datasheet")
     session = opened(folder, arm, procedure)
     session.connect()
     session.set_modes((1, 5))

@@ -1,7 +1,7 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB. Computes nothing, writes no file.
 
-What outlives the mounting and what belongs to it is said in each: a parameter is of the arm's side, the
-ground's or the hand's; a URDF holds the arm's side alone.
+Each format states the side of every parameter (arm, ground or tool): only those of the arm remain valid when the
+fixture is dismounted. A URDF holds the arm's side alone.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ FILES = {
     "urdf": "arm.urdf",
     "mat": "result.mat",
 }
-"""Formats beside the parameters file, and what each is called in a session's folder."""
+"""File names in a session's folder by format, beside the parameters file."""
 
 CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
@@ -58,7 +58,7 @@ class Calibration:
 
     @property
     def by_itself(self) -> CalibratedArm:
-        """The arm without the loop."""
+        """The arm without the loop that calibrated it."""
         return calibrated_arm(self.solution, self.arm)
 
 
@@ -68,7 +68,7 @@ def in_format(found: Calibration, kind: str) -> bytes:
 
 
 def _json(found: Calibration) -> bytes:
-    """The object of `sarcal solve --json`, and beside it which arm and its table."""
+    """The object of `sarcal solve --json`, with the arm and its table."""
     said: Mapping[str, Any] = facts_of(found.solution, checks=found.checks).json
     document = {
         "schema": "sarcal/result/1",
@@ -103,7 +103,7 @@ def _rows(found: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(found: Calibration) -> bytes:
-    """One row a parameter, angles in deg, lengths in mm; in spite of its verdict: why, in a last column."""
+    """One row a parameter, angles in deg, lengths in mm; a forced export has its reason in a last column."""
     estimate = found.solution.identified
     rows = [
         (p.name, side_of(found.solution.model, p.name), quantity_of(p).unit,
@@ -156,7 +156,7 @@ def _urdf(found: Calibration) -> bytes:
 
 
 def _provenance(found: Calibration) -> list[str]:
-    """Say of which arm and poses it is, what was calibrated, and why it is used where it was not accepted."""
+    """Return comment lines: arm, poses, calibrated entries, and the reason of a forced export."""
     arm = found.by_itself
     model = found.solution.model.parts()[0][0]
     mounting = [
@@ -178,7 +178,7 @@ def _provenance(found: Calibration) -> list[str]:
 
 
 def _mat(found: Calibration) -> bytes:
-    """Variables in SI units, named so."""
+    """MATLAB variables in SI units, with units in their names."""
     from scipy.io import savemat
 
     estimate = found.solution.identified

@@ -1,6 +1,6 @@
 """What a calibration says: verdict, headlines, tables and notices, built once for every renderer.
 
-Text, page, JSON, screen and plain words show these facts and decide nothing. A table that is added
+Text, page, JSON, screen and plain mode render these facts and decide nothing. A table that is added
 to `facts_of` appears in all of them; figures with a key are in JSON as well, and what JSON alone
 has stands in `calibration_data`. Knows no renderer, no session and no file.
 """
@@ -65,12 +65,12 @@ CONDITION_PAPER = 28
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Facts:
-    """What there is to say of a calibration, most important first.
+    """The facts of a calibration, most important first.
 
     Attributes
     ----------
     verdict, reasons
-        In a word or two, and why it is not better.
+        The verdict in a word or two, and what prevents a better one.
     causes
         What may be wrong, the most probable first.
     notices
@@ -94,7 +94,7 @@ class Facts:
         return merged(self.data, keyed(self.tables))
 
     def table(self, ident: str) -> FactTable | None:
-        """Return one table, None where there is nothing to put in it."""
+        """Return one table; None where it would be empty."""
         return next((t for t in self.tables if t.ident == ident), None)
 
     def headline(self, name: str) -> Headline:
@@ -114,11 +114,11 @@ def facts_of(
     Parameters
     ----------
     checks
-        Second opinions, where there are some.
+        Cross-validation and jackknife; None where they were not computed.
     limits
         Those of the procedure.
     captured
-        How many poses there were, those that took no part included; None: all took part.
+        Number of captured poses, unused ones included; None where all were used.
     """
     estimate, beside = solution.identified, solution.beside
     left_out = 0 if captured is None else captured - solution.poses
@@ -179,7 +179,7 @@ def estimate_json(estimate: Estimate) -> dict[str, Any]:
 
 
 def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
-    """Put two JSON objects into each other; where both have a value the second's counts."""
+    """Merge two JSON objects; where both have a value, the second one's is kept."""
     found = dict(one)
     for key, value in other.items():
         both = isinstance(value, Mapping) and isinstance(found.get(key), Mapping)
@@ -224,7 +224,7 @@ def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> He
 
 
 def _repeatability(solution: Solution) -> FloatArray | None:
-    """Type A: standard deviations of what the same poses taken again would give, (P,)."""
+    """Standard uncertainties of type A (repeatability): scatter if the same poses were taken again, (P,)."""
     if solution.components is None:
         return None
 
@@ -232,11 +232,11 @@ def _repeatability(solution: Solution) -> FloatArray | None:
 
 
 EVERY = 4
-"""Rows of a table of corrections that are shown: so many apart."""
+"""One row in so many of a correction table is shown."""
 
 
 def side_note(solution: Solution) -> str:
-    """Say whose each parameter is, arm, ground or hand: what outlives the mounting."""
+    """Return the side of each parameter (arm, ground or tool): only the arm's stay valid in another mounting."""
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)

@@ -1,6 +1,6 @@
-"""What the JSON object of a calibration holds beside its figures. The key names are a contract.
+"""Parts of a calibration's JSON object that no table holds. The key names are a contract.
 
-Angles in deg, lengths in m. Knows no text and no page.
+Angles in deg, lengths in m.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def calibration_data(solution: Solution) -> dict[str, Any]:
-    """Return what no figure of the tables says."""
+    """Return the keys that do not come from the tables' figures."""
     search = solution.search
     return {
         **estimate_data(solution.identified),
@@ -81,7 +81,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
 
 
 def estimate_data(estimate: Estimate) -> dict[str, Any]:
-    """Return what one estimator found beside its figures."""
+    """Return one estimator's keys that do not come from figures."""
     band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
     return {
         "estimator": estimate.estimator,
@@ -96,7 +96,7 @@ def estimate_data(estimate: Estimate) -> dict[str, Any]:
 
 
 def checks_data(checks: Checks) -> dict[str, Any]:
-    """Return the second opinions beside their figures: jackknife, hold-out, far block."""
+    """Return the keys of the checks: jackknife, hold-out, far block."""
     return {
         "jackknife_sigma": None,
         "hold_out": _hold_out_data(checks.held_out),
@@ -116,7 +116,7 @@ def _hold_out_data(found: HoldOut | None) -> dict[str, Any] | None:
 def _components_data(found: VarianceComponents | None) -> dict[str, Any]:
     if found is None:
         return {"variance_components": {}}
-    # A fixture that does not give is said as zero, not left out.
+    # A rigid fixture is given as zero, not left out.
     rigid = {} if found.flexure is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
     return {
         "variance_components": rigid,
@@ -126,7 +126,7 @@ def _components_data(found: VarianceComponents | None) -> dict[str, Any]:
 
 
 def _rvdt_data(verdict: RvdtVerdict) -> dict[str, Any]:
-    """Return what the loops say of one RVDT; angles in deg, the curve as a correction table."""
+    """Return one RVDT's diagnosis; angles in deg, its linearity deviation as a correction table."""
     figures = verdict.figures
     found: dict[str, Any] = {
         "joint": verdict.joint,
@@ -158,7 +158,7 @@ def unidentifiable_data(
 ) -> dict[str, Any]:
     """Return the object for a pose set that leaves parameters undetermined (exit code 5).
 
-    Every key that a reader of a calibration looks for is there, and holds nothing.
+    It has every key of a calibration's object, with empty values.
     """
     directions = error.directions
     causes = [{"code": error.code, "probability": 1.0, "text": error.note, "remedy": ""}]

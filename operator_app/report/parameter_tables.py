@@ -19,16 +19,16 @@ from solver.diagnostics.statistics import correlations, intervals
 from solver.estimators.estimate import Estimate
 
 MOST_PLACES = 6
-"""Beyond a nanometre and a thousandth of a millidegree nothing is believed, whatever a sigma says."""
+"""Decimal places at most: 1 nm and 0.001 mdeg, however small a sigma is."""
 
 HEAT_STEPS = 5
 
 SEVERAL_SIGMAS = 3.0
-"""Further from each other than this, one of two estimates is wrong about its sigma."""
+"""Two estimates that differ by more of their sigmas are marked: one of the sigmas is wrong."""
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
-    """Decimal places for angles and for lengths: two figures of the finest sigma of each."""
+    """Decimal places for angles and for lengths: two significant digits of the smallest sigma of each."""
 
     def places(quantity: Quantity) -> int:
         finest = [
@@ -61,9 +61,9 @@ def parameter_table(
     nominal_key: bool = True,
     note: str = "",
 ) -> FactTable:
-    """Nominal, identified, change, sigma and interval, what the other estimator identified beside them.
+    """Nominal, identified, change, sigma and interval, and the other estimator's values.
 
-    `sides` says of each whose it is: the arm's, the ground's, the hand's.
+    `sides` gives the side of each parameter: arm, ground or tool.
     """
     own = f"{estimate.estimator} (chosen)"
     columns = [*words("parameter", "unit"), *figures("nominal")]
@@ -135,9 +135,9 @@ def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
 def estimators_table(
     estimate: Estimate, beside: Estimate | None, *, astray: bool = False
 ) -> FactTable | None:
-    """Both estimators' values, sigmas and their difference from the same poses; None without a second one.
+    """Values and sigmas of both estimators from the same poses, and their difference; None for a single one.
 
-    Neither is believed where what refuses the calibration has led it `astray`.
+    `astray` says that the solution diverged: neither estimate is usable.
     """
     if beside is None:
         return None
@@ -174,7 +174,7 @@ def estimators_table(
             *figures("difference"),
         ),
         rows=tuple(rows),
-        note="Believe neither: what refuses this calibration has led it astray."
+        note="The solution diverged: neither estimate is usable."
         if astray
         else "Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
         "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only what "
@@ -243,7 +243,7 @@ def _of(kind: DhKind) -> Quantity:
 
 
 def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:
-    """Return every sigma beside its spread when each pose in turn is left out."""
+    """Return every sigma beside its jackknife value (each pose left out in turn)."""
     if spread is None:
         return None
     places, rows = precision(estimate), []

@@ -27,7 +27,7 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.goodness import ClosureSigmas
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
-"""Of a bar that stands for a condition number: 100 is twenty characters, 10,000 and more forty."""
+"""Bar of a condition number in characters: 100 has twenty, 10,000 and more have forty."""
 OBSERVABILITY = (
     "geometric mean of the singular values over root m",
     "smallest over largest singular value",
@@ -83,7 +83,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
 
 def trend_table(solution: Solution) -> FactTable | None:
-    """Return how the condition number fell as the poses came; None where nothing tells."""
+    """Return the condition number over the first so many poses; None where it is not known."""
     trend = solution.seen.trend
     if len(trend) < 2:
         return None
@@ -109,7 +109,7 @@ def trend_table(solution: Solution) -> FactTable | None:
 
 
 def hand_table(solution: Solution) -> FactTable | None:
-    """Return how far off the hand may be at the poses of the calibration."""
+    """Return the position uncertainty of the tool at the poses of the calibration."""
     hand = solution.hand
     if hand is None:
         return None
@@ -127,7 +127,7 @@ def hand_table(solution: Solution) -> FactTable | None:
 
 
 def accuracy_table(solution: Solution) -> FactTable | None:
-    """Return what the calibration brings: the hand before and after, over the joints' ranges."""
+    """Return the tool's accuracy over the joints' ranges, before and after calibration."""
     found = solution.accuracy
     if found is None:
         return None
@@ -160,7 +160,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
 
 
 def truth_table(solution: Solution) -> FactTable | None:
-    """Return how far a simulated arm's calibration is from the truth; None of a real arm."""
+    """Return the errors of a simulated arm's calibration against the truth; None for a real arm."""
     truth = solution.truth
     if truth is None:
         return None
@@ -261,7 +261,7 @@ def closure_row(
     key
         Where the figures stand in JSON; None: nowhere.
     reading
-        JSON's name of a figure that it has in one reading only.
+        JSON's name of a figure that exists for one reading only.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
@@ -281,7 +281,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return what may be wrong, the most probable first; the sentences are page and JSON's affair."""
+    """Return the causes, the most probable first; their sentences are shown by page and JSON only."""
     rows = tuple(
         (
             cause.code,
@@ -307,7 +307,7 @@ def causes_table(solution: Solution) -> FactTable | None:
 
 
 def tests_table(solution: Solution) -> FactTable | None:
-    """Return every test that the verdict rests on; those that fired are marked."""
+    """Return every hypothesis test of the verdict; those that fired are marked."""
     rows = tuple(
         (
             t.code,

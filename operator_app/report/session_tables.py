@@ -25,7 +25,7 @@ from solver.estimators.error_model import SD_OF_PEAK
 from solver.estimators.estimate import Estimate
 
 CORRECTION_ODD = 3.0
-"""A joint whose corrections are this many times what its file states of a reading (rms) is marked."""
+"""A joint is marked whose corrections (rms) exceed the stated uncertainty of its readings by this factor."""
 
 
 def sensed_joints(subject: Subject) -> tuple[int, ...]:
@@ -92,7 +92,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
 
 
 def _stated_rad(arm: ArmModel) -> FloatArray:
-    """How far off the arm's file lets each joint's reading be, one standard deviation (n,)."""
+    """Stated standard uncertainty of each joint's reading (n,), rad."""
     encoder = math.sqrt(2.0) * arm.accuracy_rad  # once and twice per turn
     curve = rms_per_amplitude() * SD_OF_PEAK * arm.linearity_rad()
     parts = (arm.sigma_rad(), encoder, curve, arm.gain_rad(), arm.backlash_rad, arm.sag_rad)
@@ -100,7 +100,7 @@ def _stated_rad(arm: ArmModel) -> FloatArray:
 
 
 def sensor_words(sensor: Sensor, *, used: bool) -> str:
-    """Say what reads a joint."""
+    """Return a joint's sensor in words."""
     match sensor:
         case Encoder():
             words = f"encoder, {sensor.counts_per_rev} counts/rev"
@@ -114,7 +114,7 @@ def sensor_words(sensor: Sensor, *, used: bool) -> str:
 
 
 def rvdt_table(subject: Subject) -> FactTable | None:
-    """Each RVDT against the angle that the loop measures: line, curve, noise, and what is allowed."""
+    """Gain, linearity and noise of each RVDT against the angle that the loop measures, with their limits."""
     rows: list[tuple[Cell, ...]] = []
     for verdict in () if subject.solution is None else subject.solution.rvdt:
         sensor = subject.procedure.arm.joints[verdict.joint - 1].sensor
@@ -153,7 +153,7 @@ def rvdt_table(subject: Subject) -> FactTable | None:
 
 
 def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
-    """All captured poses with what they left over, notes, and why some were left out."""
+    """All captured poses with their residuals, notes, and why some were left out."""
     joints = subject.procedure.arm.joint_count
     days = {pose.utc[:10] for pose in subject.poses}
     day = f", {min(days)}" if len(days) == 1 and all(days) else ""

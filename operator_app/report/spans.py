@@ -1,4 +1,4 @@
-"""Lines of plain spans, a text and its role each: what a terminal shows. Knows no terminal and no content."""
+"""Lines of a terminal as spans: each is a text and the role that styles it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def clip(of: Line, width: int) -> Line:
 
 
 def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
-    """Return at most `height` rows, the last of which says that there was more to read."""
+    """Return at most `height` rows; the last one says how many were cut."""
     if len(rows) <= height:
         return rows
     if height < 1:
@@ -53,7 +53,7 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
     """Return the rows from `first` on that fit, how many of them are shown, and where they begin.
 
-    What does not fit is said in the last row.
+    The last row says how many do not fit.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0

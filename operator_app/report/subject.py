@@ -1,4 +1,4 @@
-"""What a report is about: one session's facts, poses and calibration. Knows no HTML and no arm to talk to."""
+"""The subject of a report: one session's facts, poses and calibration."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subject:
-    """Everything a report says, before it is put into words.
+    """The content of a report, before it is rendered.
 
     Attributes
     ----------
     name
         Of the session folder.
     procedure
-        With the arm that was really there.
+        With the arm that was connected.
     state
         What was decided and measured.
     solution
         None when the poses cannot determine every parameter; `unidentifiable` says which, then.
     checks
-        Second opinions on the solution; None where nobody asked for them.
+        Cross-validation and jackknife of the solution; None where they were not computed.
     solved_again
         Why the solution is not the one of the journal; empty when it is.
     last_utc, events, torn
@@ -79,7 +79,7 @@ class Subject:
 
     @property
     def facts(self) -> Facts | None:
-        """What there is to say of the calibration; None where there is none."""
+        """The facts of the calibration; None where there is none."""
         if self.solution is None:
             return None
         return facts_of(
@@ -91,7 +91,7 @@ class Subject:
 
     @property
     def notices(self) -> tuple[Finding, ...]:
-        """What the operator should know and do, of the calibration and of the session."""
+        """Findings about the calibration and about the session that an operator should read."""
         found = () if self.solution is None else self.solution.warnings
         return (*found, *self._about_the_session)
 
@@ -162,7 +162,7 @@ def subject_of_session(
     Parameters
     ----------
     procedure
-        The one the session follows, with the arm that was really there.
+        The one the session follows, with the arm that was connected.
     found
         Its calibration; None where the poses cannot determine every parameter.
     unidentifiable
@@ -184,7 +184,7 @@ def subject_of_session(
 
 
 def _simulated(events: Sequence[JournalEvent]) -> bool:
-    """Judge by what the drives called themselves on the bus, whatever bus it was."""
+    """Whether the drives' device names on the bus say that they are virtual."""
     return any(
         "virtual" in str(node.get("device_name", ""))
         for event in events

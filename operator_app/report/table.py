@@ -1,4 +1,4 @@
-"""Tables of facts: figures under headers with their units. Knows no renderer and decides no digit."""
+"""Tables of facts: figures under headers with their units."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Cell = Figure | str
 
 
 def shown(cell: Cell) -> str:
-    """Return a cell as people read it."""
+    """Return a cell as text."""
     return cell if isinstance(cell, str) else cell.shown
 
 
@@ -29,7 +29,7 @@ class Column:
     group
         Header over neighbouring columns of the same group.
     detail
-        Whether there is room for it on the page only.
+        Shown on the page only.
     summary
         Whether it stands for details, where there is no room for them.
     """
@@ -65,11 +65,11 @@ class FactTable:
     rows
         One cell a column.
     note
-        What to know in order to read it.
+        How to read it.
     detail
         Whether there is room for it on the page only.
     out
-        Rows (indices) that do not count and stand back.
+        Rows (indices) that are not used, shown dimmed.
     """
 
     ident: str
@@ -91,7 +91,7 @@ class FactTable:
 
     @property
     def whole(self) -> FactTable:
-        """The table without the columns that stand for others."""
+        """The table without its summary columns."""
         return self._of([k for k, column in enumerate(self.columns) if not column.summary])
 
     def _of(self, kept: list[int]) -> FactTable:
@@ -104,7 +104,7 @@ class FactTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """A figure that sums a calibration up, and what to hold it against."""
+    """A figure that summarises a calibration, and the limit to compare it with."""
 
     name: str
     figure: Figure

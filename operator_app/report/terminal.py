@@ -1,4 +1,4 @@
-"""Facts as lines of spans for a terminal's panels, built once a calibration. Decides no digit; knows no widget."""
+"""Facts as lines of spans for a terminal's panels, built once per calibration."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from operator_app.units.figure import Figure
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
-    """Return the facts of the calibration on a snapshot; None where there is none of its poses."""
+    """Return the facts of a snapshot's calibration; None where its poses have none."""
     return None if no_facts(s) else _facts(_Same(s))
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
-    """Return what a report of a snapshot's calibration is about; None where there is none of its poses."""
+    """Return the report subject of a snapshot's calibration; None where its poses have none."""
     return None if no_facts(s) else _subject(_Same(s))
 
 
 def no_facts(s: SessionSnapshot) -> str:
-    """Say why nothing can be shown of a calibration; empty where something can."""
+    """Say why there is no calibration to show; empty where there is one."""
     if s.solution is None:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)
@@ -35,7 +35,7 @@ def no_facts(s: SessionSnapshot) -> str:
 
 
 class _Same:
-    """A snapshot, known again by the calibration that is on it: pictures come often."""
+    """Cache key of a snapshot: the calibration that it holds; snapshots come 20 times a second."""
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s
@@ -73,11 +73,11 @@ def _subject(of: _Same) -> Subject:
 
 
 ROLES = {"found": "bold"}
-"""Roles of figures that a screen shows otherwise."""
+"""Roles of figures that the screen maps to another style."""
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
-    """Return head and body of a table without what only a page has room for."""
+    """Return head and body of a table without the page-only columns."""
     table = table.brief
     heads, rows = placed(table, " ")
     body = [

@@ -1,4 +1,4 @@
-"""Facts in words and tables, for a terminal of 80 columns. Computes nothing, decides nothing, prints nothing."""
+"""Facts as text and tables for a terminal of 80 columns."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WIDTH = 80
 def facts_text(facts: Facts, *, failed: str = "") -> str:
     """Return everything an operator should read after a calibration, most important first.
 
-    `failed` is the test of new poses that it did not pass: no calibration is good news then.
+    `failed` names the test of new poses that it did not pass: it stands in the verdict's line.
     """
     blocks = [
         verdict_text(facts, failed=failed),
@@ -63,7 +63,7 @@ def table_text(table: FactTable) -> str:
 
 
 def table_lines(table: FactTable, gap: str = "  ", margin: str = "  ") -> list[str]:
-    """Return head and rows of a table without what only a page has room for."""
+    """Return head and rows of a table without the page-only columns."""
     heads, rows = placed(table.brief, gap)
     return [(margin + gap.join(cells)).rstrip() for cells in (*heads, *rows)]
 
@@ -113,11 +113,11 @@ def warnings_text(notices: Iterable[Finding]) -> str:
 
 
 MANY_JOINTS = 2
-"""More of them stand still for want of moving, and not for a fixture that holds them."""
+"""If more joints than this do not move, the poses are the cause and not the fixture."""
 
 
 def unidentifiable_text(error: UnidentifiableError) -> str:
-    """Return why a pose set cannot give what was asked for."""
+    """Return why a pose set cannot determine every parameter, and what to do."""
     directions = error.directions
     joints = sorted({j for d in directions for j in d.immobile_joints})
     if len(joints) > MANY_JOINTS:
@@ -138,7 +138,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
         )
     lines = ["Not identifiable: these poses cannot determine every parameter."]
     if error.note:
-        # More is known than which ones: a sensor that is stuck, too few poses.
+        # The cause is known: a stuck sensor, or too few poses.
         lines.append(paragraph(f"! {error.note}", indent=2))
     lines += [paragraph(f"! {direction}", indent=2) for direction in directions]
     return "\n".join([*lines, paragraph(f"What to do: {remedy}")])

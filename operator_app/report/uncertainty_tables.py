@@ -1,4 +1,4 @@
-"""Tables of the sources of error: sized, as shares of each variance, halved. Knows no renderer."""
+"""Tables of the sources of error: sizes, shares of each variance, effect of halving one; results of the posterior."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
 LARGEST = 3
-"""Sources of error that are named where there is no room for all."""
+"""Sources of error that are named where not all can be shown."""
 
 
 def components_table(found: VarianceComponents | None, *, astray: bool = False) -> FactTable | None:
-    """Size of every source of error that was estimated, with its interval; `astray` ones ask for nothing."""
+    """Size of every estimated source of error, with its interval.
+
+    Where the solution diverged (`astray`) there is no note on the fixture's compliance.
+    """
     if found is None or (not found.components and found.flexure is None):
         return None
     rows: list[tuple[Cell, ...]] = []
@@ -68,7 +71,7 @@ def components_table(found: VarianceComponents | None, *, astray: bool = False) 
 
 
 def component_words(name: str) -> str:
-    """Say what a variance component is."""
+    """Return the name of a variance component in words."""
     kind, _, which = name.partition("_")
     match kind:
         case "rvdt":
@@ -115,7 +118,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def halving_table(solution: Solution) -> FactTable | None:
-    """What would halve the widest sigmas: the largest source of each, and what half of it leaves."""
+    """Largest source of the widest sigmas, and the sigma with that source halved."""
     found = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in found:
@@ -145,7 +148,7 @@ def halving_table(solution: Solution) -> FactTable | None:
 
 
 def source_words(source: str) -> str:
-    """Say what a source of the budget is: ``RVDT curve 6``."""
+    """Return the name of a source of the budget in words: ``RVDT curve 6``."""
     return source.replace("_", " ").replace("rvdt", "RVDT")
 
 
@@ -205,7 +208,7 @@ def _measured(distance: Distance) -> tuple[Cell, ...]:
 
 
 def best_table_table(solution: Solution) -> FactTable | None:
-    """D-H table that has the tool best where no corrections are applied."""
+    """D-H table that gives the best tool position where no corrections are applied."""
     best = solution.best
     if best is None:
         return None

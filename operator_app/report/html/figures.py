@@ -1,4 +1,4 @@
-"""Plots of the page alone, a row a joint: corrections, coverage; and a picture under its caption."""
+"""Plots that only the page has: corrections and coverage by joint; a picture under its caption."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def drawn(picture: Picture) -> Html:
 
 
 def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | None:
-    """Draw what was added to each joint's readings to close the loops; None where nothing was."""
+    """Draw the corrections of each joint's readings that close the loops; None without any."""
     if estimate is None or estimate.corrections is None:
         return None
     values = CLOSURE_ANGLE.per_si * estimate.corrections

@@ -1,6 +1,6 @@
-"""HTML and SVG by construction: text is escaped unless it is already markup. Knows no report.
+"""HTML and SVG elements: text is escaped unless it is already markup. And the parts that all sections use.
 
-Whatever an operator, a bus or a file put into a string, it arrives in the page as text.
+Strings from operators, buses and files arrive in the page as text.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def join(parts: Iterable[str], separator: str = "") -> Html:
 
 
 def spoken(value: str) -> Html:
-    """Return what a person wrote, kept from turning the text around it round (right-to-left marks)."""
+    """Return what a person wrote, isolated: right-to-left marks do not turn the text around it."""
     return element("bdi", value)
 
 
@@ -74,7 +74,7 @@ OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
-    """One section: its anchor, its heading, what is in it; a narrow one has room for another beside it."""
+    """One section: anchor, heading, content; a narrow one takes half of the page."""
 
     ident: str
     title: str
@@ -96,7 +96,7 @@ class Section:
 
 
 def definitions(rows: Iterable[tuple[str, str]]) -> Html:
-    """Return names with what they are."""
+    """Return a list of terms and their definitions."""
     return element(
         "dl",
         *(part for name, value in rows for part in (element("dt", name), element("dd", value))),
@@ -110,7 +110,7 @@ def figure(caption: str, drawn: Html) -> Html:
 
 
 def plots(drawn: Iterable[Html]) -> Html:
-    """Put figures beside each other where there is room."""
+    """Arrange figures side by side where there is room."""
     return element("div", *drawn, class_="plots")
 
 
@@ -125,7 +125,7 @@ def bullets(points: Iterable[str]) -> Html:
 
 
 def sentence(words: str) -> str:
-    """Begin with a capital, end with a full stop."""
+    """Return text as a sentence: capital first, full stop last."""
     return words[:1].upper() + words[1:] + ("" if words.endswith(".") else ".")
 
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-"""What a browser may load for this page: nothing."""
+"""Content security policy of the page: a browser loads nothing for it."""
 
 
 def report_html(subject: Subject) -> bytes:
@@ -112,7 +112,7 @@ def verdict_words(subject: Subject) -> str:
 
 
 def summary(subject: Subject) -> Html:
-    """Return what comes first: the verdict and what to do next beside what the calibration brings."""
+    """Return the top of the page: verdict, next step, and the tool's accuracy."""
     return element(
         "div",
         element("div", banner(subject), verdict(subject), *_widest(subject)),
@@ -122,7 +122,7 @@ def summary(subject: Subject) -> Html:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """The parameter that is known worst, and what narrows it; nothing without a budget."""
+    """The least certain parameter and what would narrow its sigma; empty without a budget."""
     found = () if subject.solution is None else source_sensitivities(subject.solution)
     if not found:
         return []
@@ -143,7 +143,7 @@ def _widest(subject: Subject) -> list[Html]:
 
 
 def _tool(subject: Subject) -> list[Html]:
-    """How far off the tool is before and after, as figures and in a picture."""
+    """Tool position error before and after calibration, as figures and as a picture."""
     solution, facts = subject.solution, subject.facts
     if solution is None or facts is None or (found := solution.accuracy) is None:
         return []
@@ -162,7 +162,7 @@ def _tool(subject: Subject) -> list[Html]:
 
 
 def banner(subject: Subject) -> Html:
-    """Say that the arm was a simulated one; nothing for a real one."""
+    """Return the banner of a simulated arm; empty for a real one."""
     if not subject.simulated:
         return Html("")
     scenario = subject.state.settings.get("scenario")
@@ -171,7 +171,7 @@ def banner(subject: Subject) -> Html:
 
 
 def verdict(subject: Subject) -> Html:
-    """Return the verdict, which arm it is about, and why it is not better."""
+    """Return the verdict, the arm, and the reasons."""
     facts = subject.facts
     good = facts is not None and facts.accepted
     when = subject.state.opened_utc[:16].replace("T", " ")
@@ -195,7 +195,7 @@ def verdict(subject: Subject) -> Html:
 
 
 def tiles(facts: Facts | None) -> Html:
-    """Return the figures that sum a calibration up."""
+    """Return the headline figures of a calibration."""
     return element(
         "dl",
         *(
@@ -217,7 +217,7 @@ def tiles(facts: Facts | None) -> Html:
 
 
 def _reasons(subject: Subject) -> Sequence[str]:
-    """Why the verdict is not better."""
+    """Reasons of the verdict."""
     if subject.facts is not None:
         return subject.facts.reasons
     blind = subject.unidentifiable

@@ -1,4 +1,4 @@
-"""The sections of a report: which tables, plots and words stand where. Computes nothing, decides no digit."""
+"""The sections of a report page: which tables, plots and notes stand where."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ HEADINGS = {
     "observability": "Observability",
     "correlations": "Correlations",
 }
-"""Headings where the table's title is long, or its section holds something else as well."""
+"""Headings of sections whose table has a long title, or that hold more than the table."""
 
 
 NARROW = frozenset(
@@ -104,7 +104,7 @@ NARROW = frozenset(
 
 
 def sections_of(subject: Subject) -> tuple[Section, ...]:
-    """Return all sections in which there is something to say, most important first."""
+    """Return all sections that have content, most important first."""
     facts = subject.facts
     estimate = None if subject.solution is None else subject.solution.identified
     brief: list[Section] = []
@@ -126,7 +126,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
 
 
 def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
-    """One table of the facts, its note, and what the page adds to it."""
+    """One table of the facts, its note, and the page's plots for it."""
     content: list[str] = [table_html(table)] if table.rows else []
     if table.note:
         content.append(remark(table.note))
@@ -175,7 +175,7 @@ def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
 
 
 def _warnings(subject: Subject) -> Section | None:
-    """What the operator should know and do; None when there is nothing. Notes where nothing has to be done."""
+    """Warnings, or notes where nothing has to be done; None without any."""
     facts = subject.facts
     notes = facts is not None and facts.verdict == Verdict.ACCEPTED.words
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")
@@ -190,7 +190,7 @@ def _warnings(subject: Subject) -> Section | None:
 
 
 def _joints(subject: Subject) -> Section:
-    """What the loops say of each joint's readings, and how far each joint was moved."""
+    """Residuals and coverage of each joint."""
     table = joint_table(subject, subject.implicit)
     pictures = [corrections_by_joint(subject, subject.implicit), coverage(subject)]
     return Section(
@@ -201,7 +201,7 @@ def _joints(subject: Subject) -> Section:
 
 
 def _rvdt(subject: Subject) -> Section | None:
-    """How the RVDTs read against what the loops say; None without an RVDT."""
+    """RVDT readings against the angles that the loops measure; None without an RVDT."""
     joints, estimate = rvdt_joints(subject), subject.implicit
     if not joints:
         return None

@@ -1,6 +1,6 @@
 """The style sheet of a report: screen, phone and paper, light and dark. Knows no content.
 
-Grey where things are normal; colour marks the abnormal and tells series apart, never alone.
+Normal is grey; colour marks the abnormal and separates series, always together with another sign.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ svg .axis,svg .legend{fill:var(--text)}
 .mark.c{fill:var(--second)}
 .mark.d{fill:var(--third)}
 """
-"""Of what is inside a picture."""
+"""Style of the content of a picture."""
 
 STYLE = f"""
 :root{{color-scheme:light dark;{_variables(LIGHT)}}}

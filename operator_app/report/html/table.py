@@ -1,4 +1,4 @@
-"""A table of facts as HTML, whole, in a region that scrolls sideways. Decides no digit and no unit."""
+"""A table of facts as HTML, with all columns, in a region that scrolls sideways."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def table_html(table: FactTable) -> Html:
 
 
 def _words(cell: Cell) -> Html:
-    """Return what a cell holds; words of people and devices are kept from turning the rest round."""
+    """Return the content of a cell; text of people and devices is isolated (right-to-left marks)."""
     if isinstance(cell, Figure):
         words = text(typeset(cell.shown))
         return element("span", "▲ ", words, class_="warn") if cell.role == "warn" else words
@@ -74,7 +74,7 @@ def _header(columns: tuple[Column, ...]) -> list[Html]:
 
 
 def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
-    """Numbers to the right; the first column of a group keeps its distance."""
+    """CSS class of a cell: numbers to the right, a gap before the first column of a group."""
     classes = [] if column.words else ["n"]
     classes += ["start"] if starts else []
     if isinstance(cell, Figure) and cell.role not in ("text", "warn"):

@@ -27,12 +27,12 @@ AXIS_M = 0.08
 """Half the length at which a hinge's axis is drawn."""
 ENLARGED = (1, 2, 5, 10, 20, 50, 100)
 GAP_SHARE = 0.15
-"""Of the picture's size: the gap between hand and fixture is drawn about as wide, at most."""
+"""Largest width of the drawn gap between tool and fixture, as a share of the picture's size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """Two pictures side by side, and what to know of them."""
+    """Two pictures side by side, with a note on how to read them."""
 
     before: Picture
     after: Picture
@@ -43,7 +43,7 @@ class Pair:
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
-    """Return how far off the hand is over the ranges of all joints; None where it was not worked out."""
+    """Return tool position errors over the ranges of all joints; None where they were not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -90,7 +90,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Words:
-    """What the pictures of an arm say of its hand; `there` is a label, empty where it is the fixture."""
+    """Captions of the pictures of an arm; `there` labels the measured point, empty for a fixture."""
 
     title: str
     worst: str
@@ -113,7 +113,7 @@ MEASURED = _Words(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """Arm and fixture by one set of parameters, in the arm's base, m; an axis of length 0 is none."""
+    """Arm and fixture by one set of parameters, in the arm's base frame, m; an axis of length 0 means none."""
 
     chain: FloatArray
     hand_axis: FloatArray
@@ -127,7 +127,7 @@ class _Seen:
 
 
 def arm_pair(subject: Subject) -> Pair | None:
-    """Draw the arm at the readings whose loop was farthest from closing; None for what has no drawing."""
+    """Draw the arm in the pose with the largest closure error; None for fixtures without a drawing."""
     solution = subject.solution
     if solution is None or solution.model.unsensed_joints:
         return None
@@ -137,7 +137,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     at_nominal = closure_at_readings(part, nominal, q)
     missed = np.linalg.norm(at_nominal.residual[:, at_nominal.rotation_rows :], axis=1)
     worst = int(np.argmax(missed))
-    # An instrument saw the hand of an open arm elsewhere in every pose.
+    # An instrument measures the tool of an open arm at another place in every pose.
     there = part.at_poses(np.array([worst]))
     before = _seen(there, nominal, q[worst])
     after = _seen(there, solution.estimate.x[columns], q[worst])

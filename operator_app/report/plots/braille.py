@@ -1,4 +1,4 @@
-"""A small canvas of braille dots, 2 x 4 to a cell, or of ASCII marks. Knows no arm and no widget."""
+"""A canvas of braille dots, 2 x 4 to a cell, or of ASCII marks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
-"""Places that differ by rounding errors only must fall on one dot, on every machine."""
+"""Positions that differ by rounding errors only fall on the same dot on every machine."""
 _ASCII_MARK = {"text": "*", "dim": ".", "accent": "o", "warn": "!", "alarm": "!"}
 
 
@@ -50,7 +50,7 @@ class Canvas:
         return _whole(y) // 4
 
     def dot(self, x: float, y: float, role: str = "text") -> None:
-        """Set one dot; outside of the canvas nothing happens."""
+        """Set one dot; outside the canvas it is ignored."""
         across, down = _whole(x), _whole(y)
         column, row = across // 2, self.row(y)
         if 0 <= column < self.columns and 0 <= row < self.rows:

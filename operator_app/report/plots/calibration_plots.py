@@ -1,4 +1,4 @@
-"""The plots of a calibration: closure by pose, what the RVDTs read against the loops. Knows no renderer."""
+"""The plots of a calibration: cost, condition, closure by pose, RVDT deviations."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ SHAPES: tuple[tuple[Shape, str], ...] = (("dot", "a"), ("square", "b"), ("triang
 ROTATIONS = {2: ("dx", "dy"), 3: ("rx", "ry", "rz")}
 CURVE_POINTS = 61
 KNOWN_SIGMAS = 2.0
-"""Half the width of the strip about a curve: 95 % of what it may be."""
+"""Half the width of the band about a curve in sigmas: 95 %."""
 FAR_OFF = 2.5
-"""A pose whose loop fails to close by more than this many times the rms deserves a look."""
+"""A pose is marked whose closure error exceeds the rms by this factor."""
 
 
 def pose_axis(subject: Subject) -> Axis:
@@ -86,7 +86,7 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
 
 
 def misses(subject: Subject, estimate: Estimate) -> Picture:
-    """Return by how much the hand misses the fixture in every pose; those far off are marked."""
+    """Return the distance between tool and fixture in every pose; large ones are marked."""
     miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
     rms = float(np.sqrt(np.mean(miss**2)))
     odd, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
@@ -154,7 +154,7 @@ def _closure(
 
 
 def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture:
-    """Return one RVDT's reading less the angle the loop measures, with its curve and what is allowed."""
+    """Return one RVDT's reading less the angle the loop measures, with its linearity deviation and its limits."""
     grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
     curve = found.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad

@@ -67,7 +67,7 @@ class PaperFigure:
 
 
 def figure(subject: Subject, name: str) -> PaperFigure:
-    """Return one figure; KeyError lists those there are of this calibration."""
+    """Return one figure; KeyError lists those of this calibration."""
     return PaperFigure(_document(drawing(subject, name)))
 
 
@@ -158,7 +158,7 @@ def _pdf(svg: str) -> bytes:
 
 
 MOST_SOURCES = 7
-"""Of a budget: as many as colours tell apart; the rest are put together."""
+"""Sources of a budget with a colour of their own; the others are drawn as one."""
 PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
@@ -177,7 +177,7 @@ def drawing(subject: Subject, name: str) -> Panels:
     Raises
     ------
     KeyError
-        This calibration has nothing to put in it, or there is no such figure; lists those there are.
+        The calibration has no such figure; the message lists those that it has.
     """
     found = FIGURES[name][1](subject) if name in FIGURES else None
     if found is None:
@@ -186,7 +186,7 @@ def drawing(subject: Subject, name: str) -> Panels:
 
 
 def drawings(subject: Subject) -> Mapping[str, Panels]:
-    """Return all that there are, by name."""
+    """Return all figures of a calibration, by name."""
     found = {name: make(subject) for name, (_, make) in FIGURES.items()}
     return {name: shown for name, shown in found.items() if shown is not None}
 
@@ -242,7 +242,7 @@ def _parameters(subject: Subject) -> Panels | None:
 
 
 def _stated(subject: Subject, side: str, unit: str) -> float:
-    """How well a parameter was known before, by the files, in its unit; nan where none states it."""
+    """Stated standard uncertainty of a parameter, in its unit; nan where no file states it."""
     fixture, arm = subject.procedure.fixture, subject.procedure.arm
     if side != "arm":
         stated: float | None = fixture.tolerance_m if unit == LENGTH.unit else fixture.tolerance_rad
@@ -331,7 +331,7 @@ FIGURES: Mapping[str, tuple[str, Callable[[Subject], Panels | None]]] = MappingP
         "condition": ("scaled condition number as the poses came", _condition),
     }
 )
-"""Figures by name: what each shows, in words, and where it comes from."""
+"""Figures by name: caption and source of each."""
 
 
 def _table(subject: Subject, ident: str) -> FactTable | None:

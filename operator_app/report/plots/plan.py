@@ -1,6 +1,6 @@
-"""A plan drawn with characters: the region in the drive joints' plane, the way, coverage of the ranges.
+"""A plan drawn with characters: the reachable region of the drive joints, the path, coverage of the ranges.
 
-For 80 columns, in braille or in plain ASCII, without colour. Decides nothing, prints nothing.
+For 80 columns, in braille or in plain ASCII, without colour.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ BESIDE = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-
 
 
 def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
-    """Draw what can be reached, the poses in visiting order and the way between them."""
+    """Draw the reachable region, the poses in visiting order and the path between them."""
     across, up = _axes(shown)
     plane = Plane(shown, across, up, ascii_only=ascii_only)
     plane.region()
@@ -38,7 +38,7 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 
 
 def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
-    """Draw for every joint its range, what can be reached of it, and where the poses are."""
+    """Draw the range of every joint, its reachable part, and the poses."""
     empty, reached, taken, left, right = " -#||" if ascii_only else " ─█├┤"
     reach = shown.reach_rad
     lines = []

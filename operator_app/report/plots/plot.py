@@ -1,4 +1,4 @@
-"""What a plot shows: axes with units and round ticks, bands, lines and marks. Knows no renderer and no calibration.
+"""The content of a plot: axes with units and round ticks, bands, lines and marks.
 
 Values are in the units of their axes.
 """
@@ -145,7 +145,7 @@ class Band:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ribbon:
-    """Shaded strip between two curves over the same x: how well a curve is known."""
+    """Shaded band between two curves over the same x, such as the uncertainty of a curve."""
 
     x: Sequence[float]
     low: Sequence[float]
@@ -186,7 +186,7 @@ Layer = Band | Ribbon | Polyline | Marks
 class Picture:
     """A plot: its name, what it shows in words, axes, and layers, the first ones below.
 
-    `aspect` is width over height of its frame; 0: that is the renderer's affair.
+    `aspect` is width over height of its frame; 0 lets the renderer choose.
     """
 
     ident: str

@@ -1,6 +1,6 @@
 """Rows of small plots, one a joint: values over poses, and ranges with what was covered of them.
 
-Like `svg`, for which it draws; knows no calibration.
+Drawn as SVG.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Strip:
     band
         Half-width of the shaded band about zero.
     odd
-        Whether the row is to catch the eye.
+        Whether the row is highlighted.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Pictures as inline SVG: frame, ticks, bands, lines and marks. Knows no calibration.
+"""Pictures as inline SVG: frame, ticks, bands, lines and marks.
 
 Plots are drawn for the width of a phone and enlarged elsewhere. Colours and line styles are classes of
 the page's style sheet, so that they follow its theme; marks differ in shape as well.
@@ -93,7 +93,7 @@ def picture(ident: str, title: str, description: str, height: float, parts: Iter
 
 
 def mark(shape: Shape, x: float, y: float, r: float, class_: str, tip: str = "") -> Html:
-    """Draw one mark, with a tooltip if there is something to say."""
+    """Draw one mark, with a tooltip if it has one."""
     inside = [element("title", tip)] if tip else []
     name = f"mark {class_}"
     match shape:

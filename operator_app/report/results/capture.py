@@ -1,4 +1,4 @@
-"""How a planned capture ended, as text and as JSON: what stayed weak and what would help. Computes nothing."""
+"""The end of a planned capture as text and as JSON: parameters short of the request, and advice."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def capture_json(
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
 ) -> dict[str, Any] | None:
-    """Return how a planned capture went; None when poses were explored only."""
+    """Return the JSON object of a planned capture; None where poses were explored only."""
     if end is None:
         return None
     known = {p.name: p for p in parameters}
@@ -45,7 +45,7 @@ def capture_json(
 
 
 def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
-    """Return how a planned capture ended, what stayed weak and what would help."""
+    """Return how a planned capture ended, which parameters fall short, and advice."""
     known = {p.name: quantity_of(p) for p in parameters}
     weak = FactTable(
         ident="weak",

@@ -1,4 +1,4 @@
-"""What `sarcal check` says of files: what is wrong, or what would be done with them. Judges nothing."""
+"""Output of `sarcal check` as text and as JSON: problems of files, and what would be done with them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
 
 
 def check_text(found: Found, chains: Sequence[Chain]) -> str:
-    """Return what the files are, and what would come of each arm in its fixture."""
+    """Return what each file is, and what each arm could do in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     for looked in found.of("arm"):
         if isinstance(looked.holds, ArmModel):
@@ -163,7 +163,7 @@ def _sensor(joint: Joint) -> str:
 
 
 def _chain(chain: Chain) -> str:
-    """What would come of one arm in one fixture."""
+    """What one arm could do in one fixture."""
     arm, spec, found = chain.arm, chain.fixture, chain.outlook
     give = spec.fixture.compliance
     yields = [
@@ -233,7 +233,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """Where the arm's home will not do: another one, ready to be copied into the arm's file."""
+    """A usable home pose where the arm's own is not usable, ready to be copied into the arm's file."""
     if chain.home is None:
         return []
     home, found = chain.home
@@ -273,7 +273,7 @@ def _many(count: int, what: str) -> str:
 
 
 def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:
-    """Return the object: the files, all that is wrong, and what would come of each arm in its fixture."""
+    """Return the JSON object: files, problems, and what each arm could do in its fixture."""
     return {
         "files": [
             {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in found.files

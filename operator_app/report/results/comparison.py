@@ -1,4 +1,4 @@
-"""A comparison of two calibrations as text and as JSON. Computes nothing, prints nothing."""
+"""A comparison of two calibrations as text and as JSON."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 DRIFTED = "drifted"
 NO_DRIFT = "no significant drift"
 MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
-"""Notices of what moves parameters though the arm is the same."""
+"""Codes of notices about differences that move parameters of an unchanged arm."""
 
 NOTHING = "same poses: nothing follows for the arm"
 
 
 def comparison_text(found: CalibrationComparison) -> str:
-    """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
+    """Return the comparison for a terminal of 80 columns, the verdict first."""
     table = _table(found)
     blocks = [
         _verdict(found, table),

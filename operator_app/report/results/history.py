@@ -1,4 +1,4 @@
-"""The history of an arm as tables, text and JSON. Computes nothing, prints nothing."""
+"""The history of an arm as tables, text and JSON."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ FRAMED = 72
 
 
 def quantity(name: str) -> Quantity:
-    """Return how values of an entry are given."""
+    """Return the quantity of an entry's values."""
     return ANGLE if DhEntry.parse(name).kind.is_angle else LENGTH
 
 
 def title_of(part: EntryHistory) -> str:
-    """Return what a part of the history is of."""
+    """Return the title of a part of the history."""
     first, last = part.calibrations[0].document, part.calibrations[-1].document
     what = {Side.ARM: "Offsets of the arm", Side.GROUND: "Ground side", Side.HAND: "Hand side"}
     since = "" if part.side is Side.ARM else f", mounted {first.utc:%Y-%m-%d}"
@@ -46,7 +46,7 @@ def title_of(part: EntryHistory) -> str:
 
 
 def entries_table(part: EntryHistory) -> FactTable:
-    """Return one row an entry: where it stands and what it is judged by."""
+    """Return one row per entry: its value and its control limits."""
     rows: list[tuple[Cell, ...]] = []
     chart, shifted = part.chart, {s.name for s in part.shifts}
     for j, name in enumerate(part.names):
@@ -73,7 +73,7 @@ def entries_table(part: EntryHistory) -> FactTable:
 
 
 def sessions_table(part: EntryHistory) -> FactTable:
-    """Return one row a session with the values of all entries."""
+    """Return one row per session with the values of all entries."""
     units = [quantity(name) for name in part.names]
     rows: list[tuple[Cell, ...]] = [
         (
@@ -96,7 +96,7 @@ def sessions_table(part: EntryHistory) -> FactTable:
 
 
 def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
-    """Say what has shifted, or that nothing has, or that it is too early."""
+    """Say which entries have shifted, or that none has, or that there are too few sessions to tell."""
     lines = [
         paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
         for part in found.parts
@@ -129,7 +129,7 @@ def checks_lines(found: ArmHistory) -> list[str]:
 
 
 def history_text(found: ArmHistory, *, brief: bool = False) -> str:
-    """Return everything worth knowing, the verdict first, for a terminal; `brief` for one of 80 columns in a frame."""
+    """Return the history for a terminal, the verdict first; `brief` for a frame of 80 columns."""
     last, width = found.calibrations[-1].document, FRAMED if brief else WIDTH
     counts = (
         f"{last.arm.model} {last.arm.serial}: {plural(len(found.calibrations), 'accepted calibration')}, "

@@ -1,4 +1,4 @@
-"""A plan in words and tables, for a terminal of 80 columns. Computes nothing, prints nothing."""
+"""A plan as text for a terminal of 80 columns, and as JSON."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ if TYPE_CHECKING:
 SHOWN = 6
 """Drive sets in the table."""
 WEAKEST = 4
-"""Parameters named of the weakest direction."""
+"""Parameters of the weakest direction that are listed."""
 PLACES = 4
-"""Of predicted sigmas."""
+"""Decimal places of predicted sigmas."""
 
 
 def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
-    """Return everything an operator should know of a plan before it is carried out."""
+    """Return a plan as an operator reads it before it is carried out."""
     blocks = [
         paragraph(title),
         *_checks(shown),
@@ -62,7 +62,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
 
 
 def _checks(shown: Preview) -> list[str]:
-    """Give the block of what is held by policy and what is wrong with the fixture; none when nothing is."""
+    """Return the block of fixed entries and fixture warnings; empty without any."""
     lines = [
         paragraph(
             f"! {c.severity.value}: {c.text}: {c.remedy}"
@@ -117,7 +117,7 @@ def _subject(drives: tuple[int, ...]) -> str:
 
 
 def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:
-    """One word or two why a set is out."""
+    """Why a set of drive joints is excluded, in a word or two."""
     if not ranked.usable:
         return "not usable"
     if now is not None and not now.usable:
@@ -173,7 +173,7 @@ def _sigma(parameter: Parameter, sigma: float) -> list[str]:
 def advice_text(
     ranked: tuple[RankedPlacement, ...], parameters: dict[str, Parameter], joints: int
 ) -> str:
-    """Return ranked hinge placements: what each promises, and how it differs from the present one."""
+    """Return ranked hinge placements: predicted sigmas, and the difference from the present placement."""
     if not ranked:
         return "No placement near the present one can be used."
     rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]

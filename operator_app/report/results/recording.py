@@ -1,4 +1,4 @@
-"""What of a recording became poses and what did not, as text and as JSON. Computes nothing, prints nothing."""
+"""Stretches of a recording that became poses, and those that did not, as text and as JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's experiment as tables and as JSON: ours beside what the paper prints. Computes nothing."""
+"""The paper's experiment as tables and as JSON: this program's values beside the published ones."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from operator_app.units.figure import (
 
 
 def published_text(found: Published) -> str:
-    """Return everything, in the paper's order."""
+    """Return all tables in the paper's order."""
     table = dh_table(found.solution)
     blocks = [
         paragraph(
@@ -92,7 +92,7 @@ def _si(is_angle: bool, value: float) -> float:  # noqa: FBT001 - of one paramet
 
 
 def _identified(found: Published) -> FactTable:
-    """Table 2: what the paper prints, what its estimator finds of the specimen."""
+    """Table 2: the published values, and the paper's estimator on the simulated arm."""
     estimate, rows = found.solution.estimate, []
     for p, value, sd in zip(
         estimate.parameters, estimate.x.tolist(), estimate.standard_deviation.tolist(), strict=True

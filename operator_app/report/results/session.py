@@ -1,6 +1,6 @@
-"""A session's calibration as `run` and `report` give it: the facts, and where everything of it is.
+"""A session's calibration as `run` and `report` give it, its table of poses, and a repaired journal.
 
-Computes nothing but whether a poses file is of these poses; prints nothing.
+It checks only whether a poses file holds the session's poses.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 def session_json(
     facts: Facts, paper: Estimate | None, folder: Path, state: SessionState
 ) -> dict[str, Any]:
-    """Return the object of `sarcal run --json`, but for how its capture went."""
+    """Return the object of `sarcal run --json`, without its capture."""
     exported = state.exported
     uploaded: Mapping[str, Any] = exported.get("uploaded") or {}
     return {
@@ -55,7 +55,7 @@ def session_json(
 def unidentifiable_json(
     error: UnidentifiableError, *, parameters: int, folder: Path, state: SessionState
 ) -> dict[str, Any]:
-    """Return the same of a session whose poses leave parameters undetermined."""
+    """Return the same for a session whose poses leave parameters undetermined."""
     poses = len(state.used_poses)
     found = unidentifiable_data(error, parameters=parameters, poses=poses)
     return {
@@ -66,13 +66,13 @@ def unidentifiable_json(
 
 
 def _poses_file(folder: Path, state: SessionState) -> str | None:
-    """Beside the journal from the first calibration on; named while it holds the poses that count now."""
+    """Path of poses.csv beside the journal, from the first calibration on, while it holds the poses in use."""
     path = folder / POSES_NAME
     if not path.exists() or not state.used_poses:
         return None
     poses = state.pose_set()
     try:
-        # To the byte; or, where only a note was added since, in what a calibration uses.
+        # Equal to the byte; or, where only a note was added since, equal in what a calibration uses.
         same = path.read_bytes() == format_poses(poses) or (
             load_poses(path).poses.sha256() == poses.sha256()
         )
@@ -105,7 +105,7 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
 
 
 MOST_POSES = 60
-"""In the table; `poses.csv` has them all."""
+"""Rows of the table at most; `poses.csv` has all poses."""
 
 
 def session_table_text(folder: Path, state: SessionState, *, procedure: str, torn: str) -> str:
@@ -114,9 +114,9 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
     Parameters
     ----------
     procedure
-        What it follows, in words.
+        Its procedure, in words.
     torn
-        What was dropped from the journal's end; empty: nothing.
+        What was dropped from the end of the journal; empty where nothing was.
     """
     about = FactTable(
         ident="session",
@@ -214,14 +214,14 @@ KEPT, RESTORED, LOST = "kept", "restored", "lost"
 
 
 def fate(line: RepairedLine) -> str:
-    """Return what became of a line, in a word."""
+    """Return what was done with a line, in a word."""
     if line.event is None:
         return LOST
     return RESTORED if line.words else KEPT
 
 
 def repair_json(found: Repaired) -> dict[str, Any]:
-    """Return it as data."""
+    """Return the repair as JSON data."""
     return {
         "folder": str(found.folder),
         "repaired": found.aside is not None,
@@ -240,7 +240,7 @@ def repair_json(found: Repaired) -> dict[str, Any]:
 
 
 def repair_text(found: Repaired) -> str:
-    """Return it as paragraphs."""
+    """Return the repair as paragraphs."""
     folder = found.folder
     if found.aside is None:
         torn = " Its last line was never written to its end: a session that goes on leaves it out."

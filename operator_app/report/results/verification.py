@@ -1,4 +1,4 @@
-"""New poses judged by a calibration, as text and as JSON. Computes nothing, prints nothing."""
+"""Verification of a calibration by new poses, in a closed loop or by measured endpoints, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 WORST = 5
-"""Odd poses that are named."""
+"""Outliers that are listed."""
 
 
 def closure(verdict: VerificationResult) -> FactTable:
-    """Closure of the new poses at the nominal parameters and at those that are judged."""
+    """Closure of the new poses at the nominal and at the calibrated parameters."""
     return FactTable(
         ident="closure",
         title="Closure at the measured joints",
@@ -54,7 +54,7 @@ def verification_json(verdict: VerificationResult, poses: PoseSet) -> dict[str, 
 
 
 def _shift_json(shift: CommonShift) -> dict[str, Any]:
-    """Return what has shifted: ``joint_4``, by deg, or ``fixture``."""
+    """Return the shift: ``joint_4`` with its size in deg, or ``fixture``."""
     joint = shift.subject != FIXTURE
     return {
         "what": f"joint_{shift.subject}" if joint else shift.subject,
@@ -67,7 +67,7 @@ def _shift_json(shift: CommonShift) -> dict[str, Any]:
 
 
 def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) -> str:
-    """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
+    """Return the result for a terminal of 80 columns, the verdict first."""
     found = verdict.verification
     per_dof, most = (CHI2(v).shown for v in (found.chi2.per_dof, found.chi2.high))
     head = (
@@ -96,7 +96,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             paragraph(head),
             "",
             table_text(closure(verdict)),
-            # What files state enters as prior, as the most that is allowed: less is no news.
+            # Stated uncertainties are upper limits: a chi2 below its expected value is normal.
             paragraph(
                 f"chi2/dof {per_dof}: 1 or less when all is as stated; above {most} is one sound set in 200 at most."
             ),
@@ -106,7 +106,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(found: Verified) -> str:
-    """Say what new poses said: whether the parameters hold, before the figures."""
+    """Say whether the parameters hold for the new poses."""
     ratio = CHI2(found.chi2_per_dof).shown
     turned = found.orientation_rad
     return (

@@ -125,7 +125,7 @@ class PosesPanel(ListPanel):
             line(
                 ("▌" if here else " ", back + "text"),
                 (figures, back + ("dim" if pose.excluded else "text")),
-                (note + pose.note, back + ("warn" if pose.excluded else "text")),
+                (note + pose.note, back + ("dim" if pose.excluded else "text")),
             )
         ]
 
@@ -225,6 +225,9 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     shown = CONDITION(value).shown
     good = value < ACCEPTABLE
     role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
+    if not good and len(s.state.used_poses) < s.wanted_poses:
+        # Of few poses it is high, and those to come bring it down: nothing is to be done.
+        role, word = "bold", "so far"
     more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
     return clip(
         line(

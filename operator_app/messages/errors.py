@@ -1,6 +1,6 @@
-"""Errors of arm, solver and disk as what happened and what to do now. Knows no screen.
+"""Errors of arm, solver and disk as what happened and what to do now.
 
-The one table of words for faults: both faces show these sentences.
+The screen and plain mode show the same sentences.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from operator_app.units.figure import REACH
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
 EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)
-"""What an operator, an arm or a disk can cause. Anything else is a defect of this program."""
+"""Errors that an operator, an arm or a disk can cause. Any other one is a defect of this program."""
 
 
 def words(error: BaseException) -> SessionError:
@@ -57,7 +57,7 @@ REACHES_NOTHING = (
 
 
 def stopped_words(why: str) -> str:
-    """Return what the arm was stopped for, nobody having pressed STOP, and what to do now."""
+    """Return why the arm stopped where nobody pressed STOP, and what to do now."""
     return f"{_capital(why)}. {_REMEDIES[DriveDiverged]}"
 
 
@@ -116,11 +116,11 @@ _TRIPS: Mapping[int, str] = {
     "modes again",
     EmergencyCode.SENSOR: "The arm holds. Mend that sensor or its cable, then reset (R) and apply the modes again",
 }
-"""Of trips in which no joint met anything."""
+"""Remedies of trips without a collision, by emergency code."""
 
 
 def drive_words(state: DriveState) -> str:
-    """Return a drive's state as it matters to somebody beside the arm; the standard's words are many."""
+    """Return a drive's state in one of four words for an operator beside the arm."""
     match state:
         case DriveState.OPERATION_ENABLED:
             return "enabled"
@@ -149,7 +149,7 @@ def _capital(text: str) -> str:
 
 
 def unwatching_words(identity: ArmIdentity) -> str:
-    """Say which drives may not notice that nobody commands them any more; "" where all say that they do."""
+    """Name the drives without a heartbeat timeout (1016h); "" where all have one."""
     joints = identity.unwatching
     if not joints:
         return ""
@@ -161,7 +161,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
 
 
 def configured_words(identity: ArmIdentity) -> str:
-    """Say that drives were set up as the bus profile has it; "" where none had to be."""
+    """Say which objects of the drives were set as the bus profile asks; "" for none."""
     zeroed = identity.zeroed
     pdos = tuple(words for words in identity.configured if words not in zeroed)
     parts = [
@@ -181,6 +181,6 @@ def configured_words(identity: ArmIdentity) -> str:
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:
-    """Say where a person is to take the joints of an arm that nothing drives."""
+    """Ask a person to move the joints of an arm without drives by hand."""
     ways = " and ".join(f"J{j} to {REACH(q).with_unit}" for j, q in sorted(targets_rad.items()))
     return f"By hand: take {ways}, then let it stand"

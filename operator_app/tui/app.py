@@ -44,11 +44,11 @@ if TYPE_CHECKING:
 POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 SCREEN_PATIENCE_S = 5.0
-"""How long a screen may take to come to its end after a signal."""
+"""Longest time, s, that the screen may take to close after a signal."""
 
 
 class AsciiScrollBar(ScrollBarRender):
-    """Whole cells only: no eighths of a block."""
+    """A scroll bar of whole cells, without eighths of a block."""
 
     VERTICAL_BARS: ClassVar = [" "] * 8
     HORIZONTAL_BARS: ClassVar = [" "] * 8
@@ -100,7 +100,7 @@ class SarcalApp(App[str]):
     # -- life --------------------------------------------------------------------------------------
 
     def get_default_screen(self) -> Screen[None]:
-        """Something to see at once."""
+        """Return the screen that is shown while the rest loads."""
         return StartScreen()
 
     async def on_mount(self) -> None:
@@ -128,7 +128,7 @@ class SarcalApp(App[str]):
         self.main.set_interval(POLL_S, self.poll)
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave when the loop has a turn; if it has none, without the screen."""
+        """Leave through the event loop; without the screen if the loop does not respond."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: leaving already
             loop.call_soon_threadsafe(self.leave, reason)
         if self.owns_process:
@@ -136,7 +136,7 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _leave_without_screen(self, reason: str) -> None:
-        """The loop waits for ever where a terminal takes no more output."""
+        """Close the source from here: the loop may wait for ever on a terminal that takes no output."""
         if not self._screen_over.wait(SCREEN_PATIENCE_S):
             try:
                 self.close_source(reason)
@@ -144,19 +144,19 @@ class SarcalApp(App[str]):
                 os._exit(ExitCode.INTERRUPTED)
 
     def close_source(self, reason: str) -> None:
-        """Hold the arm and close the journal; whoever comes second waits until that is done."""
+        """Hold the arm and close the journal, once; a second caller waits until that is done."""
         self._screen_over.set()
         with self._source_lock:
             if self.loaded:
                 self.source.close(reason)
 
     def give_up(self, problem: BaseException) -> None:
-        """Leave, as there is no session to show; `run` raises the problem."""
+        """Leave because no session could be opened; `run` raises the problem."""
         self.problem = problem
         self.exit("problem")
 
     def leave(self, reason: str) -> None:
-        """Leave; whoever runs the app closes the source, which holds the arm."""
+        """Leave; `run` closes the source, which holds the arm."""
         self.exit(reason)
 
     def poll(self) -> None:
@@ -175,16 +175,16 @@ class SarcalApp(App[str]):
     # -- keys --------------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
-        """The platform's, with STOP at the door."""
+        """Return the platform's driver, which also reports STOP before the event loop sees it."""
         return watched(super().get_driver_class(), self.at_the_door)
 
     def at_the_door(self, event: Pressed) -> None:
-        """STOP from the thread that reads keys and mouse; the loop hears of it when it has time."""
+        """Stop from the thread that reads keys and mouse; the event loop is told later."""
         runner = self.runner
         if runner is None or not runner.connected:
             return
         if isinstance(event, events.MouseDown):
-            # On the strip, which a dialog leaves uncovered but keeps from hearing of the mouse.
+            # A dialog leaves the strip visible but receives its mouse events.
             if event.button and event.y == 0 and event.x < STOP_WIDTH:
                 runner.stop()
         elif self._is_stop(event):
@@ -192,28 +192,28 @@ class SarcalApp(App[str]):
             runner.stop()
 
     def _press_early(self, early: list[events.Key]) -> None:
-        """What was pressed while the program was loading counts, in its order, once there is a picture."""
+        """Process the keys that were pressed while the program was loading, in their order."""
         self._typed_early = None
         for event in early:
-            # A terminal that no program has set up yet makes a line feed of Enter.
+            # A terminal that is not set up yet sends a line feed for Enter.
             typed = ("enter", "\r") if event.key == "ctrl+j" else (event.key, event.character)
             self.post_message(events.Key(*typed))
 
     def _was_done_at_the_door(self, event: events.Key) -> bool:
         before = len(self._stopped_at_the_door)
-        # The thread that reads the keys may append meanwhile: nothing but this one is taken out.
+        # The thread that reads keys may append meanwhile: remove this event only.
         with contextlib.suppress(ValueError):
             self._stopped_at_the_door.remove(event)
         return len(self._stopped_at_the_door) < before
 
     def _is_stop(self, event: events.Key) -> bool:
-        """F8 always; space unless somebody is writing. Whatever is held down with them."""
+        """Whether an event is STOP: F8 always, space unless text is being entered, with any modifier."""
         key = event.key.rpartition("+")[2]
         typing = key == "space" and isinstance(self.focused, Input)
         return key in STOP_KEYS and not typing
 
     async def on_event(self, event: events.Event) -> None:
-        """Look at keys before anything else: STOP first, then whatever ends a motion."""
+        """Handle keys before any widget does: STOP first, then those that end a motion."""
         if isinstance(event, events.Key) and not event.is_forwarded and self._take(event):
             event.stop()
             event.prevent_default()
@@ -221,7 +221,7 @@ class SarcalApp(App[str]):
         await super().on_event(event)
 
     def _take(self, event: events.Key) -> bool:
-        """Whether a key was dealt with here."""
+        """Handle a key; return whether it was one of the app's."""
         if self._typed_early is not None:
             if event.key in QUIT_KEYS:
                 self.leave("left")
@@ -252,7 +252,7 @@ class SarcalApp(App[str]):
         return False
 
     def on_clicked(self, event: Clicked) -> None:
-        """A click on a key or a step does what the key does."""
+        """Do the action of a key or a step that was clicked."""
         self.main.refuse("")
         self.face.do_named(event.action)
 
@@ -266,15 +266,15 @@ class SarcalApp(App[str]):
         self.main.forget()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterator[SystemCommand]:
-        """None of Textual's own."""
+        """Return no commands of Textual's own."""
         return iter(())
 
     def action_help_quit(self) -> None:
-        """Ctrl+C asks before it leaves, like q."""
+        """Ask before leaving, like q (Ctrl+C)."""
         self.face.leave()
 
     async def action_quit(self) -> None:
-        """Ctrl+Q likewise."""
+        """Ask before leaving (Ctrl+Q)."""
         self.face.leave()
 
 
@@ -295,7 +295,7 @@ def run(
     manual: Manual | None = None,
 ) -> str:
     """Run the app until the operator leaves; the arm is held and the journal closed in any case."""
-    # Loading makes no garbage, and to look for it takes a third of a second.
+    # Garbage collection while loading finds nothing and takes a third of a second.
     gc.disable()
     app = SarcalApp(make_source, theme=theme, ascii_only=ascii_only, resume=resume, manual=manual)
     app.owns_process = True
@@ -308,7 +308,7 @@ def run(
         # Nothing may interrupt while the arm is held and the journal closed.
         with ending_signals_wait():
             app.close_source(reason)
-        # The process ends now: a signal that comes again has nothing left to end.
+        # The process ends now: further signals are ignored.
         for number in ENDINGS:
             signal.signal(number, signal.SIG_IGN)
     if app.problem is not None:

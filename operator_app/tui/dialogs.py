@@ -20,7 +20,7 @@ from operator_app.tui.theme import is_compact
 
 
 class Dialog(ModalScreen[str | None]):
-    """A box with a title; Esc and n give None."""
+    """A box with a title; Esc and n return None."""
 
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -33,20 +33,20 @@ class Dialog(ModalScreen[str | None]):
         self._title, self._text = title, text
 
     def on_resize(self, event: events.Resize) -> None:
-        """Leave strip and rail uncovered, whichever layout they have."""
+        """Leave the strip and the rail uncovered in both layouts."""
         app: Any = self.app
         self.set_class(is_compact(*event.size), "-compact")
         self.set_class(app.look.ascii_only, "-ascii")
 
     def compose(self) -> ComposeResult:
-        """Title in the frame, text, then whatever the dialog is for."""
+        """Compose the title, the text and the body."""
         with Vertical(id="box") as box:
             box.border_title = self._plain(self._title)
             yield Static(self._plain(self._text), id="text")
             yield from self.body()
 
     def body(self) -> ComposeResult:
-        """Return what is below the text."""
+        """Return the widgets below the text."""
         yield from ()
 
     def _plain(self, text: str) -> Any:
@@ -54,7 +54,7 @@ class Dialog(ModalScreen[str | None]):
         return Content(app.look.text(text))
 
     def action_dismiss_none(self) -> None:
-        """Leave everything as it is."""
+        """Close without an answer."""
         self.dismiss(None)
 
 
@@ -104,7 +104,7 @@ class Ask(Dialog):
         self._expected, self._value = expected, value
 
     def body(self) -> ComposeResult:
-        """An input and what is wrong with it."""
+        """An input line and its error message."""
         yield Input(value=harmless(self._value), id="answer", compact=True)
         yield Static(self._plain("Enter takes it, Esc leaves everything as it is"), id="said")
 
@@ -113,7 +113,7 @@ class Ask(Dialog):
         self.query_one(Input).focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Take it, or say why not."""
+        """Accept the text, or say why it is refused."""
         if self._expected and event.value.strip() != self._expected:
             self.query_one("#said", Static).update(
                 self._plain(f"▲ that is not {self._expected}: nothing was sent")
@@ -147,7 +147,7 @@ class Choose(Dialog):
 
 
 class Read(Dialog):
-    """Something to read; any of Esc, q, Enter, ? closes it."""
+    """A text to read; Esc, q, Enter and ? close it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,enter,question_mark,f1", "dismiss_none", show=False)
@@ -166,7 +166,7 @@ class Read(Dialog):
 
 
 def dialog(question: Question) -> Dialog:
-    """Return the dialog that asks a question."""
+    """Return the dialog of a question."""
     match question:
         case YesNo(title=title, text=text, yes=yes):
             return Confirm(title, text, yes)

@@ -1,4 +1,4 @@
-"""Between the terminal and the app: STOP is looked for at the door, and a terminal may be taken away.
+"""The terminal driver: it detects STOP in the reading thread, and survives the loss of the terminal.
 
 A repaint or a calibration may keep the event loop for some hundredths of a second; STOP does not wait
 for it: keys are looked at in the thread that reads them. And where a closed terminal ends the thread
@@ -19,7 +19,7 @@ Pressed = events.Key | events.MouseDown
 
 
 def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> type[Driver]:
-    """Return the driver class with a look at what is pressed, and writing that never fails."""
+    """Return a driver class that reports each key before the event loop, and whose writing never fails."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         """See `watched`."""
@@ -31,7 +31,7 @@ def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> typ
                 self._file: Any = _MayBeGone(file)
 
         def process_message(self, message: Message) -> None:
-            """Look, then pass it on."""
+            """Report a message, then pass it on."""
             if isinstance(message, events.Key | events.MouseDown):
                 at_the_door(message)
             super().process_message(message)
@@ -40,7 +40,7 @@ def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> typ
 
 
 class _MayBeGone:
-    """The terminal as a file; what is written to one that was closed is lost, and nothing else happens."""
+    """The terminal as a file; output to a closed one is dropped without an error."""
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file

@@ -1,4 +1,4 @@
-"""What `?` says: the focused panel, then every key of the step, then those that work everywhere."""
+"""The help text of `?`: the focused panel, the keys of the step, the keys that work everywhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A widget that shows lines of plain spans and repaints only those that changed. Knows no content.
+"""A widget that shows lines of plain spans and repaints only those that changed.
 
 No markup anywhere: brackets in `[deg]` are brackets. A span is text and the name of its role.
 """
@@ -55,7 +55,7 @@ class Lines(Widget, can_focus=True):
         self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
         self._titled = ""
-        # To ask for it every time takes longer than most lines take to build.
+        # Looking it up every time takes longer than building most lines.
         self._room: Size | None = None
         # Rows with frame and background, as last painted: Textual asks for all rows of all panels
         # between the first and the last that changed anywhere.
@@ -69,7 +69,7 @@ class Lines(Widget, can_focus=True):
         """Set the title without reading markup in it."""
         app: Any = self.app
         new = app.look.text(text)
-        # What the frame gives back is markup, in which brackets are escaped.
+        # The frame returns markup, in which brackets are escaped.
         if new != self._titled:
             self._titled = new
             self.border_title = Content(new) if new else ""
@@ -108,7 +108,7 @@ class Lines(Widget, can_focus=True):
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def forget(self) -> None:
-        """Paint everything anew, after a change of look or layout."""
+        """Paint everything anew after a change of look or layout."""
         self._base = self._room = None
         self._strips.clear()
         self.refresh()
@@ -131,7 +131,7 @@ class Lines(Widget, can_focus=True):
         super().notify_style_update()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return rows with frame and background; what did not change is not made again."""
+        """Return rows with frame and background, unchanged ones from the cache."""
         painted, width = self._painted, self.outer_size.width
         missing = [y for y in crop.line_range if y not in painted]
         if missing:
@@ -153,7 +153,7 @@ class Lines(Widget, can_focus=True):
         return strip
 
     def on_resize(self) -> None:
-        """Forget rows that were cut for another width, and fill the room there is now."""
+        """Build the rows for the new size."""
         self._base = self._room = None
         self._strips.clear()
         self._painted.clear()

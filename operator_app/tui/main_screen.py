@@ -1,4 +1,4 @@
-"""The one main screen: strip, banner, rail, the present step, next thing, messages, keys."""
+"""The main screen: strip, banner, rail, present step, next action, messages, keys."""
 
 from __future__ import annotations
 
@@ -32,24 +32,24 @@ from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
 from operator_app.tui.widgets.step_rail import StepRail, StepRow
 
 SELDOM = 4
-"""What surrounds a step is repainted every so many times only, unless there is news."""
+"""The frame around a step is repainted every so many snapshots, or at once on news."""
 HINT_ROWS, MOST_HINT_ROWS = 2, 4
-"""Rows kept for the next thing, and what a long refusal may take; the log has those that it leaves."""
+"""Rows of the next action, and of a long refusal at most; the log has the rest."""
 VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, ResultsView, ExportView)
 
 
 class Hint(Lines, can_focus=False):
-    """What to do next, or why something was refused just now."""
+    """The next action, or why the last one was refused."""
 
     step = Step.CONNECT
     refusal = ""
 
     def rows_for(self, s: SessionSnapshot, width: int) -> int:
-        """Rows that the sentence needs."""
+        """Return the rows that the sentence needs."""
         return min(len(self._rows(s, width)), MOST_HINT_ROWS)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One sentence, on as many lines as it must."""
+        """Return one sentence, wrapped."""
         if self.app.screen is not self.screen:
             return []
         return cut(self._rows(s, width), width, height, " …")
@@ -69,12 +69,12 @@ class Footer(Lines, can_focus=False):
     step = Step.CONNECT
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """STOP first, then the next thing."""
+        """Return the keys: STOP first, then the next action."""
         self._spots: list[tuple[int, int, str]] = []
         row: list[Span] = [(" ", "text")]
         at = 1
         if self.app.screen is not self.screen:
-            # The keys of this step mean nothing there.
+            # The keys of this step have no meaning there.
             return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " leaves everything as it is")]
         if ends_with_any_key(s.task):
             return [
@@ -95,7 +95,7 @@ class Footer(Lines, can_focus=False):
         return [tuple(row)]
 
     def on_click(self, event: events.Click) -> None:
-        """Every key can be clicked."""
+        """Post the action of the key that was clicked."""
         for first, last, name in self._spots:
             if first <= event.x < last:
                 self.post_message(Clicked(name))
@@ -103,12 +103,12 @@ class Footer(Lines, can_focus=False):
 
 
 class TooSmall(Lines, can_focus=False):
-    """Says what size is needed."""
+    """Shown in a terminal that is too small: the size that is needed."""
 
     FIXED = True
 
     def show_size(self, width: int, height: int) -> None:
-        """Say it."""
+        """Show the present and the needed size."""
         columns, rows = SMALLEST
         text = f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}."
         self.show_lines(
@@ -125,7 +125,7 @@ class MainScreen(Screen[None]):
     AUTO_FOCUS = ""
 
     class Ready(Message):
-        """Everything is there to be filled."""
+        """The main screen is mounted."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -143,11 +143,11 @@ class MainScreen(Screen[None]):
         self._rows = (0, 0)
 
     def on_mount(self) -> None:
-        """Say so."""
+        """Post that the screen is ready."""
         self.post_message(self.Ready())
 
     def compose(self) -> ComposeResult:
-        """From top to bottom."""
+        """Compose the widgets from top to bottom."""
         yield self.strip
         yield self.banner
         yield self.rails[0]
@@ -166,7 +166,7 @@ class MainScreen(Screen[None]):
         return self.steps[self.hint.step - 1]
 
     def go_to(self, step: Step) -> None:
-        """Show a step; the focus goes nowhere in particular."""
+        """Show a step; no widget has the focus."""
         self.query_one(ContentSwitcher).current = f"step-{int(step)}"
         self.set_focus(None)
         for rail in self.rails:
@@ -174,7 +174,7 @@ class MainScreen(Screen[None]):
         self.hint.step = self.footer.step = step
 
     def refuse(self, sentence: str) -> None:
-        """Say why something was not done; the empty string takes it away."""
+        """Show why something was refused; the empty string removes it."""
         self.hint.refusal = sentence
 
     def show(self, s: SessionSnapshot) -> None:
@@ -191,9 +191,9 @@ class MainScreen(Screen[None]):
                     widget.show(s)
 
     def _make_room(self, s: SessionSnapshot) -> None:
-        """Give the next thing and an alarm the rows they need, the alarm up to a third of the screen.
+        """Give the next action and an alarm the rows they need, an alarm at most a third of the screen.
 
-        Below that the joints stay in sight. A row that the next thing leaves is the log's: nothing else moves.
+        The joints stay visible. A row that the next action leaves goes to the log, so that nothing else moves.
         """
         width, height = self.size
         hint = self.hint.rows_for(s, width)
@@ -207,7 +207,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _news(self, s: SessionSnapshot) -> object:
-        """What the frame around the step must show at once; ages and rates can wait a little."""
+        """Return the parts of a snapshot that the frame shows at once; ages and rates may be late."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         told = s.messages[-1].number if s.messages else 0
         return (

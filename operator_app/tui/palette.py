@@ -1,4 +1,4 @@
-"""All actions in Textual's command palette. Knows the table of actions, does nothing itself."""
+"""All actions in Textual's command palette."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def title(action: Entry) -> str:
-    """What the palette lists: words and key."""
+    """Return the entry of an action: words and key."""
     where = ""
     if len(action.steps) == 1:
         where = f" (step {int(next(iter(action.steps)))})"

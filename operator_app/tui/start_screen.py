@@ -1,4 +1,4 @@
-"""What is on the screen before everything is loaded: at once, and in the place of what comes. Light."""
+"""The screen that is shown while the program loads; it imports little."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from operator_app.tui.lines import Lines
 
 
 class _Fixed(Lines, can_focus=False):
-    """Lines that never change."""
+    """A widget whose lines do not change."""
 
     FIXED = True
 
@@ -24,12 +24,12 @@ class _Fixed(Lines, can_focus=False):
 
 
 class StartScreen(Screen[None]):
-    """Strip, a word, and how to leave."""
+    """The strip, a line of text, and how to leave."""
 
     AUTO_FOCUS = ""
 
     def compose(self) -> ComposeResult:
-        """In the places that the main screen has for them."""
+        """Compose the widgets where the main screen has its own."""
         yield _Fixed(
             [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))], id="strip"
         )

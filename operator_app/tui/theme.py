@@ -1,6 +1,6 @@
-"""Colours and glyphs: three themes, one table of roles, plain ASCII on request. Knows no widget's content.
+"""Colours and glyphs: three themes, one table of roles, plain ASCII on request.
 
-Text is grey when all is normal; colour marks what is not, always beside a glyph and a word.
+Normal is grey; colour marks the abnormal, always together with a glyph and a word.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ ASCII = str.maketrans(
         "█": "#", "▁": "_", "▂": "_", "▃": "-", "▄": "-", "▅": "=", "▆": "=", "▇": "#",
     }
 )  # fmt: skip
-"""One character for one, so that nothing moves. Braille is replaced where it is drawn."""
+"""ASCII replacements of one character each, so that nothing moves. Braille is replaced where it is drawn."""
 PLUS_MINUS = "±", "+-"
-"""The one that takes two: it stands before a figure, and nothing behind it is aligned."""
+"""The replacement of two characters: it stands before a figure, and nothing behind it is aligned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class Look:
         return found
 
     def text(self, text: str) -> str:
-        """Text in the characters this terminal shows; line breaks stay, and nothing it would obey."""
+        """Return text in the characters that this terminal shows, without control characters except line breaks."""
         text = harmless(text, keep="\n")
         if not self.ascii_only:
             return text
@@ -78,13 +78,13 @@ class Look:
 
 
 STOP_WIDTH = 16
-"""Columns that STOP and its keys have at the left end of the strip, for the mouse."""
+"""Columns at the left end of the strip that a click takes for STOP."""
 SMALLEST = (80, 24)
 LARGE = (110, 32)
 
 
 def is_compact(width: int, height: int) -> bool:
-    """Whether a terminal gets the small layout."""
+    """Whether a terminal of this size gets the small layout."""
     return width < LARGE[0] or height < LARGE[1]
 
 

@@ -1,4 +1,4 @@
-"""The screen as a face: asks by dialogs, means what is marked, opens sessions. Decides nothing about them."""
+"""The user interface of the screen: asks by dialogs, acts on the marked row, opens sessions."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class ScreenFace:
     # -- actions -----------------------------------------------------------------------------------
 
     def press(self, *keys: str | None) -> bool:
-        """Do what a key does at this step, by its name or its character; False if it does nothing."""
+        """Do the action of a key (name or character) at this step; return False if it has none."""
         found = (actions.for_key(key, self.app.step) for key in keys if key is not None)
         action = next((a for a in found if a is not None), None)
         if action is not None:
@@ -59,7 +59,7 @@ class ScreenFace:
         return action is not None
 
     def do(self, action: Action | OnScreen) -> None:
-        """Do an action at the present step, and show at once what came of it."""
+        """Do an action at the present step and show its result at once."""
         if isinstance(action, OnScreen):
             action.work(self)
         else:
@@ -67,7 +67,7 @@ class ScreenFace:
         self.app.poll()
 
     def do_named(self, name: str) -> None:
-        """Do an action by name: a click, or the next thing."""
+        """Do an action by name, from a click or as the next action."""
         self.do(actions.by_name(name))
 
     def do_anywhere(self, action: Action | OnScreen) -> None:
@@ -76,7 +76,7 @@ class ScreenFace:
             self.do(action)
 
     def do_next_thing(self) -> None:
-        """Do what the line above the footer says."""
+        """Do the next action, which stands above the footer."""
         s = self.look()
         if s is not None:
             name = next_thing(self.app.step, s).action
@@ -87,26 +87,26 @@ class ScreenFace:
 
     @property
     def runner(self) -> Runner | None:
-        """What runs the session."""
+        """The runner of the session."""
         return self.app.runner
 
     @property
     def sessions(self) -> Sessions:
-        """The sessions there are."""
+        """The sessions on disk."""
         return self.app.source
 
     def look(self) -> SessionSnapshot | None:
-        """Take a fresh picture."""
+        """Take and show a snapshot."""
         if self.app.runner is not None:
             self.app.picture = self.app.runner.snapshot()
         return self.app.picture
 
     def soon(self, work: Callable[[], None]) -> None:
-        """Do it a tenth of a second later, without keeping the screen waiting."""
+        """Call a function 0.1 s later, without blocking the screen."""
         self.app.set_timer(SOON_S, work)
 
     def refuse(self, why: str) -> None:
-        """Say it in the line above the footer."""
+        """Show a refusal above the footer."""
         self.app.main.refuse(why)
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
@@ -133,7 +133,7 @@ class ScreenFace:
         return self.app.main.query_one(FixtureView).cursor
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The one on the screen: a newer one may have come that nobody has seen yet."""
+        """The alarm on the screen; a newer one may exist that has not been shown."""
         shown = self.app.main.log_lines.alarm
         standing = {alarm.number for alarm in s.alarms}
         return shown if shown is not None and shown.number in standing else None
@@ -155,7 +155,7 @@ class ScreenFace:
         return {topic: self.app.manual.summary(topic) for topic in self.app.manual.topics}
 
     def show_page(self, topic: str) -> None:
-        """Show a page; one that the code makes takes a moment, in a thread."""
+        """Show a page of the manual; generated pages are made in a thread."""
         self.app.run_worker(self._show_page(topic))
 
     async def _show_page(self, topic: str) -> None:
@@ -164,7 +164,7 @@ class ScreenFace:
         self.app.push_screen(Read(f"Manual: {topic}", text))
 
     def show_history(self, serial: str) -> None:
-        """Show a history; reading all journals takes a moment, in a thread."""
+        """Show an arm's history; the journals are read in a thread."""
         self.app.run_worker(self._show_history(serial))
 
     async def _show_history(self, serial: str) -> None:
@@ -178,7 +178,7 @@ class ScreenFace:
     # -- sessions ----------------------------------------------------------------------------------
 
     def begin(self) -> None:
-        """Begin a session; if an earlier one was left in the middle, offer it."""
+        """Begin a session, or offer an unfinished one."""
         reference = self.app.resume_first
         if reference is not None:
             self.open(lambda: self.sessions.resumed(reference))
@@ -186,7 +186,7 @@ class ScreenFace:
             self.open(self.sessions.new, self._offer_unfinished)
 
     async def _offer_unfinished(self) -> None:
-        """Offer the newest session that was left in the middle; reading journals takes time."""
+        """Offer the newest unfinished session; the journals are read in a thread."""
         for e in await asyncio.to_thread(self.sessions.sessions):
             if e.state and e.state.poses and not e.state.exported:
                 self._offer(e.folder.name, len(e.state.poses))
@@ -205,7 +205,7 @@ class ScreenFace:
     def open(
         self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
     ) -> None:
-        """Take another session, in a thread: the one before may have to end work and hold the arm."""
+        """Switch to another session, in a thread: the previous one may have to end work and hold the arm."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
@@ -235,7 +235,7 @@ class ScreenFace:
             await then()
 
     def leave(self) -> None:
-        """Leave; while an arm is connected, after a question."""
+        """Leave; ask first while an arm is connected."""
         s = self.app.picture
         if s is None or not s.connected:
             self.app.leave("left")
@@ -248,19 +248,19 @@ class ScreenFace:
     # -- moving about ------------------------------------------------------------------------------
 
     def follow(self, s: SessionSnapshot) -> None:
-        """Go where the work has led: a finished calibration shows its results."""
+        """Go to the step that the work has reached: a finished calibration shows its results."""
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:
                 self.go(Step.RESULTS)
 
     def go(self, step: Step) -> bool:
-        """Show a step if its guard holds; otherwise say what is missing."""
+        """Show a step if it is open; otherwise say what is missing."""
         s = self.look()
         if s is None:
             return False
         missing = guards.missing_for(step, s)
-        # Going back never needs anything.
+        # Going back has no condition.
         if missing and step > self.app.step:
             self.refuse(f"{step.title} is closed: {missing[0]}")
             return False
@@ -273,7 +273,7 @@ class ScreenFace:
         self.app.main.go_to(step)
 
     def go_by(self, steps: int) -> None:
-        """Show the step before or after."""
+        """Show the previous or the next step."""
         if self.app.step + steps in list(Step):
             self.go(Step(self.app.step + steps))
 
@@ -306,14 +306,14 @@ class ScreenFace:
         self.app.push_screen(Read(f"Help: {self.app.step.title}", text))
 
     def show_messages(self) -> None:
-        """Show all that was said, each message whole."""
+        """Show all messages in full."""
         s = self.look()
         if s is not None:
             text = messages_text(s, min(86, self.app.size.width - 8))
             self.app.push_screen(Read("Messages, newest first", text))
 
     def find(self) -> None:
-        """Find an action by name."""
+        """Open the palette."""
         self.app.action_command_palette()
 
     def change_look(self) -> None:

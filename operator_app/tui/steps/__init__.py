@@ -1,1 +1,1 @@
-"""One module a step: which panels there are and what each says about a snapshot."""
+"""One module per step: its panels, and their lines for a snapshot."""

@@ -1,4 +1,4 @@
-"""Step 5, Calibrate: which estimator, which joints count, iterations as they come."""
+"""Step 5, Calibrate: estimator, joints in use, iterations as they run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ABOUT = {
 
 
 class SettingsPanel(Lines):
-    """How the next calibration will be made."""
+    """Settings of the next calibration."""
 
     TITLE = "Calibration"
     HELP = (
@@ -35,7 +35,7 @@ class SettingsPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Settings, then how it went."""
+        """Return the settings, then the progress or the result."""
         used, kept = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         rows = [
@@ -76,7 +76,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
 
 
 class CalibratePlot(Lines):
-    """Cost while it runs, residuals when it is done."""
+    """Cost while the solver runs, residuals afterwards."""
 
     TITLE = "Residual of each pose"
     HELP = (
@@ -85,7 +85,7 @@ class CalibratePlot(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One of the two."""
+        """Return the plot of costs or of residuals."""
         ascii_only: bool = self.app.look.ascii_only  # type: ignore[attr-defined]
         if (subject := subject_on(s)) is not None and s.solution is not None:
             self.retitle("Residual of each pose")

@@ -1,4 +1,4 @@
-"""Step 4, Capture: where the arm is, the poses taken and what they are worth so far."""
+"""Step 4, Capture: state of the arm, captured poses and their quality so far."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ACCEPTABLE, PAPER = 100, 28
 
 
 class StillPanel(Lines):
-    """Where the arm is going, whether it stands still."""
+    """Target of the motion, and whether the arm stands still."""
 
     TITLE = "Next pose"
     HELP = (
@@ -44,7 +44,7 @@ class StillPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Target and speed."""
+        """Return target and speed."""
         return [clip(_target(s), width), clip(_still(s), width)]
 
 
@@ -63,7 +63,7 @@ def _target(s: SessionSnapshot) -> Line:
 
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
-    """Drive joints and where they should go."""
+    """Drive joints and their targets."""
     return (
         "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
         + f" {TARGET.quantity.unit}"
@@ -103,7 +103,7 @@ class PosesPanel(ListPanel):
         return poses[-1 - min(self.cursor, len(poses) - 1)].number if poses else None
 
     def count(self, s: SessionSnapshot) -> int:
-        """Poses."""
+        """Return the number of poses."""
         return len(s.state.poses)
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
@@ -113,7 +113,7 @@ class PosesPanel(ListPanel):
         return [titles] if s.state.poses else [titles, line(("    no pose yet", "dim"))]
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """One pose."""
+        """Return the line of one pose."""
         pose, here = s.state.poses[-1 - k], k == self.cursor
         noise = READING_SD(float(pose.sd_rad.max())).shown
         off = s.live.predicted_m.get(pose.number) if s.live is not None else None
@@ -131,12 +131,12 @@ class PosesPanel(ListPanel):
 
 
 class ProgressPanel(Lines, can_focus=False):
-    """How far, how long."""
+    """Progress and remaining time."""
 
     TITLE = ""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One bar."""
+        """Return the progress bar."""
         used, wanted = len(s.state.used_poses), s.wanted_poses
         left = _time_left(s)
         head, tail = (
@@ -153,7 +153,7 @@ def _placement(s: SessionSnapshot) -> str:
 
 
 def _time_left(s: SessionSnapshot) -> str:
-    """From the usual time between captures of this run: poses taken by hand and pauses are no part of it."""
+    """Estimated from the usual time between captures of this run, without pauses and manual poses."""
     used, wanted = s.state.used_poses, s.wanted_poses
     if len(used) >= wanted:
         return "complete    "
@@ -174,7 +174,7 @@ def _time_left(s: SessionSnapshot) -> str:
 
 
 class QualityPanel(Lines):
-    """What the poses are worth."""
+    """Quality of the poses."""
 
     TITLE = "What the poses tell"
     HELP = (
@@ -186,7 +186,7 @@ class QualityPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Condition, weakest, best next, coverage."""
+        """Return condition number, weakest direction, best next pose, coverage."""
         live = s.live
         rows: list[Line] = [_condition(s, width)]
         if live is not None and live.history:

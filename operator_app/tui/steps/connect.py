@@ -1,4 +1,4 @@
-"""Step 1, Connect: which bus, who answers, whether it is this arm. Decides nothing."""
+"""Step 1, Connect: the bus, the nodes that answer, and whether it is this arm."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class BusPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Two lines."""
+        """Return interface and traffic."""
         rate = f"{s.sync_rate_hz:.0f} SYNC/s" if s.connected else "not connected"
         session = str(s.folder)
         return [
@@ -38,7 +38,7 @@ class BusPanel(Lines):
 
 
 class NodesPanel(Lines):
-    """Eight nodes."""
+    """The nodes on the bus."""
 
     TITLE = "Nodes"
     HELP = (
@@ -47,7 +47,7 @@ class NodesPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """A line a node."""
+        """Return one line per node."""
         if s.identity is None:
             return [(), line(("  no arm is connected", "dim"))]
         wide = width >= 90
@@ -77,7 +77,7 @@ def _node(s: SessionSnapshot, node: NodeIdentity, *, wide: bool) -> Line:
 
 
 class CheckPanel(Lines):
-    """What was checked and what the operator has to confirm."""
+    """Checks that were made, and what the operator has to confirm."""
 
     TITLE = "Check"
     HELP = (
@@ -86,7 +86,7 @@ class CheckPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Ticks and open points."""
+        """Return passed checks and open points."""
         rows: list[Line] = []
         if s.identity is not None:
             rows.append(

@@ -1,4 +1,4 @@
-"""Step 7, Export: what would be written, how it differs from what is active, and what was done."""
+"""Step 7, Export: the file, its difference from the active parameters, and what was done."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class FilePanel(Lines):
-    """Where it goes."""
+    """Destination of the parameters."""
 
     TITLE = "Export"
     HELP = (
@@ -70,7 +70,7 @@ class FilePanel(Lines):
 
 
 class DiffPanel(TablePanel):
-    """New against active."""
+    """New values beside the active ones."""
 
     TITLE = "Difference from the controller's active parameters"
     HELP = (
@@ -87,7 +87,7 @@ def _difference(s: SessionSnapshot) -> FactTable | None:
 
 
 class RecordPanel(Lines):
-    """What else can be done."""
+    """Verification and the session's files."""
 
     TITLE = "Record"
     HELP = (
@@ -153,7 +153,7 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
 
 
 def changed(table: FactTable) -> int:
-    """How many entries would read otherwise afterwards."""
+    """Return how many entries the upload would change as shown."""
     return sum(active != new for _, _, active, new, _ in _shown(table))
 
 

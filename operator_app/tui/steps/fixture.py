@@ -1,4 +1,4 @@
-"""Step 2, Fixture: where the metal is, whether it can work, what to look at before moving."""
+"""Step 2, Fixture: its placement, set-up checks, and the check list before moving."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ GLYPHS = {
 
 
 NEAR_END_RAD = math.radians(3.0)
-"""A joint that is predicted to come nearer to the end of its range than this is marked."""
+"""Predicted distance from the end of a joint's range below which the joint is marked, rad."""
 
 
 class PlacementPanel(Lines):
@@ -86,7 +86,7 @@ class PlacementPanel(Lines):
 
 
 class ChecksPanel(Lines):
-    """Live checks with numbers, and what the plan would do."""
+    """Live checks with their figures, and the forecast of the plan."""
 
     TITLE = "Checks where the arm stands"
     HELP = (
@@ -136,7 +136,7 @@ def _ranges(s: SessionSnapshot) -> list[Line]:
 
 
 class ChecklistPanel(ListPanel):
-    """What the operator looks at."""
+    """The operator's check list."""
 
     TITLE = "Check list (Enter ticks)"
     HELP = "Things only a person can see. Look at each, then tick it; nothing moves before all are ticked."
@@ -154,7 +154,7 @@ class ChecklistPanel(ListPanel):
         return wrapped(text, width, "cursor text" if here else "text", "     ")
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """When something was ticked, the mark goes to what is open."""
+        """Move the mark to the next open item when one was ticked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
             self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)

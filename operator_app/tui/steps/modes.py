@@ -1,4 +1,4 @@
-"""Step 3, Modes: which joints drive and which follow, before anything is applied and as read back."""
+"""Step 3, Modes: drive joints and free joints, as planned and as read back."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from operator_app.tui.widgets.joint_table import JointTable
 
 
 class PlanPanel(Lines):
-    """What will happen, and why these joints."""
+    """The change that will be applied, and the reasons for these joints."""
 
     TITLE = "Plan"
     HELP = (
@@ -75,7 +75,7 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """As many pairs as can be said to the end, and how many more there are."""
+    """As many pairs as fit, and the number of the others."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows

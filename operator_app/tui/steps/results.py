@@ -1,4 +1,4 @@
-"""Step 6, Results: the verdict first, then every parameter, what it is worth, and plots."""
+"""Step 6, Results: the verdict, every parameter with its uncertainty, and plots."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from operator_app.units.numbers import plural
 from solver.diagnostics.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
-"""Tables that the plots' panel shows after them, those of them that there are."""
+"""Tables that the plots' panel shows after the plots, where the calibration has them."""
 
 
 GLYPHS = {
@@ -86,7 +86,7 @@ class VerdictPanel(Lines):
 
 
 def _hand(found: Solution, width: int) -> list[Line]:
-    """What the calibration brings, where the arm is used; without its explanation where that does not fit."""
+    """Tool accuracy over the joints' ranges; without its explanation where that does not fit."""
     if found.accuracy is None:
         return []
     before, after = (
@@ -101,19 +101,19 @@ def _hand(found: Solution, width: int) -> list[Line]:
 
 
 def _truth(facts: Facts, width: int) -> list[Line]:
-    """How far a simulated arm's calibration is from the truth; nothing of a real arm."""
+    """Errors of a simulated arm's calibration against the truth; empty for a real arm."""
     table = facts.table("truth")
     return [] if table is None else list(wrapped(f"   truth: {table.note}", width, "text", "   "))
 
 
 def _in_short(notice: str) -> str:
-    """What is wrong and what to do: the first and the last clause."""
+    """Return the cause and its remedy in short."""
     what, *rest = notice.split("; ")
     return f"{what}; {rest[-1]}" if rest else what
 
 
 class ParametersPanel(TablePanel):
-    """Nominal, identified, change, sigma, and what the paper's estimator found."""
+    """Nominal, identified, change, sigma, and the paper estimator's value."""
 
     TITLE = "Parameters"
     HELP = (
@@ -145,7 +145,7 @@ class ResultsPlot(Lines):
     """Whether a frame has the title; without one it is the first line."""
 
     def count_pages(self, s: SessionSnapshot) -> None:
-        """How many there are: plots, words, the table of joints and what other tables there are."""
+        """Return the number of pages: plots, text, the table of joints and other tables."""
         facts = facts_on(s)
         if s.solution is not None and facts is not None:
             self.words_from = 1 + len(s.solution.rvdt)
@@ -192,7 +192,7 @@ class ResultsPlot(Lines):
 def _of_rvdt(
     subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
-    """What the loops say of an RVDT: its curve against what is allowed, then in words."""
+    """One RVDT: its linearity deviation with its limits, then in words."""
     words = wrapped(f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " ")
     if verdict.figures is None:
         return words

@@ -1,4 +1,4 @@
-"""What every step's view has in common: panels, a main list, and views to turn over when it is small."""
+"""Base of every step's view: panels, a main list, and several views on a small terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from operator_app.tui.widgets.list_panel import ListPanel
 class StepView(Container):
     """Panels of one step.
 
-    `VIEWS` names the panels that a small terminal shows together; `v` turns them over. `MAIN` is the
+    `VIEWS` names the panels that a small terminal shows together; `v` shows the next view. `MAIN` is the
     panel whose rows the arrow keys mark.
     """
 

@@ -1,1 +1,1 @@
-"""Panels that more than one step shows. Each turns a snapshot into lines and nothing else."""
+"""Panels that several steps share. Each turns a snapshot into lines."""

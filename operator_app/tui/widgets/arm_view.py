@@ -1,4 +1,4 @@
-"""Arm and hinge in braille, from the current estimate, with the next pose as a ghost. Knows no bus."""
+"""Arm and hinge in braille, from the current estimate, with the next pose as a ghost."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16
 """Half the length at which the hinge axis is drawn."""
 VISIBLE_RAD = 0.015
-"""At arm's length this moves less than a dot; a resting RVDT wanders by as much."""
+"""A joint that turns by less moves the drawing by less than a dot; noise of an RVDT is as large, rad."""
 
 
 def _view() -> FloatArray:
@@ -55,7 +55,7 @@ class ArmView(Lines):
         self._turn = False
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Draw only when something moved by what a dot could show."""
+        """Return the drawing, made again only if a joint moved visibly."""
         if s.arm is None:
             self.retitle("Arm")
             return [(), line((" no arm connected", "dim"))]
@@ -68,7 +68,7 @@ class ArmView(Lines):
         things = (s.procedure, x, s.forecast, s.heading)
         news = figures != self._figures or any(map(is_not, things, self._things))
         self._turn = not self._turn
-        # Ten times a second is enough for the eye, and this is the dearest panel.
+        # Ten times a second is enough: this panel costs most.
         if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
             self._drawn = self._draw(s, q, x, width, height, anew=news)
             self._figures, self._things, self._at = figures, things, q

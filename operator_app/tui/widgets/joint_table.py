@@ -1,4 +1,4 @@
-"""The seven joints, live: mode, angle, speed, torque, where in the range, state. Knows one snapshot."""
+"""The joints, live: mode, angle, speed, torque, position in the range, state."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 NEAR_END = 0.04
-"""Share of the range at either end where a joint is said to be near its limit."""
+"""Share of the range at either end in which a joint is marked as near its limit."""
 
 _DRIVES = {
     DriveState.OPERATION_ENABLED: "ok",
@@ -120,7 +120,7 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(
     s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
 ) -> tuple[str, str, str]:
-    """A word, the figure that belongs to it, and the role of both."""
+    """State of a joint: a word, its figure, and the role of both."""
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
         return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"

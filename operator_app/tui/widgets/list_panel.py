@@ -1,4 +1,4 @@
-"""A list below a header, longer than its panel if it must be: the arrows mark a row or scroll. Knows no content."""
+"""A list below a header that may be longer than its panel: the arrows mark a row or scroll."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was said: the alarm that stands, the last messages, and all of them to read. Knows one snapshot."""
+"""The log: the standing alarm, the last messages, and all messages to read."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from operator_app.session.ui.user_interface import ShownAlarm
 from operator_app.tui.lines import Clicked, Lines
 
 ROWS = 4
-"""Rows of the log while an alarm stands, at least."""
+"""Least rows of the log while an alarm stands."""
 SHOWS_ALL = " … ({key} shows all of it)"
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
 
 class Log(Lines, can_focus=False):
-    """The newest alarm that stands, in all its words; then the last messages, newest first.
+    """The newest standing alarm in full, then the last messages, newest first.
 
-    Of messages the newest is shown in any case, older ones where they fit.
+    The newest message is always shown, older ones where they fit.
 
     Attributes
     ----------
@@ -37,13 +37,13 @@ class Log(Lines, can_focus=False):
         return min(max(len(_alarm_rows(s, width)), ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """As many lines as there are rows; what has no room says which key shows all of it."""
+        """Return as many lines as there are rows; where one is cut, the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
         whole = len(rows) <= height
         rows = cut(rows, width, height, SHOWS_ALL.format(key="A"))
         self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=whole) if rows else None
-        # While any key ends the motion, none shows more.
+        # During a motion every key ends it: none is offered.
         more = " …" if ends_with_any_key(s.task) else SHOWS_ALL.format(key="l")
         others = [m for m in s.messages[::-1] if m.number not in standing]
         for k, message in enumerate(others):
@@ -55,12 +55,12 @@ class Log(Lines, can_focus=False):
         return [clip(row, width) for row in rows]
 
     def on_click(self, event: events.Click) -> None:
-        """A click shows all that was said; it ends no motion."""
+        """Show all messages; the click ends no motion."""
         self.post_message(Clicked("messages"))
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
-    """The newest alarm; how many others wait behind it."""
+    """Return the lines of the newest alarm, and how many others wait."""
     if not s.alarms:
         return []
     count = len(s.alarms)
@@ -75,7 +75,7 @@ def _rows(message: Message, width: int, text: str) -> list[Line]:
 
 
 def messages_text(s: SessionSnapshot, width: int) -> str:
-    """Return all that was said, newest first, each message whole."""
+    """Return all messages in full, newest first."""
     return (
         "\n".join(
             textwrap.fill(

@@ -1,4 +1,4 @@
-"""A picture in braille, and a row of bars. Knows pictures and numbers only."""
+"""A picture in braille, and a row of bars."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from operator_app.report.spans import Line as Row
 from operator_app.report.spans import Span
 
 LABEL = 9
-"""Cells of the vertical axis and its numbers."""
+"""Width in cells of the vertical axis and its numbers."""
 ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
 """Roles of the classes of lines and marks."""
 
@@ -69,7 +69,7 @@ def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]
 
 
 def _below(x: Axis, width: int) -> str:
-    """First and last tick where they belong, the axis' title between them."""
+    """Line of the horizontal axis: first and last tick, the title between them."""
     room = width - LABEL - 1
     cells = [" "] * room
     first, last = x.tick_texts[0], x.tick_texts[-1]
@@ -85,7 +85,7 @@ def _below(x: Axis, width: int) -> str:
 
 SPARKS = "▁▂▃▄▅▆▇█"
 MOST = 30.0
-"""The highest bar over the lowest at most: one bad value at the beginning does not flatten the rest."""
+"""Largest ratio of the highest bar to the lowest: one bad first value does not flatten the rest."""
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:

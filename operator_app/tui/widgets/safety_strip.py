@@ -1,6 +1,6 @@
 """The strip on top: STOP, simulated or real, bus, heartbeat, data, modes, drives; and the banner below.
 
-Always there, also under a dialog. Knows one snapshot.
+Always visible, also under a dialog.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ THIN: Span = ("│", "dim")
 
 
 class SafetyStrip(Lines, can_focus=False):
-    """One line."""
+    """The strip: one line."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Everything that decides whether it is safe, in one row."""
+        """Return all that decides whether it is safe to approach, in one row."""
         short = width < 110
         stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
         cells: list[list[Span]] = [stop, _where(s, short=short)]
@@ -34,12 +34,12 @@ class SafetyStrip(Lines, can_focus=False):
         cells += [_modes(s, short=short), _drives(s, short=short)]
         row = _joined(cells, short=short)
         if length(row) > width:
-            # The step shows the modes as well, and nothing else says what the drives do.
+            # The step shows the modes as well; the state of the drives is shown only here.
             row = _joined([*cells[:-2], cells[-1]], short=short)
         return [clip(row, width)]
 
     def on_click(self, event: events.Click) -> None:
-        """A click on STOP is STOP."""
+        """Stop when STOP is clicked."""
         if event.x < STOP_WIDTH:
             self.post_message(Clicked("stop"))
 
@@ -55,7 +55,7 @@ class Banner(Lines, can_focus=False):
     """One line below the strip: STOP, motion, lost data, or what kind of arm this is."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return the most urgent of what there is to say."""
+        """Return the most urgent message."""
         return [clip(_banner(s), width)]
 
 

@@ -1,4 +1,4 @@
-"""The seven steps: which are done, what was decided, what is missing. Knows one snapshot."""
+"""The seven steps: those that are done, decisions, and what is missing."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from operator_app.tui.lines import Clicked, Lines
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:
-    """Whether a step has been dealt with: the one after it is open."""
+    """Whether a step is done, so that the next one is open."""
     if step is Step.EXPORT:
         return s.written is not None
     if step is Step.RESULTS:
@@ -26,7 +26,7 @@ def done(step: Step, s: SessionSnapshot) -> bool:
 
 
 def detail(step: Step, s: SessionSnapshot) -> str:
-    """What was decided, in a word or two."""
+    """Return the decision of a step in a word or two."""
     match step:
         case Step.CONNECT:
             return s.identity.serial_number if s.identity else "not connected"
@@ -70,25 +70,25 @@ class StepRail(Lines, can_focus=False):
         return rows
 
     def on_click(self, event: events.Click) -> None:
-        """A click on a step goes there."""
+        """Go to the step that was clicked."""
         action = self._action_at(event.x, event.y)
         if action:
             self.post_message(Clicked(action))
 
     def _action_at(self, x: int, y: int) -> str:
-        """What a click does; a handler of its own in a subclass would not take this one's place."""
+        """Return the action of a click; a handler in a subclass would be called as well as this one."""
         number = y // 3 + 1
         return f"step_{number}" if number <= len(Step) else ""
 
 
 class StepRow(StepRail, can_focus=False):
-    """All steps in one row, for small terminals. `place`: which of how many views is shown."""
+    """All steps in one row, for small terminals. `place`: number of the view, and of how many."""
 
     place = (1, 1)
     _view_at: int | None = None
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Only the present step has its name."""
+        """Return one row; only the present step has its name."""
         row: list[Span] = []
         for step in Step:
             here = step is self.current
@@ -103,7 +103,7 @@ class StepRow(StepRail, can_focus=False):
         return [tuple(row)]
 
     def _action_at(self, x: int, y: int) -> str:
-        """A number goes there; the view is turned over, which ends no motion."""
+        """A click on a number goes to its step, elsewhere to the next view; it ends no motion."""
         if self._view_at is not None and x >= self._view_at:
             return "view"
         end = 0

@@ -1,7 +1,7 @@
 # PYTHON_ARGCOMPLETE_OK
-"""The command line: parsing, dispatch, and every error a user can cause as words and an exit code.
+"""The command line: parsing, dispatch, error messages and exit codes.
 
-Commands are imported when they are called, so that ``--help`` and the terminal app start at once.
+Commands are imported when they are called, so that ``--help`` and the terminal app start fast.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from operator_app.commands.completion import asked, complete
+from operator_app.commands.completion import complete, words_to_complete
 from operator_app.commands.table import APP, COMMANDS, module
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import harmless, say, silence, stand_in_for_closed
@@ -39,7 +39,7 @@ exit codes: 0 accepted; 2 usage or bad input; 3 bus or arm fault; 4 solved but n
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code."""
-    # Our matrices are small: more threads only fight each other and the bus for two cores.
+    # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stand_in_for_closed()
     try:
@@ -53,7 +53,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         say("sarcal: interrupted.", err=True)
         return 130
     except BrokenPipeError:
-        # Whoever watched has gone.
         silence(sys.stdout)
         return 0
     except OSError as error:
@@ -72,7 +71,7 @@ def _dispatch(argv: Sequence[str]) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
-    completing = asked()
+    completing = words_to_complete()
     words = argv if completing is None else completing
     wanted = next((word for word in words if word in COMMANDS), APP)
     if wanted == APP:
@@ -100,7 +99,7 @@ def _dispatch(argv: Sequence[str]) -> int:
     except EXPECTED_ERRORS as error:
         say(_in_words(error), err=True)
         return int(exit_code(error))
-    # Here, where a full disk can still be said in words.
+    # Flush here, so that a full disk is reported.
     try:
         sys.stdout.flush()
     except BrokenPipeError:
@@ -109,7 +108,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 
 def _with_their_options(words: Sequence[str]) -> list[str]:
-    """Join ``--base-point -60,0,80``: argparse takes a list that begins with a minus for an option."""
+    """Join ``--base-point -60,0,80``: argparse takes a value that begins with a minus for an option."""
     joined: list[str] = []
     for word in words:
         if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
@@ -120,7 +119,7 @@ def _with_their_options(words: Sequence[str]) -> list[str]:
 
 
 def _in_words(error: Exception) -> str:
-    """Return an error as lines: of a file with many problems one each, else a single one."""
+    """Return the message of an error: a line for each problem of a file, else one line."""
     from operator_app.config.errors import ConfigError
 
     text = f"sarcal: {error}"
@@ -128,7 +127,7 @@ def _in_words(error: Exception) -> str:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Repeats what was typed only as text."""
+    """Reports unknown commands with a suggestion; makes typed text harmless."""
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
@@ -139,10 +138,9 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _CommandParser(_Parser):
-    """One command's: its words and options in any order, and its own usage where one is not known.
+    """Parser of a command, with arguments and options in any order.
 
-    Up to Python 3.12 a positional argument that may be left out counts as left out where an option comes
-    before it: `session show --json latest`.
+    Up to Python 3.12, argparse loses an optional positional after an option: `session show --json latest`.
     """
 
     _underway = False
@@ -163,7 +161,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Looks the version up when it is asked for: that import takes as long as all others here."""
+    """Looks up the version only when words_to_complete: the import is slow."""
 
     def __call__(
         self,

@@ -1,7 +1,7 @@
-"""The one place where real and virtual parts are joined: which arm is at the end of which bus.
+"""Composition of session, arm and bus.
 
-Without a bus of its own a session gets the virtual arm: its controller in this process, on a
-python-can ``virtual`` channel, behind the same frames a real one would send.
+Without a bus, a session gets the embedded virtual arm: a controller in this process on a python-can ``virtual``
+channel, with the same frames as a real one.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from operator_app.carried_procedure import carried_procedure, named_scenario, session_bus
 from operator_app.config.description import describe
 from operator_app.config.procedure import Procedure
+from operator_app.effective_procedure import effective_procedure, named_scenario, session_bus
 from operator_app.errors import SessionError
 from operator_app.safe_output import say
 from operator_app.session.workflow.instrument import Instrument, port_of
@@ -45,28 +45,27 @@ from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from operator_app.virtual_arms import run_controller, true_values, virtual_instrument
 
 EMBEDDED_PATIENCE_S = 10.0
-"""An embedded arm and its operator share a processor: either may wait for it, and neither is lost."""
+"""Timeouts for the embedded arm, which shares the processor with its operator."""
 SWITCH_INTERVAL_S = 0.0005
-"""How long one thread may keep the interpreter: a SYNC must not wait for a solver or a repaint."""
+"""Interpreter switch interval, so that SYNC does not wait for a solver or a repaint."""
 
 RARELY = 100_000
-"""Collections of middle-aged garbage before one of all."""
+"""Threshold of full garbage collections."""
 
 COMPILED = ("scipy.linalg", "scipy.special", "scipy.sparse.csgraph", "scipy.spatial")
-"""What sessions compute with and nothing else wants: opening such a library keeps the interpreter for 10 to 40 ms."""
+"""Libraries loaded before an arm is live: loading one holds the interpreter for 10 to 40 ms."""
 
 _channels = count(1)
 
 
 @cache
-def be_punctual() -> None:
-    """Let nothing hold the interpreter for long; once a process, before an arm is live."""
+def prepare_real_time() -> None:
+    """Keep the interpreter responsive; once per process, before an arm is live."""
     sys.setswitchinterval(SWITCH_INTERVAL_S)
     for library in COMPILED:
         import_module(library)
-    # To look through everything for garbage takes a tenth of a second, and more on a slow machine, in
-    # which no SYNC is answered and no STOP sent. Young garbage is collected as ever; what grows old is
-    # closed dialogs, 0.4 MB each, and a calibration leaves none.
+    # A full garbage collection takes 0.1 s or more, during which no SYNC is answered and no STOP sent. Young
+    # garbage is collected as usual; old garbage is closed dialogs of 0.4 MB each.
     gc.freeze()
     young, middle, _ = gc.get_threshold()
     gc.set_threshold(young, middle, RARELY)
@@ -80,30 +79,29 @@ def open_arm(
     speed: float = 1.0,
     record_to: Path | None = None,
 ) -> Iterator[Rig]:
-    """Open the bus a session asks for, with a virtual controller on it if it is this process's own.
+    """Open the arm of a session; on the embedded bus with its virtual controller.
 
     Parameters
     ----------
     pace
-        Default: fast-forward on the embedded virtual arm, real time on any bus that others share.
+        Default: fast-forward for the embedded virtual arm, real time on any other bus.
     speed
-        In real time: how many times faster than that the embedded virtual arm runs.
+        Factor by which the embedded virtual arm runs faster than real time.
 
     Raises
     ------
     BusError
         The bus cannot be opened.
     SessionError
-        No arm took this session's poses.
+        The session was imported: no arm captured its poses.
     """
     if opening.imported:
         raise SessionError(
-            f"{opening.folder} was made from {opening.imported}: no arm took its poses, and none can "
-            "go on with them",
+            f"{opening.folder} was imported from {opening.imported}: it cannot be continued with an arm",
             "calibrate the arm in a session of its own: sarcal run",
         )
-    be_punctual()
-    procedure = carried_procedure(opening)
+    prepare_real_time()
+    procedure = effective_procedure(opening)
     bus = settings = session_bus(opening.choices, procedure)
     outside = offer(bus.interface)
     if outside is not None:
@@ -117,7 +115,7 @@ def open_arm(
             yield Rig(arm=theirs, opening=opening, simulated=False, instrument=instrument)
         return
     if procedure.profile.supervisor is None:
-        # Nobody there keeps parameters: they are the operator's, in the session's folder.
+        # Without a supervisor nothing stores parameters: they stay in the session folder.
         procedure = replace(procedure, upload=False)
     embedded = settings.interface == "virtual"
     controller: VirtualController | None = None
@@ -149,8 +147,8 @@ def open_arm(
             timing=_timing(procedure, speed=speed, embedded=embedded),
             openers=openers,
         )
-        recording_ended = partial(_what_is_not_recorded, arm)
-        stack.callback(_say_if_any, recording_ended)
+        recording_ended = partial(_recording_problem, arm)
+        stack.callback(_print_problem, recording_ended)
         stack.callback(arm.close)
         instrument = None
         if not procedure.fixture.fixture.holds_hand:
@@ -172,11 +170,11 @@ def open_arm(
 def _outside_arm(
     found: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
 ) -> Iterator[OutsideArm]:
-    """Make an arm that another package offers, and leave it held in the end."""
+    """Open an arm of another package; leave it held at the end."""
     if record_to is not None and not found.records:
         raise SessionError(
-            f"the arm {bus.interface} does not record what is said on its wire",
-            "leave --record out; every pose is in the session's journal",
+            f"the arm {bus.interface} cannot record its bus",
+            "leave --record out; all poses are in the journal",
         )
     description = describe(opening.procedure.arm)
     order = ArmOrder(description=description, channel=bus.channel, bitrate=bus.bitrate)
@@ -193,7 +191,7 @@ def _outside_arm(
         arm.close()
 
 
-def _what_is_not_recorded(arm: CanopenArm) -> str:
+def _recording_problem(arm: CanopenArm) -> str:
     if arm.recording_failure is None:
         return ""
     return (
@@ -202,16 +200,16 @@ def _what_is_not_recorded(arm: CanopenArm) -> str:
     )
 
 
-def _say_if_any(words: Callable[[], str]) -> None:
+def _print_problem(words: Callable[[], str]) -> None:
     if found := words():
         say(f"sarcal: {found}.", err=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutShort:
-    """A session that did not come to its end.
+    """A session that ended early.
 
-    `connected`: there was an arm; `held`: it confirmed that it is; `kept`: there is a folder of it.
+    `connected`: an arm was connected; `held`: it confirmed that it is held; `kept`: the session folder exists.
     """
 
     session: Session
@@ -228,17 +226,16 @@ def unattended(
     record_to: Path | None = None,
     cut_short: Callable[[CutShort], None] = lambda _: None,
 ) -> Iterator[Session]:
-    """Open a session for a command: whatever ends it, the arm is held and the journal whole afterwards.
+    """Open a session for a command; at the end, whatever the cause, hold the arm and close the journal.
 
-    `cut_short` is told then of a session that did not come to its end, and why. One in which no arm was
-    found leaves no folder.
+    Calls `cut_short` with a session that ended early. A session without an arm leaves no folder.
 
     Raises
     ------
     NotLetGoError
-        It came to its end, or was interrupted, and the arm is not held.
+        The session has ended or was interrupted, and the arm is not known to be held.
     JournalLostError
-        It came to its end, and its journal was taken away.
+        The session has ended, and its journal is lost.
     """
     with ending_signals_interrupt(), open_arm(opening, record_to=record_to) as rig:
         session = open_session(rig)
@@ -253,7 +250,7 @@ def unattended(
             raise
         finally:
             with ending_signals_wait():
-                # Of this run: what an earlier one had connected to may not be there any more.
+                # In this run; an earlier one may have had another arm.
                 connected = session.identity is not None
                 held = session.close(reason)
                 kept = not remove_if_empty(session)
@@ -264,7 +261,7 @@ def unattended(
                     )
                 )
             if session.not_held is not None and isinstance(cause, KeyboardInterrupt | None):
-                # What was wanted of the arm is nothing to what it may do now.
+                # An arm that may move is more important than the result.
                 raise session.not_held from cause
         if session.journal.loss is not None:
             raise session.journal.loss
@@ -295,7 +292,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return what sees the hand: as chosen, else the virtual arm's own, else as the procedure says."""
+    """Return the instrument: of the options, else of the virtual arm, else of the procedure."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None

@@ -1,4 +1,4 @@
-"""Documents of calibrations: the one that a reference means, and all of an arm, from files and journals."""
+"""Parameters documents from files and journals: one by reference, or the history of an arm."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from operator_app.calibration.history import (
     PastVerification,
     history_of,
 )
-from operator_app.carried_procedure import carried_procedure
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.resources import expanded
+from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import SessionError
 from operator_app.session.store.folders import (
     PARAMETERS_NAME,
@@ -24,8 +24,8 @@ from operator_app.session.store.folders import (
     read_session,
 )
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.parameters import document_of
-from operator_app.session.store.stored_calibration import StoredCalibration, recorded
+from operator_app.session.store.parameters import parameters_document
+from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.opening import Choices, resume
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     Raises
     ------
     ConfigError, SessionError
-        There is none; says what to do.
+        There is none.
     """
     where = expanded(reference)
     if where.is_file():
@@ -51,11 +51,11 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     try:
         folder = find_session(root, reference)
     except SessionError:
-        # A folder with the file alone, as somebody sent it.
+        # A folder that contains only the file.
         folder = where
         if not (where / PARAMETERS_NAME).is_file():
             raise
-    found = _journalled(folder)
+    found = _document_in_journal(folder)
     if found is not None:
         return found
     file = folder / PARAMETERS_NAME
@@ -75,15 +75,15 @@ def arm_history(
     Parameters
     ----------
     kept_mounted
-        The fixture stays mounted between sessions, unless a session says that it came off; else each session
-        mounted it anew.
+        The fixture stays mounted between sessions, except where a session has several placements; else each
+        session has remounted it.
     interval
-        Between calibrations; None: as it was so far.
+        Between calibrations; None: as so far.
 
     Raises
     ------
     SessionError
-        There is no accepted calibration of such an arm.
+        There is no accepted calibration of this arm.
     """
     calibrations: list[PastCalibration] = []
     checks: list[PastVerification] = []
@@ -98,7 +98,7 @@ def arm_history(
         serials.add(state.serial_number)
         if state.serial_number != serial:
             continue
-        found = recorded(state)
+        found = journal_calibration(state)
         if isinstance(found, str):
             if state.used_poses:
                 left_out.append((name, found))
@@ -108,12 +108,12 @@ def arm_history(
             continue
         several = len({pose.placement for pose in state.used_poses}) > 1
         mounting += several or not kept_mounted
-        procedure = carried_procedure(resume(str(entry.folder), Choices(), root=root))
+        procedure = effective_procedure(resume(str(entry.folder), Choices(), root=root))
         solved = datetime.fromisoformat(state.solved_utc)
         calibrations.append(
             PastCalibration(
                 session=name,
-                document=document_of(found.solution, state, procedure, utc=solved),
+                document=parameters_document(found.solution, state, procedure, utc=solved),
                 within=found.solution.within,
                 mounting=mounting,
             )
@@ -139,12 +139,12 @@ def arm_history(
     return history_of(calibrations, checks, left_out=left_out, interval=interval)
 
 
-def _journalled(folder: Path) -> ParametersDocument | None:
-    """Return what an export of a session's calibration would write; None where its journal has none."""
+def _document_in_journal(folder: Path) -> ParametersDocument | None:
+    """Return the document of the calibration in a session's journal; None without one."""
     state = read_session(folder).state
-    found = None if state is None else recorded(state)
+    found = None if state is None else journal_calibration(state)
     if state is None or not isinstance(found, StoredCalibration):
         return None
-    procedure = carried_procedure(resume(str(folder), Choices(), root=folder.parent))
+    procedure = effective_procedure(resume(str(folder), Choices(), root=folder.parent))
     solved = datetime.fromisoformat(state.solved_utc)
-    return document_of(found.solution, state, procedure, utc=solved)
+    return parameters_document(found.solution, state, procedure, utc=solved)

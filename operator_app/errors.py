@@ -1,4 +1,4 @@
-"""Errors of the workflow, each with what happened and what to do now. Knows no screen."""
+"""Errors of the workflow, each with a message and a remedy."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ COMMANDS = ("pip ", "sarcal ")
 
 
 def _as_sentence(remedy: str) -> str:
-    """With a capital, unless it begins with what is to be typed."""
+    """Return the remedy with a capital, unless it begins with a command to type."""
     return remedy if remedy.startswith(COMMANDS) else remedy[:1].upper() + remedy[1:]
 
 
 class SessionError(Exception):
-    """Something the operator has to know and can act on.
+    """An error that the operator can act on.
 
     Attributes
     ----------
     happened, remedy
-        One sentence each: what happened, what to do now.
+        What happened, and what to do.
     """
 
     def __init__(self, happened: str, remedy: str) -> None:
@@ -27,19 +27,19 @@ class SessionError(Exception):
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
     def preceded_by(self, told: str) -> None:
-        """Say first what had happened before."""
+        """Put a message about an earlier event in front."""
         self.happened = f"{told.removesuffix('.')}. Then: {self.happened}"
         (said,) = self.args
         self.args = (f"{told.removesuffix('.')}. Then: {said}",)
 
 
 class NotLetGoError(SessionError):
-    """An arm was let go of, and is not known to be left as it should be: held, its drives off.
+    """After its release, the arm is not known to be held with its drives off.
 
     Attributes
     ----------
     powered
-        Joints whose drives said that they were powered still; empty where the arm did not answer.
+        Joints whose drives reported that they are powered; empty if the arm did not answer.
     """
 
     def __init__(self, powered: tuple[int, ...]) -> None:
@@ -52,28 +52,28 @@ class NotLetGoError(SessionError):
                 else f"the drives of joints {joints} are"
             )
             super().__init__(
-                f"{drives} still powered: letting go of the arm did not switch that off",
-                "keep clear of the arm and of its fixture, and take its power by the hardware stop; only then "
-                "find out why",
+                f"{drives} still powered after the release of the arm",
+                "keep clear of the arm and its fixture, and switch off its power with the hardware stop; then find "
+                "the cause",
             )
             return
         super().__init__(
-            "the arm did not answer when it was told to hold and let go: nobody here knows what it does",
-            "look before you go near; its drives hold by themselves when they miss the operator's heartbeat",
+            "the arm did not answer the hold command at its release: its state is not known",
+            "look before you go near; its drives hold by themselves when they miss the operator heartbeat",
         )
 
 
 class GuardError(SessionError):
-    """A step was asked for before its conditions hold; nothing was done."""
+    """The conditions of an operation are not met; nothing was done."""
 
 
-class StandingRefusedError(GuardError):
-    """Where the arm stands, what it reads cannot be; no drive was enabled.
+class ClosureRefusedError(GuardError):
+    """The joint readings do not close the loop; no drive was enabled.
 
     Attributes
     ----------
     probability
-        Chance of readings that fit worse in an arm that is as known; None where another thing told.
+        Probability of a larger chi2 for an unchanged arm; None if another check refused.
     """
 
     def __init__(self, happened: str, remedy: str, *, probability: float | None = None) -> None:
@@ -81,12 +81,12 @@ class StandingRefusedError(GuardError):
         self.probability = probability
 
 
-class ConnectAgainError(StandingRefusedError):
-    """What the arm reads cannot be: that is mended at the arm, which is then connected again."""
+class ConnectAgainError(ClosureRefusedError):
+    """The joint readings are wrong: to be corrected at the arm, which is then connected again."""
 
 
 class Cancelled(SessionError):
-    """The operator ended what was under way; the arm has come to rest."""
+    """The operator cancelled the task; the arm has come to rest."""
 
     def __init__(self) -> None:
         super().__init__("Ended by the operator", "The arm holds; go on when you are ready")
@@ -97,20 +97,20 @@ class JournalError(SessionError):
 
 
 class JournalExistsError(JournalError):
-    """Where a journal was to begin there is one."""
+    """The journal to be created exists already."""
 
 
 class JournalDamagedError(JournalError):
-    """A complete line of a journal is not what was written, or says what no session can mean.
+    """A complete line of a journal was changed, or its data are not valid.
 
     Attributes
     ----------
     path, line, key
-        Where; the key is empty where the line as a whole is meant.
+        Location; the key is empty for the whole line.
     problem
-        What is wrong with it, in words.
+        The problem, as text.
     events
-        How many lines before it are whole.
+        Number of valid lines before it.
     """
 
     def __init__(self, *, path: Path, line: int, problem: str, events: int, key: str = "") -> None:
@@ -118,23 +118,22 @@ class JournalDamagedError(JournalError):
         self.problem, self.events = problem, events
         super().__init__(
             f"{path} is damaged at line {line}: {problem}",
-            f"restore the file from a copy, or keep what can be proven with: sarcal session repair "
+            f"restore the file from a copy, or keep the valid lines with: sarcal session repair "
             f"{path.parent}",
         )
 
 
 class JournalForeignError(JournalError):
-    """A file in a journal's place that is none, or of a version that is not known here."""
+    """The file is not a journal, or has an unknown version."""
 
 
 class JournalLostError(JournalError):
-    """The journal was taken away, replaced or changed while a session was writing it.
+    """The journal was deleted, moved, replaced or changed while a session was using it.
 
     Attributes
     ----------
     rescued
-        Folder of a new session that holds everything, the last entry included; None where it could
-        not be written.
+        Folder of a new session with all entries; None if it could not be written.
     """
 
     def __init__(self, happened: str, remedy: str, *, rescued: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""Exit codes of `sarcal`, a contract with scripts, and which error ends in which. Prints nothing."""
+"""Exit codes of `sarcal`, a contract with scripts, and the code of each error."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver.errors import SolverError, UnidentifiableError
 
 
 class ExitCode(IntEnum):
-    """What a finished command says to the shell."""
+    """Exit code of a command."""
 
     ACCEPTED = 0
     BAD_INPUT = 2
@@ -34,11 +34,11 @@ MEANING: Mapping[ExitCode, str] = MappingProxyType(
         ExitCode.INTERRUPTED: "interrupted; the arm is held, the session is kept",
     }
 )
-"""In words, for the manual."""
+"""Texts for the manual."""
 
 
 class UsageError(Exception):
-    """Options that do not go together; the text says which and what to do."""
+    """Invalid or contradictory options; the text says which and what to do."""
 
 
 EXPECTED_ERRORS = (
@@ -50,7 +50,7 @@ EXPECTED_ERRORS = (
     FixtureError,
     SolverError,
 )
-"""Everything a user can cause. Anything else is a defect of this program and shows its traceback."""
+"""Errors that a user can cause. Any other exception is a program error and shows its traceback."""
 
 
 def exit_code(error: BaseException) -> ExitCode:

@@ -1,7 +1,7 @@
-"""Whether the top-level names of this program are its own, before anything is imported by them.
+"""Checks that the top-level packages are ours before they are imported.
 
-PyPI's `fixtures` installs the same name as our package, and others may. Installed after ours it takes its
-place, and what fails then fails far from the cause. Knows nothing of what the packages hold.
+PyPI's `fixtures` installs the same top-level name. Installed after ours it replaces it, and the failure would appear
+far from the cause.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ FIRST_WORDS = {
     "hardware": b'"""The arm and the bus:',
     "solver": b'"""Kinematics, closure, estimation and planning.',
 }
-"""How each of our packages begins."""
+"""First line of the `__init__.py` of our packages."""
 
 REPAIR = "pip install --force-reinstall --no-deps sarcal"
 
 
 class ForeignPackageError(ImportError):
-    """Another package stands where one of ours should.
+    """Python finds another package under the name of ours.
 
     Attributes
     ----------
     name, found
-        The top-level name, and the file that Python finds by it.
+        The top-level name, and the file that Python finds.
     """
 
     def __init__(self, name: str, found: str, owners: Sequence[str], *, ours: bool) -> None:
@@ -50,19 +50,19 @@ class ForeignPackageError(ImportError):
 
 
 def require_own_names() -> None:
-    """Make sure that our packages are found beside this one, as they were installed.
+    """Check that our packages are found beside this one.
 
     Raises
     ------
     ForeignPackageError
-        One of them is not, with what to do.
+        One of them is not; the text says what to do.
     """
     home = Path(__file__).resolve().parents[1]
     for name, words in FIRST_WORDS.items():
         spec = importlib.util.find_spec(name)
         origin = "nothing" if spec is None or spec.origin is None else spec.origin
         own = home / name / "__init__.py"
-        # Where both were installed into one folder, the other's __init__.py may lie in it.
+        # Installed into the same folder, the other package may have replaced our __init__.py.
         found = Path(origin).resolve()
         if found != own or not own.read_bytes().startswith(words):
             owners = _owners(name, found)
@@ -70,7 +70,7 @@ def require_own_names() -> None:
 
 
 def _owners(name: str, found: Path) -> list[str]:
-    """Distributions other than ours that installed the file found; looked up only when all is lost."""
+    """Return the other distributions that installed this file."""
     from importlib.metadata import files, packages_distributions
 
     others = {d for d in packages_distributions().get(name, []) if d != "sarcal"}

@@ -1,8 +1,7 @@
-"""Where words leave this program: nothing that a terminal or a reader would obey goes with them.
+"""Output of text from outside (notes, serial numbers, device and file names) without control characters.
 
-A pose's label, a serial number, a device's name, a file name, an operator's note: somebody else wrote
-them. Journals keep them as they are, a CSV so that they come back; on a screen, in a page, in a pipe
-they are text. Knows no screen.
+Journals and CSV files keep such text unchanged; screens, pages and pipes get it without characters that a terminal
+would interpret.
 """
 
 from __future__ import annotations
@@ -16,14 +15,13 @@ from pathlib import Path
 from typing import TextIO
 
 MARK = "\ufffd"
-"""Stands for a character that is not shown, one for one, so that columns stay columns."""
+"""Replaces each character that is not shown, so that columns keep their width."""
 
 
 def harmless(text: str, *, keep: str = "") -> str:
-    """Return text in which control characters, line breaks and direction overrides are marked.
+    """Return text with control characters, line breaks and direction overrides replaced by `MARK`.
 
-    That is whatever Unicode calls other than a letter, mark, number, sign or space; `keep` lists
-    characters that the place where it goes takes for what they are, such as line breaks.
+    `keep` lists characters that are allowed, such as line breaks.
     """
     if text.isprintable():
         return text
@@ -31,22 +29,22 @@ def harmless(text: str, *, keep: str = "") -> str:
 
 
 def lines(found: Iterable[str]) -> str:
-    """Put lines one below the other; none of them breaks."""
+    """Join lines; each is made harmless first."""
     return "\n".join(map(harmless, found))
 
 
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
     """Print lines on stdout or stderr.
 
-    Progress that cannot be written, and a result whose reader has gone, go nowhere: what a command found is in its
-    exit code and its files. Of a `streaming` one that somebody watches, the reader's going is the end.
+    Errors of writing progress to stderr, and a closed pipe, are ignored: exit code and files hold the result. A
+    closed pipe ends a `streaming` command.
 
     Raises
     ------
     BrokenPipeError
-        The reader of a streaming one has gone.
+        The reader of a streaming command has closed the pipe.
     OSError
-        A result cannot be written: a full disk, say.
+        A result cannot be written, e.g. to a full disk.
     """
     if err:
         stderr = Stderr()
@@ -62,29 +60,29 @@ def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:
 
 
 class Stderr:
-    """Stderr as a file for progress: where it is full, or nobody reads it any more, that goes nowhere."""
+    """Stderr for progress; errors of writing are ignored."""
 
     @property
     def _stream(self) -> TextIO:
-        # Of a progress bar that has taken stderr's place: what is behind it.
+        # A progress bar may have replaced sys.stderr.
         found: TextIO = getattr(sys.stderr, "rich_proxied_file", sys.stderr)
         return found
 
     @property
     def encoding(self) -> str:
-        """Of stderr."""
+        """As of stderr."""
         return self._stream.encoding or "utf-8"
 
     def isatty(self) -> bool:
-        """Whether somebody looks at it."""
+        """Whether stderr is a terminal."""
         return self._stream.isatty()
 
     def fileno(self) -> int:
-        """Of stderr."""
+        """As of stderr."""
         return self._stream.fileno()
 
     def write(self, text: str) -> int:
-        """Write as far as that is possible."""
+        """Write; ignore errors."""
         try:
             return self._stream.write(text)
         except OSError:
@@ -92,7 +90,7 @@ class Stderr:
             return len(text)
 
     def flush(self) -> None:
-        """Flush as far as that is possible."""
+        """Flush; ignore errors."""
         try:
             self._stream.flush()
         except OSError:
@@ -100,7 +98,7 @@ class Stderr:
 
 
 def silence(stream: TextIO) -> None:
-    """Lead a stream nowhere: what is left in its buffer must not fail once more when the interpreter ends."""
+    """Redirect a stream to the null device, so that its buffer does not fail again at exit."""
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -108,7 +106,7 @@ def silence(stream: TextIO) -> None:
 
 
 def stand_in_for_closed() -> None:
-    """Put the null device where a standard stream was closed, before a file of ours gets its number."""
+    """Open the null device for closed standard streams, before another file gets their descriptors."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115

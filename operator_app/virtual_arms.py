@@ -1,4 +1,4 @@
-"""The virtual arm that stands in for a real one: which it is, its controller, its tracker. Opens no session."""
+"""The virtual arm: scenario, controller, parameter slots, tracker."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from hardware.virtual.parameter_store import (
 from hardware.virtual.scenarios import Scenario, scenario_of
 from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.carried_procedure import named_scenario
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
+from operator_app.effective_procedure import named_scenario
 from operator_app.errors import SessionError
 from operator_app.session.workflow.instrument import Instrument
 from operator_app.session.workflow.opening import Choices
 from solver.chain.arm_model import ArmModel
 
 SERIAL_NUMBER = "SDA-0001"
-"""Of every virtual arm."""
+"""Serial number of every virtual arm."""
 
 
 def virtual_arm(
     arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int = 1
 ) -> Scenario:
-    """Return the virtual arm that stands in for these files, its fixture mounted for the n-th time.
+    """Return the virtual arm for these files, in this placement of its fixture.
 
     Raises
     ------
     SessionError
-        None can be built of them. Another one never takes its place.
+        None can be built from these files.
     """
     stated = SpecimenFiles(
         arm=arm,
@@ -57,7 +57,7 @@ def virtual_arm(
         return scenario_of(named.name, named.seed, stated, placement)
     except ValueError as error:
         raise SessionError(
-            f"no virtual arm can be built of {arm.name} in {fixture.name}: {error}",
+            f"no virtual arm can be built from {arm.name} in {fixture.name}: {error}",
             "change the files as said, or connect a real bus with -i",
         ) from error
 
@@ -65,7 +65,7 @@ def virtual_arm(
 def true_values(
     arm: ArmModel, fixture: FixtureSpec, choices: Choices, placement: int
 ) -> Mapping[str, float]:
-    """Return what `virtual_arm` truly is, rad and m by name: never asked over a bus."""
+    """Return the true parameters of `virtual_arm`, rad and m by name; they are never sent over a bus."""
     return virtual_arm(arm, fixture, choices, placement).true_loop().named()
 
 
@@ -82,11 +82,10 @@ def run_controller(
     script: Sequence[ScriptedFault] = (),
     attended: bool = False,
 ) -> Iterator[VirtualController]:
-    """Run the virtual controller of an arm on a bus; parameters are kept in `slots`, or in memory.
+    """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
 
-    The plant is of this arm in this `fixture` (default: the packaged hinge), mounted for the n-th time
-    (`placement`). `script` are faults that happen at given SYNCs. An `attended` controller is waited for by
-    `VirtualController.attend`.
+    The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script` are faults at given
+    SYNCs. `VirtualController.attend` waits for an `attended` controller.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)
@@ -95,7 +94,7 @@ def run_controller(
         plant, axes = chosen.build(arm), arm_axes(carried)
     except ValueError as error:
         raise SessionError(
-            f"no virtual arm can be built of {arm.name}: {error}",
+            f"no virtual arm can be built from {arm.name}: {error}",
             "change its file as said, or connect a real bus with -i",
         ) from error
     store = slots_in(slots)
@@ -122,12 +121,12 @@ def run_controller(
 
 
 def slots_in(folder: Path | None) -> ParameterStore:
-    """Return the parameter slots in a folder, looked at, or in memory.
+    """Return the parameter slots in a folder, after a check, or in memory.
 
     Raises
     ------
     SessionError
-        It is no folder, nothing can be written there, or what lies in a slot's place cannot be read.
+        The folder cannot be used, or a slot in it cannot be read.
     """
     if folder is None:
         return ParameterStore(MemoryDisk())
@@ -141,24 +140,22 @@ def slots_in(folder: Path | None) -> ParameterStore:
         file = error.filename if isinstance(error, OSError) else None
         at = f": {file}" if file is not None and str(file) != str(folder) else ""
         raise SessionError(
-            f"parameters cannot be kept in {folder} ({why}{at})",
-            "name a folder that can be written, or leave --state out: they are kept in memory then",
+            f"parameters cannot be stored in {folder} ({why}{at})",
+            "name a writable folder, or leave --state out to keep them in memory",
         ) from error
     return store
 
 
 def virtual_instrument(controller: VirtualController, fixture: Measured) -> Instrument:
-    """Return the tracker of a virtual arm of this process, behind the lines any other would send."""
+    """Return the tracker of a virtual arm of this process as an `Instrument`."""
     if controller.tracker is None:
-        raise SessionError(
-            "no tracker sees the hand of this virtual arm", "take a measured fixture"
-        )
+        raise SessionError("this virtual arm has no tracker", "use a fixture of kind measured")
     port = CalledLines(controller.tracker.answer, "the virtual arm's tracker")
     return Instrument(port, full_pose=fixture.full_pose)
 
 
 def validated_parameters(data: bytes) -> ValidatedParameters:
-    """Parse a document for the virtual supervisor; ValueError with words when it is not strict."""
+    """Parse a document for the virtual supervisor; ValueError if it is not valid."""
     try:
         document = parse_parameters(data)
     except ConfigError as error:

@@ -284,7 +284,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "frozen-sensor": FaultDescription(
             broken="a sensor's reading is frozen",
             says=(
-                "reads as it did at pose",
+                "reads the same count as at pose",
                 # Of a joint that is led: its drive, or this program, misses it on the way.
                 *("following error", "counts from its target"),
             ),

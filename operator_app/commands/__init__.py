@@ -1,1 +1,1 @@
-"""One module a command: its options and what it does. They share sessions, reports and exit codes."""
+"""One module for each command: its options and its work."""

@@ -1,4 +1,4 @@
-"""`sarcal` without a command: the terminal app, or with --plain the same workflow as prompts."""
+"""`sarcal` without a command: the terminal app, or with --plain the workflow as prompts."""
 
 from __future__ import annotations
 
@@ -68,10 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run until the operator leaves."""
+    """Run until the operator quits."""
     if args.tracker == "stdin":
         raise UsageError(
-            "--tracker stdin: here standard input is the keyboard's; take tcp:HOST:PORT or file:PATH"
+            "--tracker stdin: standard input is the keyboard here; use tcp:HOST:PORT or file:PATH"
         )
     if not 0.01 <= args.speed <= 50.0:
         raise UsageError("--speed: between 0.01 and 50 times real time")
@@ -102,24 +102,24 @@ def execute(args: argparse.Namespace) -> int:
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
-    code = _parting(made, reason, plain=args.plain)
+    code = _report_end(made, reason, plain=args.plain)
     if not args.plain:
-        threading.Thread(target=_end_for_good, args=(code,), daemon=True).start()
+        threading.Thread(target=_exit_after_threads, args=(code,), daemon=True).start()
     return code
 
 
 THREADS_PATIENCE_S = 1.5
 
 
-def _end_for_good(code: int) -> None:
-    """End although a thread does not: Textual's reader of keys may stay with a terminal that is gone."""
+def _exit_after_threads(code: int) -> None:
+    """Exit even if a thread does not end: Textual's key reader may block on a closed terminal."""
     threading.main_thread().join()
     time.sleep(THREADS_PATIENCE_S)
     os._exit(code)
 
 
-def _parting(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
-    """Say what was left behind; return the exit code."""
+def _report_end(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
+    """Report arm and session at the end; return the exit code."""
     for sessions in made:
         if sessions.lost is not None:
             say(f"sarcal: {sessions.lost}", err=True)
@@ -133,23 +133,21 @@ def _parting(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
 
 _ARM: Mapping[bool | None, str] = {
     True: "the arm is held. ",
-    False: "the arm did not answer: keep clear, nobody here knows what it does. ",
+    False: "the arm did not answer: keep clear, its state is not known. ",
     None: "",
 }
-"""By whether it answered as it was let go; none may have been connected."""
+"""By whether the arm confirmed that it is held; None: none was connected."""
 
 
 def farewell(sessions: Sessions, folder: Path, reason: str, *, plain: bool = False) -> str:
-    """Say what was left behind: the arm, the session, and how to come back to it, in plain mode to that."""
+    """Return the message at the end: arm, session folder, and how to resume."""
     how = "" if reason == "left" else f"ended by {reason}; "
     arm = _ARM[sessions.held]
     if sessions.not_held is not None and sessions.not_held.powered:
         arm = "the arm is not held: keep clear. "
     said = f"sarcal: {how}{arm}Session {folder}\n"
     if sessions.exported:
-        said += (
-            f"parameters.yaml and poses.csv are in it. A page about it: sarcal report {folder}\n"
-        )
+        said += f"parameters.yaml and poses.csv are in it. Report: sarcal report {folder}\n"
     return f"{said}Go on with: sarcal {'--plain ' if plain else ''}--resume {folder}"
 
 
@@ -170,7 +168,7 @@ def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) 
 
 
 class _Ended(BaseException):
-    """A signal that asks this process to end, unwinding it in order."""
+    """A signal asks this process to end."""
 
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:

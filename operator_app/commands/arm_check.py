@@ -1,4 +1,4 @@
-"""`sarcal arm-check`: an arm on the bench, tried in a safe order before it is first used."""
+"""`sarcal arm-check`: tests an arm on the bench, in a safe order, before its first use."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hardware.commissioning.finding import CheckFinding
 
 STAGES = ("look", "hold", "move", "free", "leave", "silence")
-"""Names of `hardware.commissioning.finding.Stage`, here so that --help does not load the bus."""
+"""Names of `hardware.commissioning.finding.Stage`; copied, so that --help does not load the bus."""
 MARK = {True: "ok", False: "FAILED", None: "-"}
 
 
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Try, and report each thing as it was found; exit 3 where something failed."""
+    """Run the tests and report each finding; exit 3 if one failed."""
     from hardware.arm import PowerReporting
     from hardware.commissioning.bench_check import Bench, check
     from hardware.commissioning.finding import Stage
@@ -84,8 +84,8 @@ def execute(args: argparse.Namespace) -> int:
     ):
         if rig.simulated:
             raise UsageError(
-                "the embedded virtual arm is part of this program: try it on `sarcal controller -i "
-                "loopback` in another terminal, and name the bus of a real arm with -i"
+                "the embedded virtual arm is part of this program: run `sarcal controller -i loopback` in another "
+                "terminal, or name the bus of a real arm with -i"
             )
         arm = rig.arm
         try:
@@ -95,7 +95,7 @@ def execute(args: argparse.Namespace) -> int:
                 ask=_ask,
                 step_rad=math.radians(args.step),
                 speed_rad_per_s=math.radians(args.speed),
-                # In the background of a shell nobody can press it.
+                # A background process gets no Ctrl-C.
                 interrupt=None
                 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN
                 else _press_ctrl_c,
@@ -113,7 +113,7 @@ def execute(args: argparse.Namespace) -> int:
     failed = sum(f.passed is False for f in findings)
     passed = sum(f.passed is True for f in findings)
     say(
-        f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tried or not told. "
+        f"{passed} passed, {failed} failed, {len(findings) - passed - failed} not tested. "
         + _left(findings, None if held else NotLetGoError(powered)),
         err=args.json,
     )
@@ -139,7 +139,7 @@ def _line(finding: CheckFinding) -> str:
 
 
 def _ask(question: str) -> bool:
-    """Ask on the terminal; the end of the input is a no."""
+    """Ask on the terminal; end of input means no."""
     say(f"{question} [y/N] ", err=True)
     sys.stderr.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")

@@ -1,4 +1,4 @@
-"""`sarcal check`: everything that is wrong with some files at once, or what would be done with them."""
+"""`sarcal check`: all problems of some files, or the outlook of a calibration with them."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_name,
         nargs="*",
         metavar="FILE",
-        help="arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: told "
-        "apart by what they hold",
+        help="arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: recognised "
+        "by their contents",
     )
     for kind in ("arm", "fixture", "procedure"):
         parser.add_argument(
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Look the files through and report on stdout."""
+    """Check the files and report on stdout."""
     from operator_app.config.any_file import look_through
     from operator_app.config.errors import ConfigError, Problem
     from operator_app.planning.inspection import chains_of
@@ -66,7 +66,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
-    """Return every name with the kind it was asked for as."""
+    """Return every name with its kind; None for a file."""
     named: list[tuple[AnyKind | None, str]] = [
         ("arm", args.arm),
         ("fixture", args.fixture),
@@ -76,7 +76,7 @@ def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read a file; a built-in name without its kind is refused with the option that says it."""
+    """Read a file; refuse a built-in name without its kind."""
     from operator_app.config.any_file import read_any
     from operator_app.config.resources import Kind, builtin_names, expanded, resolve
 
@@ -86,5 +86,7 @@ def _read(kind: AnyKind | None, name: str) -> Resource:
     builtin = [k for k in kinds if name in builtin_names(k)]
     if builtin and not expanded(name).exists():
         options = " or ".join(f"--{k} {name}" for k in builtin)
-        raise UsageError(f"{name} is no file but a built-in {' and '.join(builtin)}: say {options}")
+        raise UsageError(
+            f"{name} is not a file but a built-in {' and '.join(builtin)}: use {options}"
+        )
     return read_any(name)

@@ -1,4 +1,4 @@
-"""`sarcal compare`: what drifted between two calibrations of one arm."""
+"""`sarcal compare`: drift between two calibrations of an arm."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.01,
         metavar="P",
-        help="chance of a false alarm over all parameters together (default 0.01)",
+        help="probability of a false alarm over all parameters together (default 0.01)",
     )
     parser.add_argument(
         "--remounted",
@@ -42,7 +42,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.results.comparison import comparison_json, comparison_text
 
     if not 0.0 < args.level < 1.0:
-        raise UsageError(f"--level {args.level:g}: a chance lies between 0 and 1, e.g. 0.01")
+        raise UsageError(f"--level {args.level:g}: a probability is between 0 and 1, e.g. 0.01")
     before = parameters_at(args.a, args.sessions)
     after = parameters_at(args.b, args.sessions)
     try:

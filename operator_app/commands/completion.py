@@ -1,6 +1,6 @@
-"""What a shell may complete: commands, options, packaged names, sessions, topics. Needs the extra ``[completion]``.
+"""Shell completion of commands, options, packaged names, sessions and topics. Needs the extra ``[completion]``.
 
-With argcomplete installed, a shell asks once: ``eval "$(register-python-argcomplete sarcal)"``.
+With argcomplete installed, once in the shell: ``eval "$(register-python-argcomplete sarcal)"``.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ COPIED = "packaged"
 SESSIONS = ("session", "name", "a", "b", "resume")
 
 
-def asked(environ: Mapping[str, str] = os.environ) -> list[str] | None:
-    """Return the words on a shell's command line that is being completed; None: nobody asks."""
+def words_to_complete(environ: Mapping[str, str] = os.environ) -> list[str] | None:
+    """Return the words of the command line to be completed; None outside of completion."""
     if "_ARGCOMPLETE" not in environ:
         return None
     line = environ.get("COMP_LINE", "")
     try:
         return shlex.split(line)[1:]
     except ValueError:
-        # A quote that is still open.
+        # An open quote.
         return line.split()[1:]
 
 
 def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser | None) -> None:
-    """Answer the shell and end; return where argcomplete is not installed."""
+    """Complete and exit; return if argcomplete is not installed."""
     try:
         import argcomplete  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError:
@@ -56,7 +56,7 @@ def _names(dest: str) -> Any:
         kind: Any
         if dest == COPIED:
             # Of the kind that is to be made, `new arm --from`, which is not parsed yet.
-            typed = asked() or []
+            typed = words_to_complete() or []
             return [
                 name for kind in BY_DEST.values() if kind in typed for name in builtin_names(kind)
             ]

@@ -1,4 +1,4 @@
-"""`sarcal controller`: the virtual controller as its own process, for another terminal to talk to."""
+"""`sarcal controller`: the virtual controller as a process of its own."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _HELP = "help"
 _AT_CONNECT = tuple(kind for kind, words in FAULTS.items() if words.at_connect)
 _AT_SYNC = 1000
 _LOOK_S = 0.2
-"""How often it is looked whether the controller still lives."""
+"""Interval of checks that the controller is running."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,8 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=placement_count,
         default=1,
         metavar="K",
-        help="for which time the fixture is mounted (default 1): from 2 on it stands somewhere else within its "
-        "file's tolerance, for a session with `run --placements`",
+        help="number of the placement (default 1): from 2 on the fixture is elsewhere within its file's "
+        "tolerance, for a session with `run --placements`",
     )
     parser.add_argument(
         "--state",
@@ -83,29 +83,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; for a machine that both programs share with "
         f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
     )
-    faults = parser.add_argument_group("faults, to see what an operator sees of them")
+    faults = parser.add_argument_group("faults, to see how an operator sees them")
     faults.add_argument(
         "--fault",
         action="append",
         default=[],
         choices=(*FAULTS, _HELP),
         metavar="KIND",
-        help="let something go wrong; may be given again. `--fault help` tells for each what is broken, what "
-        f"an operator sees and what to do. One of: {', '.join(FAULTS)}",
+        help="inject a fault; may be repeated. `--fault help` lists for each what is broken, what the operator "
+        f"sees and what to do. One of: {', '.join(FAULTS)}",
     )
     faults.add_argument(
         "--fault-joint",
         type=int,
         default=3,
         metavar="J",
-        help="whose, where it is one's (default 3)",
+        help="joint of the fault, if it is of one joint (default 3)",
     )
     faults.add_argument(
         "--fault-sync",
         type=int,
         metavar="N",
-        help="at which SYNC since the controller began; 0: before anybody connects (default 0 for "
-        f"{', '.join(_AT_CONNECT)}, which show as an arm is connected; else 1000: 10 s into a session in real time)",
+        help="SYNC of the fault since the start of the controller; 0: before the connection (default 0 for "
+        f"{', '.join(_AT_CONNECT)}, which appear at the connection; else 1000: after 10 s in real time)",
     )
     bus_options(parser, profile=False)
     record_option(parser)
@@ -113,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Serve until interrupted."""
+    """Run until interrupted."""
     from hardware.buses.python_can import bus_settings
     from hardware.control.process_priority import real_time_priority
     from operator_app.config.arm_file import load_arm
@@ -129,7 +129,7 @@ def execute(args: argparse.Namespace) -> int:
     settings = bus_settings(args.interface, args.channel, args.bitrate)
     if settings.interface == "virtual":
         raise UsageError(
-            "a virtual bus ends at this process; use -i loopback (no set-up) or -i socketcan -c vcan0"
+            "a virtual bus has no other process; use -i loopback (no set-up) or -i socketcan -c vcan0"
         )
     if args.procedure is None:
         arm = load_arm(args.arm or "sarcos_dextrous")
@@ -175,7 +175,7 @@ def execute(args: argparse.Namespace) -> int:
         )
         while controller.failure is None:
             time.sleep(_LOOK_S)
-    raise _out_of_order(controller.failure)
+    raise _controller_error(controller.failure)
 
 
 def _patience_s(text: str) -> float:
@@ -185,19 +185,19 @@ def _patience_s(text: str) -> float:
         found = 0.0
     if not 0.1 <= found <= MAX_OPERATOR_TIMEOUT_S:
         raise argparse.ArgumentTypeError(
-            f"{text} is no time from 0.1 s to {MAX_OPERATOR_TIMEOUT_S:g} s"
+            f"{text} is not a time from 0.1 to {MAX_OPERATOR_TIMEOUT_S:g} s"
         )
     return found
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
-    """Return the faults that were asked for, in that order; UsageError for a joint or SYNC there is not."""
+    """Return the faults of the options, in order; UsageError for an invalid joint or SYNC."""
     from hardware.virtual.faults import scripted
 
     if not 1 <= args.fault_joint <= joints:
         raise UsageError(f"--fault-joint: joints are 1 to {joints}")
     if args.fault_sync is not None and args.fault_sync < 0:
-        raise UsageError("--fault-sync: SYNCs count from 1, 0 is before anybody connects")
+        raise UsageError("--fault-sync: SYNCs count from 1; 0 is before the connection")
     usual = {kind: 0 if kind in _AT_CONNECT else _AT_SYNC for kind in args.fault}
     return [
         scripted(
@@ -209,22 +209,22 @@ def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
     ]
 
 
-def _out_of_order(failure: Exception) -> Exception:
-    """Return what to raise of a controller that ended by itself: its nodes must not fall silent unsaid."""
+def _controller_error(failure: Exception) -> Exception:
+    """Return the exception to raise for a controller that ended by itself."""
     from can import CanError
 
     from hardware.errors import BusError
 
     if isinstance(failure, (CanError, OSError)):
         return BusError(
-            f"The bus cannot be used any more: {failure}. Look at adapter and interface, and start again."
+            f"The bus cannot be used any more: {failure}. Check adapter and interface, and start again."
         )
     return failure
 
 
 @contextmanager
 def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
-    """Record the bus, if asked to: from before the first boot-up to after the last frame."""
+    """Record the bus, if `path` is given: from the first boot-up to the last frame."""
     from hardware.buses.shared_bus import record_bus
 
     if path is None:
@@ -245,14 +245,12 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
-    """Let the tracker of an open arm be asked; what to say of it to who runs a procedure."""
+    """Serve the tracker of an open arm; yields the option for the command that connects to it."""
     from hardware.virtual.tracker_port import HOST, PORT, serve_tracker
 
     if tracker is None:
         if port is not None:
-            raise UsageError(
-                "--tracker-port: a fixture holds the hand, no tracker sees it; take --fixture tracker"
-            )
+            raise UsageError("--tracker-port: this fixture has no tracker; use --fixture tracker")
         yield ""
         return
     if port is not None and not 0 <= port < 65536:
@@ -262,7 +260,7 @@ def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str
 
 
 def fault_table() -> str:
-    """Say for every fault what is broken, what an operator sees, what the arm does, what is kept, what to do."""
+    """Return the table of faults: what is broken, what the operator sees, reaction of the arm, remedy."""
     rows = [
         f"{kind}\n"
         + "\n".join(

@@ -1,4 +1,4 @@
-"""`sarcal eds`: the electronic data sheets of the devices this program speaks to, for other CANopen tools."""
+"""`sarcal eds`: electronic data sheets of joint drive and supervisor, for other CANopen tools."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Write the files; a file that is there and says something else is not written over."""
+    """Write the files; never over a different file."""
     from hardware.eds.dictionary import EDS_FILES
     from operator_app.config.atomic import write_atomically
 
     sheets = {args.output / sheet.name: sheet.read_bytes() for sheet in EDS_FILES.values()}
     for target, data in sheets.items():
         if target.exists() and (not target.is_file() or target.read_bytes() != data):
-            raise UsageError(f"{target} exists and is another file; name another folder with -o")
+            raise UsageError(f"{target} exists and differs; name another folder with -o")
     try:
         args.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"-o: {args.output} cannot be made: {error.strerror}") from error
+        raise UsageError(f"-o: {args.output} cannot be created: {error.strerror}") from error
     for target, data in sheets.items():
         write_atomically(target, data)
         say(f"EDS         {target}")

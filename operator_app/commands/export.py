@@ -1,4 +1,4 @@
-"""`sarcal export`: the parameters of a session, read from its journal; shown, written, uploaded."""
+"""`sarcal export`: writes or uploads the parameters of a session."""
 
 from __future__ import annotations
 
@@ -70,15 +70,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the session's calibration, write the document, and upload it if asked."""
-    from operator_app.carried_procedure import carried_procedure
+    """Read the session's calibration, write the document, and upload it with --upload."""
     from operator_app.config.atomic import write_atomically
     from operator_app.config.parameters_file import format_parameters
+    from operator_app.effective_procedure import effective_procedure
     from operator_app.report.exports import Calibration
     from operator_app.session.store.folders import PARAMETERS_NAME, read_session
     from operator_app.session.store.journal import utc_now
-    from operator_app.session.store.parameters import document_of
-    from operator_app.session.store.stored_calibration import calibrated
+    from operator_app.session.store.parameters import parameters_document
+    from operator_app.session.store.stored_calibration import session_calibration
     from operator_app.session.workflow.opening import resume
 
     kind = _format(args)
@@ -86,20 +86,20 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(f"--upload: a controller takes the parameters file, not {kind}")
     to_stdout = str(args.output) == "-"
     if args.json and to_stdout:
-        raise UsageError("--json: stdout is taken by -o -; name a file")
+        raise UsageError("--json: -o - writes to stdout already; name a file")
     opening = resume(args.session, choices_from(args), root=args.sessions)
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
         say(f"sarcal: {opening.folder} has no pose yet: nothing to export.", err=True)
         return ExitCode.BAD_INPUT
-    procedure = carried_procedure(opening)
+    procedure = effective_procedure(opening)
     chosen = choices_from(args, journal=False)
-    found = calibrated(
+    found = session_calibration(
         state, procedure, estimator=chosen.estimator, unsensed_joints=chosen.unsensed_joints
     )
     solution = found.solution
-    if found.solved_again:
-        say(f"sarcal: solved again: {found.solved_again}.", err=True)
+    if found.recalculated_because:
+        say(f"sarcal: calibrated again: {found.recalculated_because}.", err=True)
     forced = "" if solution.accepted else (args.force or "").strip()
     if not solution.accepted:
         for reason in solution.reasons:
@@ -123,14 +123,14 @@ def execute(args: argparse.Namespace) -> int:
         from operator_app.session.workflow.export import export
         from operator_app.session.workflow.listener import Listener
 
-        # In the session: what its arm is given, and why, is in its journal.
+        # In the session, so that the upload is in its journal.
         with unattended(opening, record_to=recording(args, opening)) as session:
             connect(session, Listener())
             session.take_control()
             exported = export(session, solution, upload_too=True, forced=forced)
         data, receipt = exported.parameters.read_bytes(), exported.receipt
     else:
-        document = document_of(solution, state, procedure, utc=utc_now(), forced=forced)
+        document = parameters_document(solution, state, procedure, utc=utc_now(), forced=forced)
         data = format_parameters(document)
     target = args.output or opening.folder / name
     if to_stdout:
@@ -161,7 +161,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[str, bytes]:
-    """Name in the session's folder and content of a file for another tool."""
+    """Return file name and contents for another tool."""
     from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
     from operator_app.report.exports import FILES, in_format, into_description
 
@@ -173,7 +173,7 @@ def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[
 
 
 def _format(args: argparse.Namespace) -> str:
-    """Return the format asked for: by name, or by what the file's name ends in."""
+    """Return the format, by --format or by the ending of the file name."""
     asked: str | None = args.format
     if args.into is not None:
         if asked not in (None, "urdf"):

@@ -1,4 +1,4 @@
-"""`sarcal help`: the manual in the terminal, page by page. Needs no network and no session."""
+"""`sarcal help`: the manual in the terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from operator_app.manual.reference import reference
 from operator_app.safe_output import say
 
 WIDEST = 100
-"""Longer lines are hard to read, however wide the terminal is."""
+"""Longest line, in characters."""
 
 APP_SUMMARY = "open the terminal app"
 
@@ -29,12 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TOPIC",
         help="page or command; without it, all topics",
     )
-    parser.add_argument("--markdown", action="store_true", help="print the page as it is written")
+    parser.add_argument("--markdown", action="store_true", help="print the page as Markdown")
     parser.add_argument(
         "--files",
         type=a_path,
         metavar="FOLDER",
-        help="write the files that the page shows into a folder, and nothing over another file",
+        help="write the files of the page into a folder; never over existing files",
     )
 
 
@@ -66,7 +66,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _write_files(found: Manual, topic: str | None, folder: Path) -> int:
-    """Write what a page shows as whole files."""
+    """Write the files of a page."""
     from operator_app.config.atomic import write_atomically
     from operator_app.manual.pages import NoSuchTopicError
 

@@ -1,4 +1,4 @@
-"""`sarcal history`: every accepted calibration and verification of one arm, and what of it has shifted."""
+"""`sarcal history`: accepted calibrations and verifications of an arm, and shifts between them."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--kept-mounted",
         action="store_true",
-        help="the fixture stays mounted between sessions: judge what belongs to its mounting as well; "
-        "without it each session begins that anew",
+        help="the fixture stays mounted between sessions: compare its placement as well; without it each session "
+        "has a new placement",
     )
     parser.add_argument(
         "--every",
@@ -42,20 +42,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Read the sessions, judge and report."""
+    """Read the sessions and report."""
     from datetime import timedelta
 
     from operator_app.config.atomic import write_atomically
     from operator_app.documents import arm_history
     from operator_app.report.html.history_page import history_html
     from operator_app.report.results.history import history_json, history_text
-    from operator_app.session.workflow.importing import UNSTATED
+    from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 
     if args.every is not None and not 0.0 < args.every <= LONGEST_DAYS:
         raise UsageError(f"--every {args.every:g}: days, more than 0 and at most {LONGEST_DAYS:g}")
-    if args.serial == UNSTATED:
+    if args.serial == UNKNOWN_SERIAL_NUMBER:
         raise UsageError(
-            "sessions of arms that nobody named are of many arms; import with --serial"
+            "sessions without a serial number may be of several arms; import with --serial"
         )
     found = arm_history(
         args.serial,

@@ -1,4 +1,4 @@
-"""`sarcal import`: a session made of poses, or a recording, that somebody else's program took."""
+"""`sarcal import`: a session from poses or a recording of another program."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from operator_app.commands.options import (
     estimator_options,
     json_option,
     parse_joints,
+    print_warnings,
     require_joints,
-    say_doubts,
     sessions_option,
     tolerance_m,
     tolerance_option,
@@ -89,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--drop-unidentifiable",
         action="store_true",
-        help="hold at its nominal value what the poses cannot see, instead of refusing",
+        help="fix unidentifiable parameters at their nominal values, instead of refusing",
     )
     estimator_options(parser)
     tolerance_option(parser)
@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Make the session, calibrate, report on stdout."""
+    """Create the session, calibrate, report on stdout."""
     from operator_app.config.arm_file import parse_arm
     from operator_app.config.poses_file import save_poses
     from operator_app.config.resources import resolve
@@ -106,7 +106,11 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.results.session import session_json, session_text, unidentifiable_json
     from operator_app.report.text import facts_text, unidentifiable_text
     from operator_app.session.store.folders import POSES_NAME
-    from operator_app.session.workflow.importing import UNSTATED, How, ImportedSession
+    from operator_app.session.workflow.importing import (
+        UNKNOWN_SERIAL_NUMBER,
+        CalibrationOptions,
+        ImportedSession,
+    )
     from solver.diagnostics.range_checks import ReadingsOutOfRangeError
     from solver.errors import UnidentifiableError
 
@@ -121,8 +125,8 @@ def execute(args: argparse.Namespace) -> int:
         fixture=resolve("fixture", args.fixture),
         file=", ".join(args.poses),
         name=args.name or Path(args.poses[0]).stem,
-        serial_number=(args.serial or UNSTATED).strip(),
-        how=How(
+        serial_number=(args.serial or UNKNOWN_SERIAL_NUMBER).strip(),
+        options=CalibrationOptions(
             estimator=args.estimator or "implicit",
             unsensed_joints=unsensed,
             length_tolerance_m=tolerance_m(args),
@@ -132,7 +136,7 @@ def execute(args: argparse.Namespace) -> int:
     try:
         solution, checks = session.calibrate()
     except UnidentifiableError as error:
-        # The poses are kept: report and compare say the same of them.
+        # Keep the poses, for report and compare.
         folder = session.write(root=args.sessions)
         if args.json:
             parameters = len(session.model.parameters)
@@ -163,7 +167,7 @@ def execute(args: argparse.Namespace) -> int:
 def _poses(
     args: argparse.Namespace, joints: tuple[str, ...]
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
-    """Read all files, of several each is one placement; and what is said of recordings, for JSON."""
+    """Return the poses of all files (several: one placement each), and the JSON data of recordings."""
     import numpy as np
 
     from operator_app.config.joint_log import load_joint_log
@@ -181,8 +185,8 @@ def _poses(
             continue
         if of_recordings:
             raise UsageError(
-                f"{file}: --dwell-s, --spread-deg and --topic are of recordings; name the column of times of "
-                "a log with --time"
+                f"{file}: --dwell-s, --spread-deg and --topic are for recordings; name the time column of a log "
+                "with --time"
             )
         read = load_joint_log(
             file,
@@ -191,7 +195,7 @@ def _poses(
             columns=args.columns or "",
             placement=args.placement or "",
         )
-        say_doubts(file, read)
+        print_warnings(file, read)
         found.append(read.poses)
     said_of = {"recordings": recordings} if recordings else {}
     if len(found) == 1:
@@ -222,7 +226,7 @@ def _poses(
 def _recorded(
     args: argparse.Namespace, file: str, joints: tuple[str, ...], unit: Unit | None
 ) -> tuple[PoseSet, dict[str, Any]]:
-    """Return the poses of a recording, one per dwell, and what is said of it."""
+    """Return the poses of a recording, one per dwell, and its JSON data."""
     import numpy as np
 
     from operator_app.calibration.dwells import (
@@ -245,7 +249,7 @@ def _recorded(
         raise UsageError(f"--spread-deg {spread_deg:g}: degrees, 0.0001 to 5")
     if args.placement:
         raise UsageError(
-            "--placement is of logs with a row a pose; give a recording for each placement"
+            "--placement is for logs with a row for each pose; give a recording for each placement"
         )
     columns = args.columns or ""
     if is_bag(file):
@@ -256,7 +260,7 @@ def _recorded(
         recording = load_bag(file, joints=joints, columns=columns, topic=args.topic or "")
     else:
         if args.topic:
-            raise UsageError(f"{file}: --topic is of bags")
+            raise UsageError(f"{file}: --topic is for bags")
         recording = load_timed_log(file, time=args.time, joints=joints, unit=unit, columns=columns)
     dwells, refused = find_dwells(
         recording.time_s, recording.q_rad, dwell_s=dwell_s, spread_rad=np.deg2rad(spread_deg)

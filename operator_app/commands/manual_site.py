@@ -1,7 +1,4 @@
-"""What mkdocs asks while it builds the site: the same pages, in the same order, those that code makes as well.
-
-Named by `operator_app/manual/mkdocs.yml`. Needs the extra ``[docs]``; nothing else here does.
-"""
+"""Hooks of mkdocs for the manual site, named in `operator_app/manual/mkdocs.yml`. Needs the extra ``[docs]``."""
 
 from __future__ import annotations
 
@@ -12,14 +9,14 @@ from operator_app.manual.pages import SECTIONS
 
 
 def on_config(config: Any) -> Any:
-    """Set the navigation: the table of topics is the only one."""
+    """Set the navigation from the table of topics."""
     sections = [{name: [f"{topic}.md" for topic in topics]} for name, topics in SECTIONS.items()]
     config.nav = [{"Start": "index.md"}, *sections]
     return config
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """Add the pages that have no file."""
+    """Add the generated pages."""
     from mkdocs.structure.files import File  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
     found = manual()

@@ -1,4 +1,4 @@
-"""`sarcal monitor`: what happens on a bus, as it happens, beside whatever runs on it. Sends not one frame."""
+"""`sarcal monitor`: shows the traffic of a bus. Sends nothing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Watch and say; at the end sum up what was seen."""
+    """Watch the bus, print events, and a summary at the end."""
     from hardware.buses.python_can import bus_settings, open_bus
     from hardware.buses.shared_bus import SharedBus
     from hardware.commissioning.bus_monitor import BusMonitor
@@ -42,9 +42,7 @@ def execute(args: argparse.Namespace) -> int:
         args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
     )
     if settings.interface == "virtual":
-        raise UsageError(
-            "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
-        )
+        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
     seen = BusMonitor(load_profile(args.profile or DEFAULT_PROFILE))
     wire = SharedBus(open_bus(settings), record_to=args.record)
     begun = time.monotonic()
@@ -74,7 +72,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _say(args: argparse.Namespace, sentences: Iterable[str]) -> None:
-    """One line a sentence; beside a JSON object they go to stderr."""
+    """Print events, one per line; with --json to stderr."""
     for sentence in sentences:
         time_utc = f"{datetime.now(UTC):%H:%M:%S}"
         say(f"{time_utc}  {sentence}", err=args.json, streaming=True)

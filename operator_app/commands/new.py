@@ -1,4 +1,4 @@
-"""`sarcal new`: an arm, a fixture or a procedure file made from what somebody has, to be completed."""
+"""`sarcal new`: creates an arm, fixture or procedure file, to be completed."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 COMMENT = """\
 {line}
 Made from {urdf} by `sarcal new arm`. Geometry, ranges, speeds and torques are that file's.
-Look at these before use; nobody stated them there:
+Check these before use; the URDF does not state them:
 - sensor of every joint: encoder of {counts} counts/rev assumed. joints: {{kind: rvdt, ...}} and
   {{kind: none}} are known as well; accuracy_deg, gain, backlash_deg and sag_deg have their
   defaults.
 - free: the entries to calibrate beside the fixture's.
 - home_deg: {home}
-  Look at it before a fixture is made for it, and take one of your own where something is in the way.
-- tolerance: how well lengths and twists are known, by default 0.5 mm and 0.1 deg.
-- offset_tolerance_deg: how well the joints' zeros are known before: an ordinary maker's 5 deg assumed;
-  unknown if nothing is known of them."""
+  Check it before a fixture is made for it; change it if something is in the way.
+- tolerance: standard deviation of lengths and twists, by default 0.5 mm and 0.1 deg.
+- offset_tolerance_deg: standard deviation of the joint offsets, 5 deg assumed; `unknown` if nothing is
+  known."""
 
 HOMES = {
     False: "the middle of the ranges.",
-    True: "bent so that every joint moves in a hinge; the middle of the ranges is stretched out.",
+    True: "bent so that every joint moves in a hinge; in the middle of the ranges the arm is stretched out.",
 }
 
 OF_WHAT = {
@@ -58,7 +58,7 @@ OF_WHAT = {
     ),
     "procedure": ("arm", "fixture"),
 }
-"""Which options belong to which file; all others to every one."""
+"""Options of each kind of file; all others are common."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -110,25 +110,27 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=f"along the hinge axis, {where}",
         )
     fixture.add_argument(
-        "--tolerance-mm", type=float, metavar="MM", help="how well it was measured"
+        "--tolerance-mm", type=float, metavar="MM", help="standard deviation of positions"
     )
     fixture.add_argument(
-        "--tolerance-deg", type=float, metavar="DEG", help="the same of directions"
+        "--tolerance-deg", type=float, metavar="DEG", help="standard deviation of directions"
     )
     procedure = parser.add_argument_group("procedure")
     procedure.add_argument("--fixture", type=a_name, help="fixture file or built-in name")
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Make the file, say what to look at."""
+    """Create the file; print what to check."""
     of_others = {o for options in OF_WHAT.values() for o in options} - set(OF_WHAT[args.what])
     for option in sorted(of_others):
         if getattr(args, option):
-            raise UsageError(f"--{option.replace('_', '-')} is no option of sarcal new {args.what}")
+            raise UsageError(
+                f"--{option.replace('_', '-')} is not an option of sarcal new {args.what}"
+            )
     for option in ("tolerance_mm", "tolerance_deg"):
         stated = getattr(args, option)
         if stated is not None and not math.isfinite(stated):
-            raise UsageError(f"{_typed(option)} {stated}: no finite number, e.g. 0.5")
+            raise UsageError(f"{_typed(option)} {stated}: not a finite number, e.g. 0.5")
     match args.what:
         case "arm":
             return _arm(args)
@@ -172,9 +174,9 @@ def _arm(args: argparse.Namespace) -> int:
     say(f"Arm         {target}: {len(chain.joints)} joints, {chain.base} to {chain.tip}")
     if chain.rounded:
         told = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
-        say(f"Angles      rounded in the file are taken for what they mean: {told}")
+        say(f"Angles      rounded in the file are taken as exact: {told}")
     if bent is not None:
-        say("Home        bent, as nothing can be calibrated from the middle of the ranges")
+        say("Home        bent: the middle of the ranges does not identify all parameters")
     for T, where in (
         (chain.T_link_base, "the file's base link to frame 0"),
         (chain.T_flange_tip, f"frame {len(chain.joints)} to the link at the end"),
@@ -184,10 +186,10 @@ def _arm(args: argparse.Namespace) -> int:
             cosine = np.clip(0.5 * (np.trace(T[:3, :3]) - 1.0), -1.0, 1.0)
             turn = Figure(float(np.arccos(cosine)), ANGLE, places=3).with_unit
             say(
-                f"! From {where} there is a fixed step that D-H rows do not hold: "
+                f"! From {where} there is a fixed transform that D-H rows cannot represent: "
                 f"({step}) {LENGTH.unit} and a turn of {turn}."
             )
-    say("! Sensors, free entries and home pose are assumed: see the top of the file.")
+    say("! Sensors, free entries and home pose are assumptions: see the top of the file.")
     return ExitCode.ACCEPTED
 
 
@@ -241,8 +243,8 @@ def _fixture(args: argparse.Namespace) -> int:
     off = from_home_rad(arm, fixture)
     if off is None:
         say(
-            "! No pose near the arm's home_deg closes there. Look at the measures; then look for a home that "
-            f"closes: sarcal check {args.arm} {target}"
+            "! No pose near the arm's home_deg closes. Check the measures; then find a home that closes: "
+            f"sarcal check {args.arm} {target}"
         )
     else:
         joint = int(np.argmax(np.abs(off)))
@@ -250,7 +252,7 @@ def _fixture(args: argparse.Namespace) -> int:
         say(
             f"From the arm's home_deg to the nearest pose that closes: {size} at most, joint {joint + 1}."
         )
-    say("! How far it gives under load is assumed: see the top of the file.")
+    say("! The compliance of the fixture is an assumption: see the top of the file.")
     return ExitCode.ACCEPTED
 
 
@@ -260,7 +262,7 @@ def _procedure(args: argparse.Namespace) -> int:
     from operator_app.config.new_files import copied, procedure_file
     from operator_app.config.procedure_file import parse_procedure
     from operator_app.config.resources import Resource, resolve
-    from operator_app.planning.fixed_parameters import holds_for
+    from operator_app.planning.fixed_parameters import entries_to_fix
 
     def read(data: bytes, file: str) -> object:
         return parse_procedure(Resource(file=file, folder=_target(args, name).parent, data=data))
@@ -280,7 +282,7 @@ def _procedure(args: argparse.Namespace) -> int:
     arm = parse_arm(named["arm"].data, named["arm"].file)
     spec = parse_fixture(named["fixture"].data, named["fixture"].file)
     name = _named(args.name or f"{arm.name}_in_{spec.name}")
-    held = holds_for(arm, spec.fixture)
+    held = entries_to_fix(arm, spec.fixture)
     content = procedure_file(
         name=name,
         arm=arm,
@@ -292,8 +294,8 @@ def _procedure(args: argparse.Namespace) -> int:
     target = _save(args, "procedure", name, content, read)
     say(f"Procedure   {target}: {arm.name} in {spec.name}")
     for entry, why in held.items():
-        say(f"{entry} is held: {why}.")
-    say(f"Look it through with: sarcal check {target}")
+        say(f"{entry} is fixed: {why}.")
+    say(f"Check it with: sarcal check {target}")
     return ExitCode.ACCEPTED
 
 
@@ -302,10 +304,10 @@ def _typed(option: str) -> str:
 
 
 def _named(wanted: str) -> str:
-    """Return a name that a file may have."""
+    """Return a valid name."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", wanted).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
-        raise UsageError(f"--name: {name!r} does not begin with a letter; name it")
+        raise UsageError(f"--name: {name!r} does not begin with a letter; give another")
     return name
 
 
@@ -320,7 +322,7 @@ def _save(
     content: bytes,
     parse: Callable[[bytes, str], object],
 ) -> Path:
-    """Write a file that reads back, and its schema; never over another."""
+    """Write a file, checked by parsing it, and its schema; never over an existing file."""
     from operator_app.config.json_schemas import save_with_schema
 
     target = _target(args, name)
@@ -332,7 +334,7 @@ def _save(
 
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
-    """How the procedure's file has to name another: packaged ones by name, paths from its own folder."""
+    """Return how a procedure file refers to another: packaged files by name, others relative to its folder."""
     from operator_app.config.resources import builtin_names, expanded
 
     if file in (*builtin_names("arm"), *builtin_names("fixture")):

@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once. Knows argparse and nothing else."""
+"""Options shared by several commands."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ if TYPE_CHECKING:
 
 
 MOST_POSES = 100_000
-"""As a poses file and a procedure may hold."""
+"""Limit of poses files and procedures."""
 
 
 def pose_count(text: str) -> int:
-    """Read the value of ``--poses``; that at least one is needed is said where it is."""
+    """Parse ``--poses``; commands check the lower limit."""
     found = int(text) if re.fullmatch(r"[-+]?\d{1,18}", text) else MOST_POSES + 1
     if found > MOST_POSES:
-        raise argparse.ArgumentTypeError(f"{text} is no whole number up to {MOST_POSES}")
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number up to {MOST_POSES}")
     return found
 
 
 def a_name(text: str) -> str:
-    """Read the value of an option that names something, or says something in words."""
+    """Parse a text option that must not be empty."""
     if not text.strip():
         raise argparse.ArgumentTypeError(
-            "the value is empty: name something, or leave it out; an unset shell variable is empty"
+            "the value is empty: give a value, or leave the option out; an unset shell variable is empty"
         )
     return text
 
 
 def a_path(text: str) -> Path:
-    """Read the value of an option that names a file or folder to write; ``~`` is a home folder."""
+    """Parse the path of a file or folder to write; expands ``~``."""
     try:
         return Path(a_name(text)).expanduser()
     except RuntimeError as error:
@@ -74,12 +74,12 @@ def tolerance_option(parser: argparse.ArgumentParser) -> None:
         "--length-tolerance",
         type=float,
         metavar="MM",
-        help="how well the maker's link lengths are known, e.g. 1.5; default: what the arm file states",
+        help="standard deviation of the link lengths, e.g. 1.5; default: as in the arm file",
     )
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
-    """Return ``--length-tolerance`` in metres; UsageError when it is no length."""
+    """Return ``--length-tolerance`` in metres; UsageError if it is out of range."""
     found: float | None = args.length_tolerance
     if found is None:
         return None
@@ -104,8 +104,8 @@ def homing_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--go-home",
         action="store_true",
-        help="you agree that an arm that stands outside the procedure's box of drive angles goes home "
-        "by itself, straight and at 5 deg/s; without it such an arm is not moved. Stand clear",
+        help="agree that an arm outside the procedure's box of drive angles goes home by itself, straight and at "
+        "5 deg/s; without it such an arm is not moved. Stand clear",
     )
 
 
@@ -114,13 +114,13 @@ def plan_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plan",
         choices=("explore", "planned"),
-        help="how poses are chosen: explore visits a box of drive angles as it comes; planned "
-        "explores a little, calibrates, and takes the 12 poses (or --poses) that tell most",
+        help="how poses are chosen: explore visits a box of drive angles in a fixed order; planned explores "
+        "first, calibrates, and captures the 12 (or --poses) most informative poses",
     )
 
 
 def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> None:
-    """python-can's own names: ``-i -c -b``; and which nodes are expected there."""
+    """``-i -c -b`` as in python-can, and ``--profile``."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
     group.add_argument(
         "-i",
@@ -156,10 +156,10 @@ def scenario_options(parser: argparse.ArgumentParser) -> None:
 
 
 def placement_count(text: str) -> int:
-    """Read the value of ``--placements`` and ``--placement``."""
+    """Parse ``--placements`` and ``--placement``."""
     found = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
     if found < 1:
-        raise argparse.ArgumentTypeError(f"{text} is no whole number from 1")
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1")
     return found
 
 
@@ -169,9 +169,9 @@ def tracker_option(parser: argparse.ArgumentParser) -> None:
         "--tracker",
         type=a_name,
         metavar="PORT",
-        help="where measured endpoints of an open arm come from: tcp:HOST:PORT, file:PATH (CSV that grows) "
-        "or stdin; a JSON object a line, with x_m, y_m, z_m and how the target is turned. Default: what the "
-        "procedure says; an embedded virtual arm has a tracker of its own",
+        help="port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (CSV that grows) or "
+        "stdin; one JSON object per line, with x_m, y_m, z_m and the orientation of the target. Default: as in "
+        "the procedure; an embedded virtual arm has its own tracker",
     )
 
 
@@ -187,7 +187,7 @@ def sessions_option(parser: argparse.ArgumentParser) -> None:
 
 
 def arm_options(parser: argparse.ArgumentParser) -> None:
-    """SESSION or ``--arm``: what a command connects to that takes no poses."""
+    """SESSION or ``--arm``: the arm of a command without poses."""
     parser.add_argument(
         "session",
         type=a_name,
@@ -205,7 +205,7 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
 
 
 def opening_from(args: argparse.Namespace) -> Opening:
-    """Tell what to connect to: the arm of a session, or the one the options name."""
+    """Return the opening for the arm of a session, or of the options."""
     from dataclasses import replace
 
     from operator_app.config.arm_file import load_arm
@@ -213,7 +213,7 @@ def opening_from(args: argparse.Namespace) -> Opening:
     from operator_app.config.profile_file import load_profile
     from operator_app.session.workflow.opening import begin, resume
 
-    # Such a command takes no poses and keeps no journal: a wrong settings file need not stop it.
+    # Such a command writes no journal: it does not need the user settings.
     choices = choices_from(args, journal=False)
     if args.session is not None:
         return resume(args.session, choices, root=args.sessions)
@@ -233,7 +233,7 @@ def session_record_option(parser: argparse.ArgumentParser) -> None:
 
 
 def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
-    """Where ``--record`` of a session goes."""
+    """Return the file of ``--record`` in a session folder."""
     return opening.folder / "bus.blf" if args.record else None
 
 
@@ -245,16 +245,13 @@ def record_option(parser: argparse.ArgumentParser) -> None:
 
 
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
-    """Return what these options chose; None where they chose nothing.
-
-    With `journal` the user's settings say who works here; where their file is wrong nobody, and that is said.
-    """
+    """Return the choices of these options, with the operator of the user settings if `journal`."""
     from operator_app.session.workflow.opening import Choices
 
     if args.seed is not None and args.seed < 0:
         raise UsageError("--seed: a seed is a whole number from zero")
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
-        raise UsageError("--channel: a bus is named by at most 255 printable characters, e.g. can0")
+        raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
     return Choices(
         poses=getattr(args, "poses", None),
         plan=getattr(args, "plan", None),
@@ -269,12 +266,12 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         scenario=args.scenario,
         seed=args.seed,
         tracker=getattr(args, "tracker", None),
-        operator=_who_works_here() if journal else None,
+        operator=_operator_name() if journal else None,
         placements=getattr(args, "placements", None),
     )
 
 
-def _who_works_here() -> str | None:
+def _operator_name() -> str | None:
     from operator_app.config.user_settings import settings_if_right
 
     settings, wrong = settings_if_right()
@@ -284,17 +281,17 @@ def _who_works_here() -> str | None:
 
 
 def parse_joints(text: str | None) -> tuple[int, ...]:
-    """Read the value of ``--unsensed``; none where it is not given."""
+    """Parse ``--unsensed``; () without it."""
     return given_joints(text) or ()
 
 
 def given_joints(text: str | None) -> tuple[int, ...] | None:
-    """Read the value of ``--unsensed``; None where it is not given, and something else decides."""
+    """Parse ``--unsensed``; None without it."""
     return None if text is None else parse_numbers(text, "--unsensed")
 
 
 def parse_numbers(text: str, option: str) -> tuple[int, ...]:
-    """Read ``6,7`` into ascending numbers; UsageError when it is anything else."""
+    """Parse ``6,7`` into ascending numbers; UsageError for anything else."""
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
         raise UsageError(f"{option} {text!r}: there is no 0, numbers count from 1")
     if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):
@@ -303,13 +300,13 @@ def parse_numbers(text: str, option: str) -> tuple[int, ...]:
 
 
 def require_joints(joints: tuple[int, ...], joint_count: int) -> None:
-    """UsageError when one of `joints` is not a joint of the arm."""
+    """Raise UsageError if one of `joints` is not a joint of the arm."""
     wrong = [j for j in joints if j > joint_count]
     if wrong:
         raise UsageError(f"--unsensed: there is no joint {wrong[0]}; the arm has {joint_count}")
 
 
-def say_doubts(file: str, found: LoadedPoses) -> None:
-    """Say what seems wrong with a file of poses that was read."""
+def print_warnings(file: str, found: LoadedPoses) -> None:
+    """Print the warnings about a poses file."""
     for warning in found.warnings:
         say(f"sarcal: {file}: {warning.text}", err=True)

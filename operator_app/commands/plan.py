@@ -1,4 +1,4 @@
-"""`sarcal plan`: which joints should drive and which poses would be taken, before anything moves."""
+"""`sarcal plan`: drive joints and poses, before anything moves."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from operator_app.planning.preview import PlanningBasis, Preview
 
 POSES = 12
-"""Poses of a plan when the procedure speaks of explored ones."""
+"""Poses of a plan if the procedure is for explored ones."""
 TRIES = 24
 
 
@@ -48,23 +48,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--unsensed",
         type=a_name,
         metavar="JOINTS",
-        help="joints whose readings are not to be used, e.g. 6,7",
+        help="joints whose readings are not used, e.g. 6,7",
     )
     parser.add_argument(
         "--session",
         type=a_name,
         metavar="SESSION",
-        help="plan on the estimate of a session, in which its poses count: folder, name or latest",
+        help="plan from the poses and estimate of a session: folder, name or latest",
     )
     parser.add_argument(
-        "--advise", action="store_true", help="also search for hinge placements that promise more"
+        "--advise", action="store_true", help="also search for better hinge placements"
     )
     parser.add_argument(
         "--tries",
         type=int,
         default=TRIES,
         metavar="N",
-        help=f"placements to look at with --advise (default {TRIES}, half a second each)",
+        help=f"placements to try with --advise (default {TRIES}, half a second each)",
     )
     parser.add_argument("--ascii", action="store_true", help="only ASCII characters")
     sessions_option(parser)
@@ -73,14 +73,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
-    from operator_app.planning.fixed_parameters import held_checks
+    from operator_app.planning.fixed_parameters import fixed_parameter_checks
     from operator_app.planning.preview import preview
     from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
 
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: plan at least 1")
     if args.tries < 1:
-        raise UsageError("--tries: look at least at 1")
+        raise UsageError("--tries: at least 1")
     procedure, known, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
     poses = args.poses or (capture.poses if capture.strategy == "planned" else POSES)
@@ -94,7 +94,7 @@ def execute(args: argparse.Namespace) -> int:
         seed=capture.seed,
         known=known,
     )
-    shown = replace(shown, checks=(*held_checks(procedure), *shown.checks))
+    shown = replace(shown, checks=(*fixed_parameter_checks(procedure), *shown.checks))
     advice = _advice(args, procedure, shown, poses) if args.advise else None
     parameters = {p.name: p for p in shown.parameters}
     if args.json:
@@ -117,7 +117,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _code(shown: Preview) -> ExitCode:
-    """Return the code `sarcal run` would end with where a check of the fixture refuses."""
+    """Return the exit code; that of `sarcal run` if a fixture check refuses."""
     from fixtures.base import Severity
 
     refused = any(c.severity is Severity.REFUSED for c in shown.checks)
@@ -125,10 +125,10 @@ def _code(shown: Preview) -> ExitCode:
 
 
 def _of_files(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
-    """Return the procedure with the arm and fixture named beside it, and nothing known.
+    """Return the procedure with the arm and fixture of the options, without captured poses.
 
-    The joints that a procedure names are those of its own arm: for any other they are ranked. So they are
-    in another kind of fixture, where nobody named the procedure.
+    The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
+    procedure, they are ranked.
     """
     from operator_app.config.arm_file import parse_arm
     from operator_app.config.fixture_file import load_fixture
@@ -159,15 +159,15 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None
 
 
 def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
-    """Return the session's procedure and what its poses tell."""
-    from operator_app.carried_procedure import carried_procedure
+    """Return the session's procedure and captured poses."""
+    from operator_app.effective_procedure import effective_procedure
     from operator_app.planning.preview import PlanningBasis
     from operator_app.session.store.folders import read_session
     from operator_app.session.workflow.opening import Choices, resume
 
     if args.procedure or args.arm or args.fixture:
         raise UsageError(
-            "--session: a session knows its procedure, arm and fixture; leave the others out"
+            "--session: a session has its procedure, arm and fixture; leave the others out"
         )
     joints = given_joints(args.unsensed)
     opening = resume(args.session, Choices(unsensed_joints=joints), root=args.sessions)
@@ -176,7 +176,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | No
         raise UsageError(
             f"{opening.folder} has no pose yet: plan from nominal geometry, without --session"
         )
-    procedure = carried_procedure(opening)
+    procedure = effective_procedure(opening)
     if procedure.position_joints is None and state.drives:
         procedure = replace(procedure, position_joints=state.drives)
     readings = state.pose_set().q_rad
@@ -187,7 +187,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | No
 def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[RankedPlacement, ...]:
-    """Search for placements around the present one, nominal or as estimated."""
+    """Search for hinge placements around the nominal or estimated one."""
     from operator_app.planning.advice import advise
 
     values = None

@@ -1,4 +1,4 @@
-"""`sarcal probe`: which nodes are on a bus, and whether they are set up as a bus profile says; or a draft of one."""
+"""`sarcal probe`: nodes on a bus and their differences from a bus profile, or a draft of one."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from hardware.commissioning.probe import Probe
 
 CHECK = """\
-As found by `sarcal probe`; nothing was moved. What no drive can say, check before anything is enabled:
+Made by `sarcal probe`; nothing was moved. Check what a drive cannot report before anything is enabled:
 - Joints are numbered in the order of their nodes. Renumber them where the arm's order is another.
 - Which way does each joint count? Turn it by hand and watch `sarcal monitor`; where its count falls while
   its angle grows in the arm file's sense, add direction: -1.
 - Where the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
 - {maps}
 - Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tries."""
-"""Heads a draft."""
+"""Comment at the top of a draft."""
 MAPS = {
     False: "A drive whose PDOs are others is refused. To have these written into it whenever it is connected to, "
     "before\n  anything is enabled, and not stored in it: pdo_maps: configured",
     True: "These PDOs are written into the drives whenever they are connected to, before anything is enabled, and\n"
     "  not stored in them (pdo_maps: configured). Whether they let it be done shows then.",
 }
-"""By whether a draft has PDOs configured."""
+"""By --configure."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Look, and report; exit 3 where nobody answers or something differs."""
+    """Probe and report; exit 3 if no node answers or something differs."""
     from hardware.buses.python_can import bus_settings
     from hardware.commissioning.probe import probe
     from operator_app.config.procedure import DEFAULT_PROFILE
@@ -64,16 +64,14 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.text import aligned
 
     if args.configure and args.draft is None:
-        raise UsageError("--configure: it is about the profile that --draft FILE writes")
+        raise UsageError("--configure needs --draft FILE")
     settings = bus_settings(
         args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
     )
     if settings.interface == "virtual":
-        raise UsageError(
-            "a virtual bus ends at this process: nobody else is on it; name a bus with -i and -c"
-        )
+        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
     if args.draft is not None and args.draft.exists():
-        raise UsageError(f"--draft: {args.draft} exists: it may hold what you know of the arm")
+        raise UsageError(f"--draft: {args.draft} exists; name another file")
     found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)
     if args.draft is not None:
         return _draft(args, found)
@@ -84,7 +82,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.json:
         say(json.dumps(asdict(found), indent=2))
         return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
-    if _nobody(found, str(settings)):
+    if _report_no_nodes(found, str(settings)):
         return ExitCode.ARM_FAULT
     rows = [["node", "device", "type (1000h)", "serial", "6064h (counts)", "state"]]
     for node in found.nodes:
@@ -105,12 +103,12 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
 
 
-def _nobody(found: Probe, bus: str) -> bool:
-    """Say why there is nothing to be told of a bus; whether it is so."""
+def _report_no_nodes(found: Probe, bus: str) -> bool:
+    """Print why no nodes were probed; return whether that is so."""
     if found.busy:
         heard = ", ".join(map(str, found.heard)) or "none"
         say(
-            f"sarcal: {found.busy}. Nobody was asked anything. End that program, then probe again. "
+            f"sarcal: {found.busy}. No node was probed. End that program, then probe again. "
             f"Heartbeats of nodes: {heard}.",
             err=True,
         )
@@ -124,7 +122,7 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
     from operator_app.config.json_schemas import save_with_schema, schema_line
     from operator_app.config.profile_file import format_profile
 
-    if _nobody(found, "this bus"):
+    if _report_no_nodes(found, "this bus"):
         return ExitCode.ARM_FAULT
     unsure = [p for node in found.nodes for p in node.problems if "two devices" in p]
     if found.meanwhile:
@@ -166,6 +164,6 @@ def _drafted(made: BusProfile, file: Path) -> str:
 
 
 def _name(file: Path) -> str:
-    """Name a profile after its file, as far as names may be so."""
+    """Return a valid profile name from the file name."""
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)[:64]
     return name if re.match(r"[A-Za-z]", name) else f"profile_{name}"[:64]

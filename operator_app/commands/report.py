@@ -1,4 +1,4 @@
-"""`sarcal report`: everything about a session, read from its journal: a page, text or JSON."""
+"""`sarcal report`: report of a session as HTML page, text or JSON."""
 
 from __future__ import annotations
 
@@ -54,26 +54,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Read the session's calibration and show it."""
-    from operator_app.carried_procedure import carried_procedure
     from operator_app.commands.options import require_joints
+    from operator_app.effective_procedure import effective_procedure
     from operator_app.report.subject import subject_of_session
     from operator_app.session.store.journal import read_journal
     from operator_app.session.store.replay import session_state
-    from operator_app.session.store.stored_calibration import calibrated, checked
+    from operator_app.session.store.stored_calibration import session_calibration, with_checks
     from operator_app.session.workflow.opening import Choices, resume
     from solver.errors import UnidentifiableError
 
     unsensed = given_joints(args.unsensed)
     opening = resume(args.session, Choices(), root=args.sessions)
-    procedure = carried_procedure(opening)
+    procedure = effective_procedure(opening)
     require_joints(unsensed or (), procedure.arm.joint_count)
     contents = read_journal(opening.folder)
     state = session_state(contents)
     found, blind = None, None
     try:
-        # The journal's, if it has what is asked for; else it is solved now, and the report says so.
-        found = calibrated(state, procedure, estimator=args.estimator, unsensed_joints=unsensed)
-        found = checked(found, state, procedure)
+        # From the journal, else calculated now; the report says which.
+        found = session_calibration(
+            state, procedure, estimator=args.estimator, unsensed_joints=unsensed
+        )
+        found = with_checks(found, state, procedure)
     except UnidentifiableError as error:
         blind = error
     name = opening.folder.resolve().name

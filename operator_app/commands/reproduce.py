@@ -1,4 +1,4 @@
-"""`sarcal reproduce`: the paper's experiment and discussion, on a specimen of its arm. Writes no file."""
+"""`sarcal reproduce`: the paper's experiment and discussion, on a simulated specimen of its arm."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Reproduce, and print."""
+    """Reproduce and print."""
     from operator_app.planning.reproduction import published
     from operator_app.report.results.reproduction import published_json, published_text
 
     if not FEWEST <= args.poses <= MOST:
         raise UsageError(f"--poses: between {FEWEST} and {MOST}")
-    say("Taking six sets of poses and calibrating ten times; that takes half a minute.", err=True)
+    say("Capturing six sets of poses and calibrating ten times: about 30 s.", err=True)
     found = published(poses=args.poses)
     if args.json:
         say(json.dumps(published_json(found), indent=2, allow_nan=False))

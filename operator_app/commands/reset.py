@@ -1,4 +1,4 @@
-"""`sarcal reset`: clears tripped drives and a STOP, in words. Enables nothing and moves nothing."""
+"""`sarcal reset`: clears drive faults and a latched STOP. Enables and moves nothing."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Connect, say what has tripped, reset it, say what stays."""
+    """Connect, list the drive faults, reset them, list what remains."""
     from hardware.arm import DriveState
     from hardware.canopen.cia402 import POWERED_STATES
     from hardware.control.canopen_arm import CanopenArm
@@ -39,11 +39,11 @@ def execute(args: argparse.Namespace) -> int:
     with ending_signals_interrupt(), open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(
-                "the embedded virtual arm begins anew with every program: there is nothing to reset; "
-                "name a bus with -i, or a session on one"
+                "the embedded virtual arm starts new in every program: there is nothing to reset; name a bus with -i, "
+                "or a session on one"
             )
         if isinstance(rig.arm, CanopenArm):
-            rig.arm.take_over()  # what somebody left enabled is switched off here, and nowhere else
+            rig.arm.take_over()  # the only command that switches off drives another program left enabled
         identity = rig.arm.connect()
         written = [f"Set up as the bus profile asks: {words}" for words in identity.configured]
         unwatching = unwatching_words(identity)
@@ -88,18 +88,16 @@ def _report(
     for joint, text in cleared.items():
         say(f"Joint {joint}  {text}: reset")
     if cleared:
-        say("The drives are off. Nothing has moved, and nothing moves before it is told to.")
+        say("The drives are off. Nothing has moved.")
     elif not stays:
-        say(
-            "No drive has tripped: no fault was reset. As with every connection, the nodes' communication was."
-        )
+        say("No drive has a fault. Connecting has reset the communication of the nodes, as always.")
     for text in dict.fromkeys(stays.values()):
         joints = [joint for joint, why in stays.items() if why == text]
-        # What trips all of them, as a stop contact does, is the arm's.
+        # A fault of all joints, such as an open stop contact, is reported once for the arm.
         who = "the arm" if len(joints) > 1 and len(joints) == arm_joints else ""
         for name in [who] if who else [f"joint {joint}" for joint in joints]:
             say(
-                f"sarcal: {name} stays tripped: {text}. Remove the cause (release the external stop, "
-                "look at the sensor and at what the joint met), then reset again.",
+                f"sarcal: {name} still has a fault: {text}. Remove the cause (release the external stop, check the "
+                "sensor and what the joint hit), then reset again.",
                 err=True,
             )

@@ -1,4 +1,4 @@
-"""`sarcal run`: a procedure from Connect to Export without questions, and its resumption."""
+"""`sarcal run`: a procedure from Connect to Export without questions."""
 
 from __future__ import annotations
 
@@ -51,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--placements",
         type=placement_count,
         metavar="N",
-        help="mount the fixture N times, and take --poses in each: the arm's offsets are shared, the fixture's "
-        "entries are each placement's own. Between two of them you are asked to take it off and mount it anew",
+        help="mount the fixture N times and capture --poses in each placement: the arm's offsets are shared, the "
+        "fixture parameters are of each placement. Between two placements the program asks you to remount it",
     )
     parser.add_argument(
         "--resume",
@@ -78,7 +78,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @ending_signals_interrupt()  # between two placements as well, where no session is open
 def execute(args: argparse.Namespace) -> int:
-    """Run, report, and leave the arm held whatever happens."""
+    """Run and report; leave the arm held."""
     from operator_app.composition import unattended
     from operator_app.errors import NotLetGoError
     from operator_app.headless.console import ConsoleListener
@@ -106,7 +106,7 @@ def execute(args: argparse.Namespace) -> int:
                 unattended(
                     opening, record_to=recording(args, opening), cut_short=listener.cut_short
                 ) as session,
-                _solver_beside(session) as solver,
+                _solver_for(session) as solver,
             ):
                 if opening.resumed:
                     listener.resumed(session)
@@ -123,19 +123,18 @@ def execute(args: argparse.Namespace) -> int:
                 folder = session.journal.path.parent  # another program may have been faster
                 opening = replace(opening, folder=folder, next_due=True)
     except UnidentifiableError as error:
-        # Only an open session calibrates.
         _report_unidentifiable(args, session, error)
         return ExitCode.NOT_IDENTIFIABLE
     except NotLetGoError:
-        if result is not None:  # found, and kept, all the same
+        if result is not None:
             _report(args, session, result)
         raise
     _report(args, session, result)
     return ExitCode.ACCEPTED if result.solution.accepted else ExitCode.NOT_ACCEPTED
 
 
-def _solver_beside(session: Session) -> AbstractContextManager[Solver]:
-    """Return what solves without keeping SYNC from an arm that is in real time; a simulated one waits."""
+def _solver_for(session: Session) -> AbstractContextManager[Solver]:
+    """Return the solver: a separate process for an arm in real time, so that SYNC is not delayed."""
     from operator_app.session.store.solver_process import SolvingProcess, solve_here
 
     if session.state.settings["interface"] == "virtual":

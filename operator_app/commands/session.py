@@ -1,4 +1,4 @@
-"""`sarcal session list|show|repair`: what sessions there are, what is in one, and a damaged one mended."""
+"""`sarcal session list|show|repair`: lists sessions, shows one, repairs a damaged journal."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "action",
         choices=("list", "show", "repair"),
-        help="list all; show one; or repair the journal of one that is damaged: every line that proves "
-        "itself by its checksum is kept, what is lost is said, the damaged file stays beside it",
+        help="list all; show one; or repair a damaged journal: lines with a matching checksum are kept, the others "
+        "are reported, the damaged file is kept beside it",
     )
     parser.add_argument(
         "name",
@@ -71,7 +71,7 @@ def execute(args: argparse.Namespace) -> int:
             rows = [["session", "begun (UTC)", "arm", "poses", "state"]]
             for fact in found:
                 if "problem" in fact:
-                    # The row begins with the folder.
+                    # The folder is in the first column already.
                     problem = fact["problem"].replace(f"{fact['folder']}/", "")
                     rows.append([fact["folder"], "", "", "", problem])
                     continue
@@ -106,7 +106,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _procedure_of(state: SessionState) -> str:
-    """Say what a session follows, as far as its documents can be read."""
+    """Return the procedure of a session, as far as its documents can be read."""
     from operator_app.config.strict_yaml import load_strict
 
     try:
@@ -120,10 +120,10 @@ def _procedure_of(state: SessionState) -> str:
 def _repair(args: argparse.Namespace) -> int:
     from operator_app.report.results.session import repair_json, repair_text
     from operator_app.session.store.folders import find_session
-    from operator_app.session.store.journal_repair import repair
+    from operator_app.session.store.journal_repair import repair_journal
 
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")
-    found = repair(find_session(args.sessions, args.name))
+    found = repair_journal(find_session(args.sessions, args.name))
     say(json.dumps(repair_json(found), indent=2) if args.json else repair_text(found))
     return ExitCode.ACCEPTED

@@ -1,4 +1,4 @@
-"""`sarcal settings`: what this user always wants, shown or changed. Opens no bus."""
+"""`sarcal settings`: shows or changes the user settings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MEANING = {
     "channel": "as -c, with that interface",
     "bitrate": "as -b, with that interface",
     "theme": "of the terminal app: dark, light, none",
-    "operator": "kept in the journal of every session",
+    "operator": "recorded in the journal of every session",
 }
 
 
@@ -25,13 +25,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_name,
         nargs="*",
         metavar="KEY=VALUE",
-        help="set it; KEY= takes it away. Keys: " + ", ".join(MEANING),
+        help="set it; KEY= removes it. Keys: " + ", ".join(MEANING),
     )
     json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Change what is named, then show what there is."""
+    """Change the named settings, then show all."""
     from operator_app.config.user_settings import (
         KEYS,
         changed,
@@ -62,7 +62,7 @@ def execute(args: argparse.Namespace) -> int:
     for key, meaning in MEANING.items():
         say(f"{key:<10} {found.stated.get(key, '-')!s:<20} {meaning}")
     say(
-        "Stronger, in this order: command line, session, procedure, environment (CAN_INTERFACE), can.conf.\n"
-        "A procedure's virtual names no bus: -i virtual does, and is the simulated arm."
+        "Precedence: command line, session, procedure, environment (CAN_INTERFACE), can.conf, these settings.\n"
+        "`virtual` in a procedure names no bus; -i virtual does, and is the simulated arm."
     )
     return ExitCode.ACCEPTED

@@ -1,4 +1,4 @@
-"""`sarcal solve`: a calibration from a poses file, without any arm."""
+"""`sarcal solve`: a calibration from a poses file, without an arm."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--global-start",
         action="store_true",
-        help="search everywhere instead of starting from the nominal values",
+        help="search globally instead of starting from the nominal values",
     )
     parser.add_argument(
         "--drop-unidentifiable",
         action="store_true",
-        help="hold at its nominal value what the poses cannot see, instead of refusing",
+        help="fix unidentifiable parameters at their nominal values, instead of refusing",
     )
     parser.add_argument(
         "--checks",
@@ -59,8 +59,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--test",
         type=a_name,
         metavar="FILE",
-        help="judge the result by poses that took no part, of the same placement or, with a ball that "
-        "stays on the hand, of others too; exit 4 if it fails",
+        help="test the result with other poses, of the same placement or, with a ball that stays on the tool, of "
+        "others too; exit 4 if it fails",
     )
     parser.add_argument(
         "--rvdt-table",
@@ -169,7 +169,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> PoseSet:
-    """Read the poses of ``--test``, or say why they are no test."""
+    """Return the poses of ``--test``; UsageError if they are no independent test."""
     from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.new_poses import NoTestError, require_new
     from operator_app.config.poses_file import load_poses
@@ -179,7 +179,7 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be of one placement, the same one")
     if elsewhere and args.test == args.poses and args.placements:
-        # One file of all placements: those that took part are no test.
+        # One file of all placements: test with the placements that were not calibrated.
         others = tuple(k for k in new.placements if k not in poses.placements)
         new = pick_placements(new, others) if others else new
     try:
@@ -190,7 +190,7 @@ def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> P
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Read the corrections of ``--rvdt-table``, none without it, and the digest of the poses they came from."""
+    """Return the digest of the poses of ``--rvdt-table`` and its corrections; () without it."""
     from operator_app.calibration.remedies import tables_of
     from operator_app.config.parameters_file import load_parameters
     from solver.chain.sensors import Rvdt
@@ -200,10 +200,10 @@ def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[Reading
     document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
     tables = tables_of(document)
     if document.arm.model != arm.name:
-        raise UsageError(f"{given}: is of {document.arm.model}, these poses are of {arm.name}")
+        raise UsageError(f"{given}: for arm {document.arm.model}, these poses are of {arm.name}")
     if not tables:
         raise UsageError(
-            f"{given}: holds no table of an RVDT; there is one where a calibration in the hinge could judge it"
+            f"{given}: contains no RVDT table; a calibration in the hinge makes one if it can identify it"
         )
     for table in tables:
         if not isinstance(arm.joints[table.joint - 1].sensor, Rvdt):
@@ -219,7 +219,7 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
         largest = Figure(float(abs(now - read).max()), ANGLE, places=3).with_unit
         beyond = table.beyond(read)
         outside = (
-            f"; {beyond} of {len(poses)} lie beyond the table, where its nearest end counts"
+            f"; {beyond} of {len(poses)} are beyond the table and use its nearest end"
             if beyond
             else ""
         )
@@ -227,5 +227,5 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
 
 
 def _stays_on_hand(fixture: Fixture) -> bool:
-    """Whether arm and hand can be judged at another socket of the same ball."""
+    """Whether the calibration can be tested at another socket of the same ball."""
     return fixture.kind == "ball" and fixture.stays_on_hand

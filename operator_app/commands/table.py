@@ -1,4 +1,4 @@
-"""The commands there are, what each is for in a line, and where its parser and its work are. Runs none."""
+"""The table of commands with their summaries, and their modules."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ COMMANDS = {
     "run": "calibrate an arm from start to finish, without questions",
     "plan": "choose drive joints and poses before anything moves",
     "solve": "calibrate from a file of poses, without an arm",
-    "import": "make a session out of poses or a joint log of your own",
-    "verify": "judge new poses by a calibration made before them",
+    "import": "make a session from poses or a joint log of your own",
+    "verify": "test a calibration with new poses",
     "export": "write, show or upload the parameters of a session",
     "report": "write an HTML report of a session",
-    "compare": "say what drifted between two calibrations",
-    "history": "say what shifted over all calibrations of one arm, and when the next is due",
-    "reproduce": "reproduce the paper: its tables, its figures, its sources of error, its remedies",
+    "compare": "show what drifted between two calibrations",
+    "history": "show what shifted over all calibrations of one arm, and when the next is due",
+    "reproduce": "reproduce the paper: tables, figures, sources of error, remedies",
     "new": "make an arm, fixture or procedure file",
-    "check": "say all that is wrong with files, or what would be done with them",
-    "session": "list sessions, show one, or repair the journal of one that is damaged",
-    "probe": "say which nodes are on a bus and whether they can be driven; moves nothing",
+    "check": "show all problems of files, or the outlook of a calibration with them",
+    "session": "list sessions, show one, or repair a damaged journal",
+    "probe": "show which nodes are on a bus and whether they can be driven; moves nothing",
     "arm-check": "check an arm on the bench in a safe order; asks before anything moves",
     "monitor": "watch a bus beside a running session; sends nothing",
-    "reset": "clear tripped drives and a STOP; moves nothing",
-    "settings": "show or change what you always want: bus, theme, operator",
+    "reset": "clear drive faults and a STOP; moves nothing",
+    "settings": "show or change your defaults: bus, theme, operator",
     "eds": "write the EDS files of joint drive and supervisor",
-    "controller": "run the virtual controller as its own process",
+    "controller": "run the virtual controller as a process",
     "help": "show a page of the manual",
 }
 
@@ -35,8 +35,8 @@ APP = "app"
 
 
 def module(command: str) -> Any:
-    """Return the module of a command, imported when it is wanted."""
-    # `import` is a word of Python's, and `help` has its own module's name for itself.
+    """Import and return the module of a command."""
+    # `import` is a Python keyword, `help` a builtin.
     name = {"import": "import_poses", "help": "help_topic"}.get(command, command.replace("-", "_"))
     return importlib.import_module(f"operator_app.commands.{name}")
 

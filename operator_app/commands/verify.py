@@ -1,4 +1,4 @@
-"""`sarcal verify`: new poses judged by parameters that were fixed before they were taken."""
+"""`sarcal verify`: tests a calibration with new poses."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from operator_app.commands.options import (
     homing_option,
     json_option,
     pose_count,
+    print_warnings,
     recording,
-    say_doubts,
     scenario_options,
     session_record_option,
     sessions_option,
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from solver.chain.poses import PoseSet
 
 NEW_POSES = 12
-"""Poses to take when no file is given."""
+"""Number of poses without a file."""
 
 OPEN_POSES = 24
-"""Of the open arm: they give a calibration of their own."""
+"""The same of the open arm, for a calibration of its own."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,21 +49,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_name,
         nargs="?",
         metavar="POSES.csv",
-        help="new poses; without it the arm takes new ones, elsewhere than the session did",
+        help="new poses; without it the arm captures new ones at other positions",
     )
     parser.add_argument(
         "--open-loop",
         action="store_true",
-        help="by endpoints of the open arm that another instrument measured: says which offsets and lengths "
+        help="with endpoints of the open arm measured by another instrument: shows which offsets and lengths "
         "disagree. From POSES.csv (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without it the arm, out of its "
-        "fixture, takes the poses as --procedure says, in a session of their own",
+        "fixture, captures the poses of --procedure, in a session of their own",
     )
     parser.add_argument(
         "--procedure",
         type=a_name,
         metavar="P",
         default="open_loop",
-        help="with --open-loop: how the open arm takes its poses (default open_loop)",
+        help="with --open-loop: procedure of the open arm (default open_loop)",
     )
     tracker_option(parser)
     parser.add_argument(
@@ -71,14 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_name,
         metavar="FIXTURE",
         default="tracker",
-        help="how exact the instrument of POSES.csv is: a fixture file of kind measured (default tracker: 0.05 mm, "
-        "0.02 deg)",
+        help="uncertainty of the instrument of POSES.csv: a fixture file of kind measured (default tracker: "
+        "0.05 mm, 0.02 deg)",
     )
     parser.add_argument(
         "--poses",
         type=pose_count,
         metavar="N",
-        help=f"how many new poses to take (default {NEW_POSES})",
+        help=f"how many new poses to capture (default {NEW_POSES})",
     )
     homing_option(parser)
     sessions_option(parser)
@@ -89,12 +89,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Judge and report."""
+    """Verify and report."""
     from operator_app.calibration.new_poses import NoTestError, verify_new_poses
-    from operator_app.carried_procedure import carried_procedure
+    from operator_app.effective_procedure import effective_procedure
     from operator_app.report.results.verification import verification_json, verification_text
     from operator_app.session.store.folders import read_session
-    from operator_app.session.store.stored_calibration import calibrated
+    from operator_app.session.store.stored_calibration import session_calibration
     from operator_app.session.workflow.opening import resume
 
     wanted, args.poses = args.poses, None
@@ -102,9 +102,9 @@ def execute(args: argparse.Namespace) -> int:
     state = read_session(opening.folder).state
     if state is None or not state.used_poses:
         raise UsageError(f"{opening.folder} has no pose yet: there is no calibration to verify")
-    procedure = carried_procedure(opening)
+    procedure = effective_procedure(opening)
     arm, fixture = procedure.arm, procedure.fixture.fixture
-    solution = calibrated(state, procedure).solution
+    solution = session_calibration(state, procedure).solution
     if args.open_loop:
         return _open_loop(args, opening, solution, wanted)
     if args.csv:
@@ -128,32 +128,32 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _from_file(file: str, joint_count: int) -> PoseSet:
-    """Read poses, and say what seems wrong with them."""
+    """Read poses and print warnings about them."""
     from operator_app.config.poses_file import load_poses
 
     read = load_poses(file, joint_count=joint_count)
-    say_doubts(file, read)
+    print_warnings(file, read)
     return read.poses
 
 
 def _open_loop(
     args: argparse.Namespace, opening: Opening, solution: Solution, wanted: int | None
 ) -> ExitCode:
-    """Judge the session by endpoints that another instrument measured, from a file or on the arm."""
+    """Verify the session with measured endpoints, from a file or on the arm."""
     from fixtures.measured import Measured
     from operator_app.calibration.open_loop import check_open_loop
-    from operator_app.carried_procedure import carried_procedure
     from operator_app.config.fixture_file import load_fixture
+    from operator_app.effective_procedure import effective_procedure
     from operator_app.report.results.verification import open_loop_json, open_loop_text
 
     if solution.model.dh_table(solution.estimate.x) is None:
-        raise UsageError("--open-loop judges calibrations of one hinge or rigid placement")
-    arm = carried_procedure(opening).arm
+        raise UsageError("--open-loop verifies calibrations of one hinge or rigid placement")
+    arm = effective_procedure(opening).arm
     if args.csv:
         instrument = load_fixture(args.instrument).fixture
         if not isinstance(instrument, Measured):
             raise UsageError(
-                f"--instrument: {args.instrument} is a {instrument.kind}, no instrument"
+                f"--instrument: {args.instrument} is a {instrument.kind}, not an instrument"
             )
         poses = _from_file(args.csv, arm.joint_count)
     else:
@@ -169,7 +169,7 @@ def _open_loop(
 def _open_arm(
     args: argparse.Namespace, judged: Opening, wanted: int | None
 ) -> tuple[Measured, PoseSet]:
-    """Take poses of the open arm, in a session of their own, on the bus of the session that is judged."""
+    """Capture poses of the open arm, in a session of their own, on the bus of the session."""
     import numpy as np
 
     from fixtures.measured import Measured
@@ -216,27 +216,27 @@ def _open_arm(
         poses = session.state.pose_set()
     listener.close()
     folder = session.journal.path.parent  # another program may have been faster
-    say(f"Took {len(poses)} poses of the open arm: they are in {folder}", err=True)
+    say(f"Captured {len(poses)} poses of the open arm, kept in {folder}", err=True)
     return instrument, poses
 
 
 def _on_the_arm(
     opening: Opening, solution: Solution, count: int, *, homing: bool, record_to: Path | None
 ) -> tuple[VerificationResult, PoseSet]:
-    """Take `count` poses in the session, elsewhere than it did."""
+    """Capture `count` poses in the session, at other positions."""
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
-    from operator_app.session.workflow.capture import connect, home_if_away, verify
+    from operator_app.session.workflow.capture import connect, go_home_if_outside, verify
     from operator_app.session.workflow.drive_selection import drives_of
     from operator_app.session.workflow.listener import Listener
 
     if count < 1:
-        raise UsageError("--poses: take at least 1")
+        raise UsageError("--poses: at least 1")
     with unattended(opening, record_to=record_to) as session:
         connect(session, Listener())
         session.set_modes(drives_of(session))
         if homing:
-            home_if_away(session, ConsoleListener())
+            go_home_if_outside(session, ConsoleListener())
         found = verify(session, solution, count, Listener())
-    say(f"Took {count} new poses: they are in the journal of {opening.folder}", err=True)
+    say(f"Captured {count} new poses, kept in the journal of {opening.folder}", err=True)
     return found

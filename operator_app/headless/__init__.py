@@ -1,1 +1,1 @@
-"""The session driven by a procedure file instead of a person."""
+"""`sarcal run` and plain mode: sessions without a full screen."""

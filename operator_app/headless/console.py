@@ -1,4 +1,4 @@
-"""What `sarcal run` says while it works: lines and a progress bar on stderr. Decides nothing."""
+"""Progress of `sarcal run` on stderr: messages, a progress bar, and the end of an interrupted run."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from operator_app.messages.errors import stopped_words, words
 from operator_app.planning.drives import DriveChoice
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.safe_output import Stderr, harmless
-from operator_app.session.safety.latency import late_words
+from operator_app.session.safety.latency import lateness_text
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
@@ -36,10 +36,10 @@ GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refu
 
 
 class ConsoleListener(Listener):
-    """Writes to stderr; the bar appears only on a terminal."""
+    """Writes progress to stderr; the bar only on a terminal."""
 
     def __init__(self) -> None:
-        # What is kept counts: progress that cannot be written ends no calibration.
+        # Errors of writing progress are ignored.
         self._stderr = Stderr()
         self._console = Console(file=cast("IO[str]", self._stderr), highlight=False, soft_wrap=True)
         self._progress: Progress | None = None
@@ -47,24 +47,24 @@ class ConsoleListener(Listener):
         self._late_times = 0
 
     def say(self, text: str) -> None:
-        """Write one line of progress."""
+        """Write one line."""
         self._console.print(harmless(text), markup=False)
 
     def resumed(self, session: Session) -> None:
-        """Say what the session goes on with."""
+        """Report the poses of a resumed session."""
         if session.journal.contents.torn:
             self.say(f"{session.journal.contents.torn}.")
         self._late_times = session.state.late.times
-        self.say(f"Going on after {len(session.state.used_poses)} poses.")
+        self.say(f"Resuming with {len(session.state.used_poses)} poses.")
 
     def cut_short(self, found: CutShort) -> None:
-        """Say what is left of a run that did not come to its end, and how it goes on, if it does."""
+        """Report what is kept of a run that ended early, and how to continue."""
         self.close()
         for line in cut_short_lines(found):
             self.say(line)
 
     def connected(self, identity: ArmIdentity) -> None:
-        """Say which arm answered."""
+        """Report the arm."""
         self._joints = sum(node.role.startswith("joint") for node in identity.nodes)
         self.say(
             f"Connected to {identity.model}, serial {identity.serial_number}: "
@@ -72,29 +72,29 @@ class ConsoleListener(Listener):
         )
 
     def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:
-        """Say what the set-up checks found."""
+        """Report the set-up checks."""
         for check in checks:
             remedy = f": {check.remedy}" if check.remedy else ""
             self.say(f"Fixture {GLYPH[check.severity]}: {check.text}{remedy}")
 
     def drives_chosen(self, choice: DriveChoice) -> None:
-        """Say which joints drive and why."""
+        """Report the drive joints and the reasons."""
         self.say(f"Chosen to drive: {joints_named(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
-        """Say which joints drive."""
+        """Report the drive joints."""
         driven = joints_named(position_joints).capitalize()
         others = and_the_others(len(position_joints), self._joints)
         self.say(f"{driven} in position mode{others}; read back from the drives.")
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
-        """Advance the bar, and say if this computer was late."""
+        """Advance the bar; report new delays of this computer."""
         if new := state.late.times - self._late_times:
             self._late_times = state.late.times
             longest_s = state.late.last_s if new == 1 else state.late.longest_s
-            self.say(f"Warning: {late_words(new, longest_s)}.")
+            self.say(f"Warning: {lateness_text(new, longest_s)}.")
         if not self._stderr.isatty():
-            # A bar is for a screen: in a file, or a pipe, each pose is a line.
+            # Into a file or pipe: a line for each pose.
             self.say(f"Pose {state.captured} captured ({len(state.used_poses)} of {wanted}).")
             return
         if self._progress is None:
@@ -107,50 +107,50 @@ class ConsoleListener(Listener):
             )
             self._progress.start()
             self._progress.add_task("poses", total=wanted)
-        # A plan's total grows while it explores.
+        # The total of a planned capture grows while it explores.
         self._progress.update(
             self._progress.task_ids[0], completed=len(state.used_poses), total=wanted
         )
 
-    def told(self, text: str) -> None:
-        """Say what a planned capture decided."""
+    def report(self, text: str) -> None:
+        """Write a message of the session."""
         self.say(text)
 
     def solved(self, solution: Solution) -> None:
-        """End the bar."""
+        """Remove the bar and report the calibration."""
         self.close()
         self.say(
             f"Solved from {solution.poses} poses in {solution.estimate.iterations} iterations."
         )
 
     def close(self) -> None:
-        """Take the bar down. Safe to call twice."""
+        """Remove the bar. Safe to call twice."""
         if self._progress is not None:
             self._progress.stop()
             self._progress = None
 
 
 def cut_short_lines(found: CutShort) -> list[str]:
-    """Sentences, the most important first."""
+    """Return the messages about a run that ended early, the most important first."""
     session, state = found.session, found.session.state
     interrupted = isinstance(found.cause, KeyboardInterrupt)
-    said = "The run was interrupted" if interrupted else "The run has ended early"
+    said = "The run was interrupted" if interrupted else "The run ended early"
     if found.connected and found.held:
         said += "; the arm is held"
-    folder = session.journal.kept_in
+    folder = session.journal.kept_folder
     if session.journal.loss is not None:
-        return [*_danger(found), f"{said}. What could be kept is in {folder}."]
-    # The journal's: an interrupt may come between a line and its being counted.
+        return [*_danger(found), f"{said}. The rescued entries are in {folder}."]
+    # From the journal: an interrupt may come between writing an event and applying it.
     kept = read_session(folder).state if found.kept else None
     poses = len(state.poses if kept is None else kept.poses)
-    lines = [f"{said}; no pose was taken."]
+    lines = [f"{said}; no pose was captured."]
     if poses:
         lines = [
             f"{said}. {plural(poses, 'pose')} {'is' if poses == 1 else 'are'} kept in {folder}.",
             *_way_on(found),
         ]
     if isinstance(found.cause, DriveDiverged):
-        # Whoever stands there has just seen it move: before anything else, why, and what to do.
+        # The operator has just seen the arm move: the cause first.
         lines.insert(0, f"{stopped_words(str(found.cause))}.")
     if late := _late(found):
         lines.insert(0, late)
@@ -158,7 +158,7 @@ def cut_short_lines(found: CutShort) -> list[str]:
 
 
 def _danger(found: CutShort) -> list[str]:
-    """Say that the arm is not held, before anything else; who interrupts a run is told so by its end."""
+    """Return the warning that the arm is not held; after an interrupt the caller raises it."""
     left = found.session.not_held
     if left is None or not found.connected or isinstance(found.cause, KeyboardInterrupt):
         return []
@@ -167,24 +167,22 @@ def _danger(found: CutShort) -> list[str]:
 
 
 def _late(found: CutShort) -> str:
-    """Say that this computer was late, where that is why drives tripped: at the next pose it would be too late."""
+    """Return that this computer was late, if drives tripped on its missing heartbeat."""
     cause = found.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""
-    late = found.session.late_here
+    late = found.session.connection_lateness
     if late.times == 0:
         return ""
-    again = (
-        "" if late.times == 1 else f", {late.times} times in all, by {late.longest_s:.2f} s at most"
-    )
+    again = "" if late.times == 1 else f" ({late.times} times, by {late.longest_s:.2f} s at most)"
     return (
-        f"This computer was late by {late.last_s:.2f} s{again}: the drives missed its heartbeat for that. End "
-        "other programs on it, or give this one real-time priority."
+        f"This computer was late by {late.last_s:.2f} s{again}: the drives missed its heartbeat. End other "
+        "programs on it, or give this one real-time priority."
     )
 
 
 def _way_on(found: CutShort) -> list[str]:
-    """Say how to go on: nothing where resuming would end in the same words."""
+    """Return how to continue; nothing if resuming would fail again."""
     cause, session = found.cause, found.session
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"
@@ -195,13 +193,13 @@ def _way_on(found: CutShort) -> list[str]:
             return [f"Release the external stop when it is safe.{reset}", goes_on]
         if isinstance(cause, DriveDropout):
             return [
-                f"Find out why joint {cause.joint}'s drive did not stay as it was put.",
+                f"Find out why the drive of joint {cause.joint} left its state.",
                 goes_on,
             ]
-        return [f"Find out what joint {cause.joint} met.{reset}", goes_on]
+        return [f"Find out what joint {cause.joint} hit.{reset}", goes_on]
     if isinstance(cause, DriveDiverged):
         return [
-            f"Only when you know why joint {cause.joint} went astray: {goes_on[0].lower()}{goes_on[1:]}"
+            f"Only when you know why joint {cause.joint} diverged: {goes_on[0].lower()}{goes_on[1:]}"
         ]
     wrong = isinstance(cause, MappingMismatch | PdoSetupFailed | WrongArm)
     if isinstance(cause, KeyboardInterrupt) or (isinstance(cause, HardwareError) and not wrong):

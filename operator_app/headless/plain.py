@@ -1,7 +1,4 @@
-"""The workflow as numbered prompts, for screen readers and dumb terminals: the same actions, the same guards.
-
-Says everything in whole lines, moves no cursor. Knows no bus.
-"""
+"""Plain mode: the workflow as numbered prompts in whole lines, for screen readers and simple terminals."""
 
 from __future__ import annotations
 
@@ -33,7 +30,7 @@ from operator_app.session.ui.user_interface import (
     ShownAlarm,
     Typed,
     YesNo,
-    perform,
+    perform_action,
 )
 
 WAIT_S = 0.1
@@ -41,18 +38,18 @@ PAGE_WIDTH = 80
 
 
 class Terminal(Protocol):
-    """Where lines go and come from."""
+    """Input and output of lines."""
 
     def say(self, text: str) -> None:
         """Write lines."""
         ...
 
     def ask(self, prompt: str) -> str:
-        """Return what was typed; raises EOFError at the end of the input."""
+        """Return the typed line; raises EOFError at the end of the input."""
         ...
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait that long at most; return whether a line was typed meanwhile, and take it."""
+        """Wait for a line; return whether one was typed, and consume it."""
         ...
 
 
@@ -66,7 +63,7 @@ class _Item:
 
 
 class Plain:
-    """The seven steps as menus: a `Face`, see there."""
+    """The seven steps as menus; implements `UserInterface`."""
 
     def __init__(
         self,
@@ -87,7 +84,7 @@ class Plain:
         self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
-        """Ask until the operator leaves; Ctrl-C is STOP, and leaves when nothing is under way."""
+        """Show menus until the operator quits. Ctrl-C is STOP; with STOP latched or no arm it quits."""
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
             "Ctrl-C is the software STOP. It is not an emergency stop."
@@ -105,7 +102,7 @@ class Plain:
     # -- menus -------------------------------------------------------------------------------------
 
     def _menu(self) -> None:
-        s = self.look()
+        s = self.snapshot()
         self._terminal.say("\n" + lines(describe(self._step, s)))
         chosen = self._one_of(self._items(s), "Number: ")
         if chosen is not None:
@@ -116,7 +113,7 @@ class Plain:
                 self._wait()
 
     def _one_of(self, items: list[_Item], prompt: str) -> _Item | None:
-        """List them and return the one whose number is typed."""
+        """List the items and return the one whose number is typed."""
         for number, item in enumerate(items, 1):
             closed = f" (closed: {item.missing[0]})" if item.missing else ""
             self._terminal.say(harmless(f"  {number} {item.label}{closed}"))
@@ -127,7 +124,7 @@ class Plain:
         return None
 
     def _items(self, s: SessionSnapshot) -> list[_Item]:
-        """The step's actions, the ways to other steps, and what can be done at every step."""
+        """Return the actions of the step, the moves to other steps, and the common actions."""
         own, common = actions.prompts(self._step)
         items = [item for action in own for item in self._lines(action, s)]
         if self._step is Step.RESULTS:
@@ -136,7 +133,7 @@ class Plain:
             )
         items += self._ways(s)
         items += [item for action in common for item in self._lines(action, s)]
-        items.append(_Item(label="Leave: the arm is held, the session is kept", do=self._leave))
+        items.append(_Item(label="Quit: the arm is held, the session is kept", do=self._leave))
         return items
 
     def _lines(self, action: Action, s: SessionSnapshot) -> list[_Item]:
@@ -151,7 +148,7 @@ class Plain:
 
     def _do(self, action: Action, row: int | None) -> None:
         self._row = row
-        perform(action, self)
+        perform_action(action, self)
 
     def _ways(self, s: SessionSnapshot) -> list[_Item]:
         ways = []
@@ -176,15 +173,15 @@ class Plain:
         self._left = True
 
     def _read(self) -> None:
-        self._terminal.say(lines(results(self.look())))
+        self._terminal.say(lines(results(self.snapshot())))
 
-    # -- what an action may ask --------------------------------------------------------------------
+    # -- UserInterface -----------------------------------------------------------------------------
 
-    def look(self) -> SessionSnapshot:
-        """Take a fresh picture, and say what was said since the last."""
+    def snapshot(self) -> SessionSnapshot:
+        """Return a fresh snapshot; write the new messages."""
         s = self.runner.snapshot()
         if self.runner.defect is not None:
-            raise RuntimeError("the session's worker met a defect") from self.runner.defect
+            raise RuntimeError("the worker of the session failed") from self.runner.defect
         for message in s.messages:
             if message.number > self._heard:
                 self._heard = message.number
@@ -193,28 +190,28 @@ class Plain:
                 )
         return s
 
-    def soon(self, work: Callable[[], None]) -> None:
-        """Do it a tenth of a second later."""
+    def retry_soon(self, work: Callable[[], None]) -> None:
+        """Call `work` 0.1 s later."""
         self._pause(0.1)
         work()
 
     def refuse(self, why: str) -> None:
-        """Say why something is not done."""
+        """Write why an action is refused."""
         self._terminal.say(harmless(f"Not done: {why}."))
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask for a word, a line or a number."""
+        """Ask for yes, a line or a number."""
         match question:
             case YesNo():
                 typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
                 if typed.lower() == "yes":
                     then("yes")
                 else:
-                    self.refuse("that is not yes")
+                    self.refuse("the answer was not yes")
             case Typed():
                 typed = self._terminal.ask(f"{question.text} ").strip()
                 if question.expected and typed != question.expected:
-                    self.refuse(f"that is not {question.expected}. Nothing was sent")
+                    self.refuse(f"the answer was not {question.expected}; nothing was uploaded")
                 else:
                     then(typed)
             case _:
@@ -227,7 +224,7 @@ class Plain:
                     chosen.do()
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Ask for its number."""
+        """Ask for the number of a pose."""
         typed = self._terminal.ask("Pose number: ").strip()
         known = {p.number for p in s.state.poses}
         if typed.isdecimal() and int(typed) in known:
@@ -236,15 +233,15 @@ class Plain:
         return None
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """The item that was listed."""
+        """The item of the chosen row."""
         return self._row
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The one that was listed."""
+        """The alarm of the chosen row."""
         return None if self._row is None else ShownAlarm(number=self._row, whole=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Take another session."""
+        """Open another session."""
         try:
             self.runner = make()
         except EXPECTED as error:
@@ -262,15 +259,15 @@ class Plain:
         return write_report(runner.session)
 
     def topics(self) -> Mapping[str, str]:
-        """Pages of the manual."""
+        """Topics and summaries of the manual."""
         return {topic: self._manual.summary(topic) for topic in self._manual.topics}
 
     def show_page(self, topic: str) -> None:
-        """Say a page."""
+        """Write a page of the manual."""
         self._terminal.say(as_text(self._manual.page(topic).markdown, PAGE_WIDTH))
 
     def show_history(self, serial: str) -> None:
-        """Say a history."""
+        """Write the history of an arm."""
         try:
             found = arm_history(serial, self.sessions.root)
         except EXPECTED as error:
@@ -281,41 +278,41 @@ class Plain:
     # -- inside ------------------------------------------------------------------------------------
 
     def _wait(self) -> None:
-        """Wait for the work in hand; Enter ends a motion."""
-        s = self.look()
-        if s.task is not None and guards.ends_with_any_key(s.task):
+        """Wait for the running task; Enter cancels a motion."""
+        s = self.snapshot()
+        if s.task is not None and guards.stops_on_any_key(s.task):
             self._terminal.say(f"{s.task.kind.value}: press Enter to stop it.")
         while s.task is not None:
-            if not guards.ends_with_any_key(s.task):
+            if not guards.stops_on_any_key(s.task):
                 self._pause(WAIT_S)
             elif self._terminal.touched(WAIT_S):
                 self.runner.cancel()
-            s = self.look()
+            s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Ctrl-C: STOP while an arm is connected and not stopped yet; False leaves the program."""
+        """Ctrl-C: STOP if an arm is connected and not stopped; False: quit."""
         s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False
         self.runner.stop()
-        self.look()
+        self.snapshot()
         return True
 
 
 class StandardTerminal:
-    """Lines on stdin and stdout."""
+    """Standard input and output as a `Terminal`."""
 
     def say(self, text: str) -> None:
-        """Write lines at once."""
+        """Write and flush lines."""
         say(text)
         sys.stdout.flush()
 
     def ask(self, prompt: str) -> str:
-        """Return a line."""
+        """Write a prompt and return a line."""
         return input(harmless(prompt))
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait for a line; what a pipe already holds, and the end of the input, is no touch."""
+        """Wait for a line from a terminal; input from a pipe does not count."""
         if not sys.stdin.isatty():
             select.select([], [], [], timeout_s)
             return False

@@ -1,4 +1,4 @@
-"""What plain mode says of a snapshot: whole sentences, one fact a line. Knows no terminal."""
+"""Text of a snapshot in plain mode: one fact per line."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.report.results.verification import verified_words
 from operator_app.report.terminal import facts_on, no_facts
 from operator_app.report.text import facts_text
-from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE
@@ -15,17 +15,17 @@ from operator_app.units.numbers import names
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
-    """Where the operator is, whether it is safe, what comes next."""
+    """Return step, safety state, details and the proposed action."""
     kind = "SIMULATED" if s.simulated else "REAL ARM"
     lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
     lines += [f"Alarm: {alarm.text}." for alarm in s.alarms]
     lines += _DETAILS[step](s)
-    label = next_thing(step, s).label
+    label = next_action(step, s).label
     return [*lines, f"Recommended now: {label}."] if label else lines
 
 
 def results(s: SessionSnapshot) -> list[str]:
-    """Everything about the calibration, most important first."""
+    """Return the results of the calibration."""
     facts = facts_on(s)
     return [no_facts(s)] if facts is None else facts_text(facts).splitlines()
 
@@ -36,7 +36,7 @@ def _safety(s: SessionSnapshot) -> str:
     if s.data is DataState.LOST:
         return f"Alarm: no data for {SILENCE(s.oldest_s).with_unit}."
     if s.stopped:
-        return "The arm was stopped by itself." if s.stopped_for else "STOP is latched."
+        return "The arm stopped by itself." if s.stopped_for else "STOP is latched."
     data = (
         "Data ok"
         if s.data is DataState.FRESH

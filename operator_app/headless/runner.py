@@ -1,7 +1,4 @@
-"""`sarcal run` without the words: the steps of a session in order, and what each of them told.
-
-Knows a session and a listener; prints nothing, so that tests and other front ends can drive it.
-"""
+"""`sarcal run` without output: the steps of a session in order."""
 
 from __future__ import annotations
 
@@ -22,10 +19,10 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunResult:
-    """What a run came to.
+    """Result of a run.
 
-    `exported` is None when the calibration was not accepted; `capture` says how a planned capture
-    ended, and `advice` which other hinge placement would help when it fell short.
+    `exported` is None if the calibration was not accepted; `capture` is the end of a planned capture, `advice` a
+    hinge placement that would make its weak parameters more precise.
     """
 
     solution: Solution
@@ -43,15 +40,12 @@ def run(
     homing: bool = False,
     solver: Solver = solve_here,
 ) -> RunResult | None:
-    """Go from Connect to Export; every refusal is raised with its reason.
+    """Run from Connect to Export; raises every refusal.
 
-    None: the present placement of the fixture has its poses, and it has to be mounted anew for the next.
+    Returns None if the present placement is complete and the fixture has to be remounted for the next one.
 
-    `forced` says why a calibration is exported even if it is not accepted; empty: it is not.
-    `homing`: the operator agrees that an arm outside its box goes home by itself. `solver` calibrates
-    elsewhere, where SYNC must not wait for it.
-
-    A resumed session goes through Connect, Fixture and Modes again: the arm may have been moved.
+    `forced`: reason for exporting a calibration that is not accepted ("": do not). `homing`: the operator agrees
+    that an arm outside its box goes home. `solver`: another process on a real bus, so that SYNC is not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
@@ -59,17 +53,17 @@ def run(
     listener.fixture_checked(session.require_fixture())
     end = take_poses(session, listener, drives_of(session, listener), homing=homing)
     if end is not None:
-        listener.told(f"Capture {'complete' if end.complete else 'ended'}: {end.text}.")
+        listener.report(f"Capture {'complete' if end.complete else 'ended'}: {end.text}.")
     session.arm.hold()
     if session.state.placement < session.procedure.placements:
         return None
-    known = session.calibrated()
+    known = session.recorded_calibration()
     solution = session.calibrate(solver=solver) if known is None else known.solution
     listener.solved(solution)
     checks = None if known is None else known.checks
     if checks is None:
         checks = session.check(solution, solver)
-    session.heed()
+    session.record_stop_cause()
     exported = export(session, solution, forced=forced) if solution.accepted or forced else None
     return RunResult(
         solution=solution,
@@ -81,7 +75,7 @@ def run(
 
 
 def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> str:
-    """Say which hinge placement would help parameters that stayed weak; empty when there are none."""
+    """Return which hinge placement would make the weak parameters more precise; "" without weak ones."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
     estimate = solution.estimate

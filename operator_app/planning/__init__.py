@@ -1,1 +1,1 @@
-"""Which joints drive and which poses to take. Knows no session, screen or bus."""
+"""Planning: drive joints and poses."""

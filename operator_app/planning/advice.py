@@ -1,7 +1,4 @@
-"""Which other hinge placement would help, starting from what is known: nominal or identified geometry.
-
-Knows arms, fixtures and identified values; no session and no screen.
-"""
+"""Search for hinge placements that make parameters more precise, from nominal or identified geometry."""
 
 from __future__ import annotations
 
@@ -18,9 +15,9 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 
 QUICK_TRIES = 8
-"""Placements looked at for a hint in passing."""
+"""Number of placements tried for a hint."""
 WORTHWHILE = 0.9
-"""A hinge is remounted for a tenth less uncertainty, not for a hundredth."""
+"""Largest relative uncertainty at which a placement is worth remounting: 10 % less."""
 
 
 def at_values(arm: ArmModel, hinge: Hinge, values: Mapping[str, float]) -> tuple[ArmModel, Hinge]:
@@ -59,7 +56,7 @@ def advise(
     """
     if not isinstance(fixture, Hinge):
         raise SessionError(
-            f"placements are compared for the hinge, and this is a {fixture.kind} fixture",
+            f"placements are compared for a hinge, and this is a {fixture.kind} fixture",
             "use a hinge fixture",
         )
     arm, hinge = at_values(arm, fixture, values or {})
@@ -80,7 +77,7 @@ def advise(
 
 
 def hint(ranked: tuple[RankedPlacement, ...]) -> str:
-    """Say in a sentence which placement would help; the first of a ranking, or that none does."""
+    """Return the best placement of a ranking as text, or that none would help."""
     if not ranked or ranked[0].gain > WORTHWHILE:
         return "no hinge placement near this one would help much"
     return f"another placement would help: {ranked[0].text}"

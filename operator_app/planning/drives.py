@@ -1,8 +1,4 @@
-"""Which joints should drive: what is predicted here and over the region, what a trial showed, why.
-
-Puts the rankings of `solver.design` together into one choice that can be said in words. Knows no arm
-on a bus: trials come in as they were measured.
-"""
+"""Selection of the drive joints from the rankings of `solver.design` and measured trials, with reasons."""
 
 from __future__ import annotations
 
@@ -28,16 +24,16 @@ from solver.design.paths import MotionLimits, PathGraph
 from solver.loops.closure import ClosureModel
 
 REGION_POSES = 700
-"""Enough to tell pairs apart."""
+"""Enough to distinguish pairs of joints."""
 TRIED = 4
-"""Pairs worth wiggling."""
+"""Number of sets for a trial."""
 MOST_SETS = 3
-"""Drive sets a plan may change between."""
+"""Largest number of drive sets of a plan."""
 INEXACT_RAD = float(np.deg2rad(0.5))
 FEWEST = 10
-"""A region of fewer poses is none."""
+"""Smallest number of reachable poses."""
 WORTH_A_CHANGE = 0.03
-"""Share of the region that another set has to add to be worth changing to."""
+"""Smallest share of the region that another set has to add."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,12 +43,12 @@ class DrivePrediction:
     Attributes
     ----------
     here, region
-        At the pose where the arm stands, and over what can be reached from it; best first.
+        Rankings at the present pose and over the reachable region, the best first.
     manifold
         The region.
     inexact
-        Joints whose sensor may be off by more than `INEXACT_RAD`: driven, they would take the chain
-        elsewhere than planned, so others are preferred.
+        Joints with a linearity deviation above `INEXACT_RAD`: as drives they would miss planned positions, so
+        that others are preferred.
     """
 
     here: tuple[RankedDrives, ...]
@@ -63,18 +59,18 @@ class DrivePrediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveChoice:
-    """The joints to drive.
+    """The chosen drive joints.
 
     Attributes
     ----------
     drives
-        Joints (1-based) for position mode.
+        Drive joints (1-based).
     sets
-        All sets a plan may use: `drives` first, then those that reach what it cannot.
+        All sets of a plan: `drives` first, then those that reach other poses.
     reasons
-        Why, in words.
+        Reasons as text.
     prediction, trial
-        What it rests on; no trial: ().
+        The rankings; () without a trial.
     """
 
     drives: tuple[int, ...]
@@ -119,24 +115,24 @@ def predict_drives(
         )
     except ValueError as error:
         singular = isinstance(error, np.linalg.LinAlgError)
-        why = "the arm is stretched out, or else singular, where it stands" if singular else error
+        why = "the arm is singular at its present pose, e.g. stretched out" if singular else error
         raise SessionError(
             f"drive joints cannot be ranked: {why}",
-            "check where the arm stands and the fixture's measures, or name the joints: "
+            "check the arm's position and the fixture's measures, or name the joints: "
             "modes: {position: [1, 5]}",
         ) from error
     if manifold.size < FEWEST:
         raise SessionError(
-            f"the arm can hardly move from where it stands{_beyond(arm, manifold)}",
-            "bring it nearer to the middle of the ranges, or correct the fixture's measures",
+            f"the arm can hardly move from its present pose{_beyond(arm, manifold)}",
+            "move it nearer to the middle of the ranges, or correct the fixture's measures",
         )
     return prediction
 
 
-def worth_trying(
+def sets_to_try(
     prediction: DrivePrediction, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the best predicted sets that can be used from here, the best first."""
+    """Return the best usable sets for a trial, the best first."""
     return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED])
 
 
@@ -146,23 +142,23 @@ def choose_drives(
     unsensed_joints: tuple[int, ...] = (),
     trials: Sequence[TrialWiggles] = (),
 ) -> DriveChoice:
-    """Take the best usable set.
+    """Return the best usable set.
 
-    Predicted: of the sets that are usable here, the one that reaches most of the region well. With
-    trials, of those tried, the best by the prediction and the measurement together.
+    Without trials: of the sets usable at the present pose, the one that reaches most of the region. With trials: of
+    the tried sets, the best by prediction and measurement.
 
     Raises
     ------
     SessionError
-        No set can be used.
+        No set is usable.
     """
     usable = _usable(prediction, unsensed_joints)
     if not usable:
         near = prediction.here[0]
         raise SessionError(
-            f"no joints can drive the chain from here: with {joints_named(near.drives)}, "
+            f"no joints can drive the chain from the present pose: with {joints_named(near.drives)}, "
             f"{near.reasons[0]}",
-            "bring the arm away from the fold by hand, or mount the hinge elsewhere "
+            "move the arm away from the fold by hand, or mount the hinge elsewhere "
             "(`sarcal plan --advise`)",
         )
     trial = rank_by_trial(trials) if trials else ()
@@ -173,7 +169,7 @@ def choose_drives(
             raise SessionError(
                 f"none of the {len(trials)} sets of joints that were tried drives the arm: "
                 f"with {joints_named(trial[0].drives)}, {trial[0].reasons[0]}",
-                "look for what holds the arm, or name the joints: modes: {position: [1, 5]}",
+                "check what holds the arm, or name the joints: modes: {position: [1, 5]}",
             )
         best = max(tried, key=lambda r: r.score * measured[r.drives].score)
         tested: tuple[str, ...] = (f"on the arm: {measured[best.drives].reasons[-1]}",)
@@ -189,11 +185,11 @@ def choose_drives(
 
 
 def _beyond(arm: ArmModel, manifold: Manifold) -> str:
-    """Say which joint is outside of its range where the loop closes; empty when none is."""
+    """Return which joint is outside its range at the closed pose, as text; "" for none."""
     over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)
     joint = int(np.argmax(over))
     if over[joint] <= 0.0:
-        return ": every way soon meets the end of a joint's range"
+        return ": every path soon reaches the end of a joint's range"
     return (
         f": by the fixture's measures the nearest closed pose has joint {joint + 1} "
         f"{np.rad2deg(over[joint]):.0f} deg beyond its range"
@@ -201,7 +197,7 @@ def _beyond(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Sets usable both here and over the region, the best of the region first."""
+    """Sets usable at the present pose and over the region, the best of the region first."""
     here = {r.drives for r in prediction.here if r.usable}
     usable = [
         r
@@ -212,10 +208,10 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
 
 
 def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    """Say when another set looks better where the arm stands now."""
+    """Return the reason against the set that is best at the present pose."""
     first = prediction.here[0]
     if first.drives == best.drives:
-        return ("best at the present pose, too",)
+        return ("also best at the present pose",)
     reach = next(
         (f"{r.reach:.0%}" for r in prediction.region if r.drives == first.drives and r.reach),
         "less",
@@ -227,10 +223,10 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
 def _with_others(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
-    """Add the sets that reach what those before them cannot."""
+    """Add the sets that reach poses that those before them cannot."""
     chosen, limits = [drives], MotionLimits()
     reached = float(PathGraph(manifold, chosen, limits).reachable(0).mean())
-    # Whoever reaches little alone adds little: the first few are enough to look at.
+    # A set that reaches little alone adds little: the first six are enough.
     others = [d for d in usable if d != drives][:6]
     while others and len(chosen) < MOST_SETS:
         share = [

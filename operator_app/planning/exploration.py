@@ -1,9 +1,7 @@
-"""Where to take poses before the model can be trusted: waypoints of the position-mode joints alone.
+"""Waypoints of the drive joints for explored captures, without a kinematic model; watches of a move.
 
-A low-discrepancy sequence fills the box that the operator allowed around home, so that the first
-poses already spread and a session that ends early has seen all of it. The box is a place, not a
-travel: wherever the last session left the arm, the next one moves through the same. Nothing here uses the
-kinematic model; whether a waypoint can be reached is found out by going there.
+A low-discrepancy sequence fills the procedure's box of drive angles around home, so that even a short session covers
+all of it. Whether a waypoint can be reached is found by going there.
 """
 
 from __future__ import annotations
@@ -21,25 +19,25 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
 RANGE_MARGIN_RAD = float(np.deg2rad(2.0))
-"""A move ends when any joint comes this close to the end of its range."""
+"""A move ends when a joint comes this close to the end of its range."""
 
 DEFAULT_SPAN_DEG = 25.0
-"""How far to either side drive joints are taken that the procedure says nothing about."""
+"""Half width of the box of drive joints that the procedure does not limit."""
 
 BATCH = 8
-"""Waypoints are visited in batches of this size, each in a short order: spread first, travel second."""
+"""Waypoints are sorted for short moves within batches of this size."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """Where the drive joints may be taken.
+    """The box of drive angles.
 
     Attributes
     ----------
     joints
         Drive joints (1-based).
     centre_rad, lower_rad, upper_rad
-        (d,) of them, sensor coordinates; the ends keep clear of the joints' ranges.
+        (d,) sensor coordinates, inside the ranges of the joints.
     """
 
     joints: tuple[int, ...]
@@ -48,7 +46,7 @@ class Box:
     upper_rad: FloatArray
 
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
-        """How far each drive joint (d,) stands outside, positions (n,); 0 inside."""
+        """Return the distance (d,) of each drive joint from the box at these positions (n,); 0 inside."""
         here = positions_rad[[j - 1 for j in self.joints]]
         return np.maximum(np.maximum(self.lower_rad - here, here - self.upper_rad), 0.0)
 
@@ -61,10 +59,9 @@ def box_of(
     home_rad: FloatArray,
     start_rad: FloatArray,
 ) -> Box:
-    """The procedure's box round `home_rad` (n,) for these drive joints.
+    """Return the procedure's box around `home_rad` (n,) for these drive joints.
 
-    A joint that the procedure says nothing about gets a modest travel round `start_rad` (n,), where
-    the session began: it stood there.
+    A joint that the procedure does not limit gets `DEFAULT_SPAN_DEG` around `start_rad` (n,), the start position.
     """
     known = {box.joint: box for box in plan.exploration}
     modest = {
@@ -90,8 +87,8 @@ def box_of(
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Targets of the position-mode joints, in visiting order.
 
-    There are three times as many as poses wanted, so that unreachable ones can be passed over. The
-    result depends on the arguments only: a resumed session finds the same plan.
+    Three times as many as poses wanted, so that unreachable ones can be skipped. A resumed session gets the same
+    plan.
     """
     corners = (box.lower_rad, box.upper_rad, box.centre_rad)
     lower, upper, centre = (tuple(map(float, found)) for found in corners)
@@ -107,7 +104,7 @@ def _waypoints(
     poses: int,
     seed: int,
 ) -> tuple[Mapping[int, float], ...]:
-    """Make them once: every visit asks for all of them, and there may be thousands."""
+    """Return the waypoints; cached, because every visit needs all of them."""
     unit = _additive_recurrence(3 * poses, len(joints), seed)
     low = np.array(lower_rad)
     points = low + unit * (np.array(upper_rad) - low)
@@ -139,7 +136,7 @@ def _additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
 
 
 def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
-    """Say which joint is near the torque at which its drive trips; empty when none is."""
+    """Return which joint is near its largest torque, as text; "" for none."""
     for joint, limits in zip(snapshot.joints, arm.joints, strict=True):
         if abs(joint.torque_nm) > 0.8 * limits.max_torque_nm:
             return f"joint {joint.joint} needed {abs(joint.torque_nm):.0f} N m"
@@ -147,11 +144,10 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 
 
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
-    """Watch that ends a move before a joint leaves its range, runs away or is overloaded.
+    """Return a watch that ends a move before a joint leaves its range, is too fast or overloaded.
 
-    Free joints may be several times as fast as the drives: what counts is where a joint would come to
-    rest if the move braked now, its present speed times `braking_s` ahead
-    (`hardware.control.trajectory.coming_to_rest_s`). Where the way was planned, ends and all, that is 0.
+    Free joints may be faster than the drives: the limit applies where a joint would come to rest, its speed times
+    `braking_s` ahead (`hardware.control.trajectory.coming_to_rest_s`); 0 for planned paths.
     """
     lower = arm.lower_rad + RANGE_MARGIN_RAD
     upper = arm.upper_rad - RANGE_MARGIN_RAD
@@ -166,7 +162,7 @@ def range_watch(arm: ArmModel, braking_s: float) -> Watch:
                 return f"joint {joint.joint} came close to the end of its range"
             if abs(joint.speed_rad_per_s) > 0.8 * limits.max_speed_rad_per_s:
                 degrees = np.rad2deg(abs(joint.speed_rad_per_s))
-                return f"joint {joint.joint} ran at {degrees:.0f} deg/s: a fold is near"
+                return f"joint {joint.joint} moved at {degrees:.0f} deg/s: a fold is near"
         return overload(arm, snapshot) or None
 
     return watch

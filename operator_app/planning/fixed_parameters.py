@@ -1,4 +1,4 @@
-"""What a procedure holds by policy, and what it had better hold: said among checks. Knows no session."""
+"""Parameters that a procedure fixes at their nominal value, as set-up checks."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry
 
 
-def held_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
-    """One remark for each free entry of the arm that stays as its file has it, and why."""
+def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
+    """Return a check for each fixed entry of the arm, with the reason."""
     stacked = procedure.arm.table.stacked()
     checks = []
     for name, why in procedure.held.items():
@@ -24,14 +24,14 @@ def held_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
                 kind=CheckKind.FIXED,
                 entry=name,
                 severity=Severity.OK,
-                text=f"{name} is held at {shown}, as the arm's file has it: {why}",
+                text=f"{name} is fixed at {shown}, its value in the arm file: {why}",
             )
         )
     return tuple(checks)
 
 
-def holds_for(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
-    """Which free entries of an arm a fixture cannot show, each with the reason: for a new procedure."""
+def entries_to_fix(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
+    """Return the free entries of an arm that a fixture cannot identify, with the reason: for a new procedure."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
         for check in fixture.setup_checks(arm, arm.home_rad)

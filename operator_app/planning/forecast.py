@@ -1,7 +1,6 @@
-"""Where a plan will take every joint, by the model at hand: predicted poses, ranges, condition number.
+"""Prediction of a plan by the present model: joint angles, range limits, condition number, clear straight paths.
 
-A forecast from the nominal geometry is off by as much as that is; it says where joints come near
-their ends and which pose would tell most, nothing exact. Knows no arm and no journal.
+With nominal geometry the prediction has the errors of that geometry.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 
 LEGS = 24
-"""All waypoints are approached together in this many steps, so that no loop jumps to another branch."""
+"""Number of steps to each waypoint, so that no loop jumps to another branch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +36,7 @@ class Forecast:
     reachable
         (w,) bool: the loop closes there and every joint is inside its range.
     scaled_condition_number
-        Of the first poses of the plan, as many as are wanted; inf when they leave something unseen.
+        Of the first wanted poses of the plan; inf if they do not determine all parameters.
     """
 
     q_rad: FloatArray
@@ -46,7 +45,7 @@ class Forecast:
 
     @property
     def reaches_nothing(self) -> bool:
-        """Whether no pose can be reached: the arm does not stand where its readings have it, most often."""
+        """Whether no pose can be reached: usually because of wrong joint readings."""
         return not bool(self.reachable.any())
 
     def span_rad(self, joint: int, poses: int) -> tuple[float, float]:
@@ -67,7 +66,7 @@ def predict(
     plan: Sequence[Mapping[int, float]],
     poses: int,
 ) -> Forecast:
-    """Follow the closed chain from where it stands (n,) to every waypoint of `plan`."""
+    """Follow the closed chain from `start_rad` (n,) to every waypoint of `plan`."""
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
     if isinstance(model, MeasuredClosure):
@@ -76,7 +75,7 @@ def predict(
         return _of_open_arm(arm, model, x, goals, poses)
     weight = np.ones(arm.joint_count)
     here = close_loops(model, x, np.asarray(start_rad)[None, :])
-    # The drive joints are given; everything else follows.
+    # The drive joints are given; the other joints follow.
     weight[columns] = 0.0
     goal = np.array([[point[j] for j in joints] for point in plan])
     q = np.repeat(here.q, len(plan), axis=0)
@@ -99,7 +98,7 @@ def predict(
 def _of_open_arm(
     arm: ArmModel, model: MeasuredClosure, x: FloatArray, q: FloatArray, poses: int
 ) -> Forecast:
-    """Forecast of an arm that goes where its drives take it (w, n), seen as the model has it."""
+    """Return the forecast of an open arm at these angles (w, n)."""
     inside = np.all((q > arm.lower_rad) & (q < arm.upper_rad), axis=1)
     chosen = q[inside][:poses]
     condition = float("inf")
@@ -110,7 +109,7 @@ def _of_open_arm(
     return Forecast(q_rad=q, reachable=inside, scaled_condition_number=condition)
 
 
-def most_telling(
+def most_informative(
     arm: ArmModel,
     model: ClosureModel,
     x: FloatArray,
@@ -119,7 +118,7 @@ def most_telling(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Waypoint whose pose would add most to what the poses taken (m, n) tell (D-optimality)."""
+    """Return the waypoint whose pose adds most information to the captured ones (m, n) (D-optimality)."""
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None
@@ -127,32 +126,32 @@ def most_telling(
     noise = planning_noise(sigma, unsensed_joints=model.unsensed_joints)
     everything = np.concatenate((taken_rad, forecast.q_rad[candidates]))
     closed = close_loops(model, x, everything, sigma_rad=sigma)
-    told = pose_information(model, x, closed.q, closed.u, noise)
-    known = told.of(range(len(taken_rad)))
-    scale = np.sqrt(np.maximum(np.diagonal(told.of(range(len(everything)))), 1e-300))
-    # A little is known beforehand of every direction, so that the first poses can be compared too.
+    information = pose_information(model, x, closed.q, closed.u, noise)
+    known = information.of(range(len(taken_rad)))
+    scale = np.sqrt(np.maximum(np.diagonal(information.of(range(len(everything)))), 1e-300))
+    # A small prior in every direction, so that the first poses can be compared too.
     known = known / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    root = told.root[len(taken_rad) :] / scale
+    root = information.root[len(taken_rad) :] / scale
     gain = root @ np.linalg.solve(known, np.swapaxes(root, -1, -2))
     value = np.linalg.slogdet(np.eye(gain.shape[-1]) + gain)[1]
     return candidates[int(np.argmax(value))]
 
 
-def is_clear(
+def is_path_clear(
     arm: ArmModel,
     model: ClosureModel,
     x: FloatArray,
     here_rad: FloatArray,
     targets_rad: Mapping[int, float],
 ) -> bool:
-    """Whether drives that go straight to `targets_rad` keep away from folds and from the ends of ranges.
+    """Whether a straight move of the drives to `targets_rad` avoids folds and the ends of ranges.
 
     Parameters
     ----------
     model, x
-        A closed loop and its parameters (P,), as calibrated.
+        A closed loop and its calibrated parameters (P,).
     here_rad
-        Where all joints stand (n,).
+        Present angles of all joints (n,).
     """
     limits, drives = MotionLimits(), tuple(targets_rad)
     start = close_loops(model, x, here_rad[None, :])

@@ -1,7 +1,7 @@
-"""Home poses to propose: bent ones of an arm alone, and closed ones of an arm in its fixture.
+"""Proposals of home poses: bent ones of an arm alone, closed ones of an arm in its fixture.
 
-A home is good where every joint takes part when the closed chain moves: a stretched arm's does not. Judged by
-nominal geometry. Knows no file and moves nothing.
+In a good home every joint takes part in the motion of the closed chain; in a stretched arm some do not. Uses nominal
+geometry.
 """
 
 from __future__ import annotations
@@ -21,28 +21,25 @@ from solver.closing import close_loops
 from solver.loops.closure import ClosureModel
 
 TRIED = 2000
-"""Poses looked at."""
+"""Number of poses tried."""
 MIDDLE = 0.6
-"""Share of every range, about its middle, from which they are drawn."""
+"""Share of every range, around its middle, from which they are drawn."""
 CLEAR = 0.1
-"""Share of a range that a home leaves to either end, for the joint to move both ways."""
+"""Share of a range that a home keeps from either end."""
 AS_GOOD = 0.6
-"""A pose nearer to the middle of the ranges is preferred where it is this good, the best being 1."""
+"""A pose nearer to the middle of the ranges is preferred if its score is this share of the best."""
 FAR_RAD = float(np.deg2rad(30.0))
-"""A home further than this from every closed pose is none: more than a ruler errs by."""
+"""Largest distance of a home from a closed pose: more than an error of measuring the fixture."""
 CONDITION_LIMIT = 100.0
-"""The paper's: a home from whose poses a calibration would be refused is none."""
+"""Limit of the paper for the scaled condition number from a home."""
 BEST = 2
-"""Closed poses that are asked whether a calibration would get anywhere from them."""
+"""Number of closed poses for which a calibration is predicted."""
 AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, -1.0, 1.0]]))
-"""Ways a hinge's axis may lie in the hand, none along the last joint's: of which fixture it will be nobody knows."""
+"""Directions of a hinge axis in the tool, none along the last joint: the fixture is not known yet."""
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:
-    """Return a pose (n,) whose joints all move in a hinge; None where the arm's home is as good, or none is.
-
-    Rounded to whole degrees: it is to be read, and changed, by a person.
-    """
+    """Return a pose (n,) whose joints all move in a hinge, in whole degrees; None if home is as good, or none is."""
     q = np.concatenate((arm.home_rad[None], _drawn(arm)))
     score = np.mean([_least_motion(_in_a_hinge(arm, q, axis)) for axis in AXES], axis=0)
     best = float(score.max())
@@ -57,10 +54,9 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 def closing_home(
     arm: ArmModel, fixture: Fixture, from_home: Outlook
 ) -> tuple[FloatArray, Outlook] | None:
-    """Return a pose (n,) that closes in the fixture, from which all can be done, and what would come of it.
+    """Return a home pose (n,) for the fixture and its outlook: within a degree of a closed pose, near home.
 
-    None where the arm's own home will do, as `from_home` says, and where no pose was found. It is within a
-    degree of a closed one, and of the good ones among these the nearest to home.
+    None if the arm's own home is good, by `from_home`, or if no pose was found.
     """
     off = from_home.from_home_rad
     if not fixture.holds_hand or (
@@ -78,7 +74,7 @@ def closing_home(
 
 
 def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[FloatArray]:
-    """Yield some closed poses, clear of the ends of the ranges, whose joints all move; those near home first."""
+    """Yield closed poses away from the ends of the ranges whose joints all move, those near home first."""
     found = close_loops(model, x, np.concatenate((arm.home_rad[None], _drawn(arm))))
     here = found.closed & _clear(arm, found.q)
     if not here.any():
@@ -86,7 +82,7 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
     q = found.q[here]
     error = model.at_poses(np.flatnonzero(here)).loop(x, q, found.u[here])
     columns = np.concatenate((error.jac_q, error.jac_u), axis=-1)
-    # Of six rows the last three are lengths; fewer are lengths alone.
+    # The last three rows are lengths; without rotations there are only those.
     columns[:, -3:] /= _size_m(arm)
     score = _least_motion(columns, joints=arm.joint_count)
     good = q[(score > 0.0) & (score >= AS_GOOD * score.max())]
@@ -99,9 +95,9 @@ def _is_seen_well(found: Outlook) -> bool:
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """How much the joint moves that moves least, in a chain of these velocities (m, k, freedoms); 0: a joint is still.
+    """Return the motion (m,) of the joint that moves least in chains with these velocities (m, k, freedoms).
 
-    Less where the chain is nearly singular, and its motion another one just beside.
+    0: a joint does not move. Reduced near singularities of the chain.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -112,7 +108,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
-    """Velocities (m, 6, n + 1) of the hand at `q` (m, n), and of a hinge at it along `axis` (3,) of its frame."""
+    """Return velocities (m, 6, n + 1) of the tool at `q` (m, n), and of a hinge along `axis` (3,) in its frame."""
     theta_off, *rest = arm.table.stacked()
     frames = forward(q + theta_off, *rest)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]
@@ -124,7 +120,7 @@ def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _drawn(arm: ArmModel) -> FloatArray:
-    """Poses (m, n) evenly over the middle of the ranges, always the same."""
+    """Return fixed poses (m, n) evenly over the middle of the ranges."""
     from scipy.stats import qmc
 
     ranges = _ranges(arm)

@@ -1,7 +1,4 @@
-"""Files that were looked through, brought together: which arm in which fixture, and what would come of it.
-
-Knows what files hold, not how they are read; no bus and no screen.
-"""
+"""Inspection of files for `sarcal check`: which arm in which fixture, and the prospects of a calibration."""
 
 from __future__ import annotations
 
@@ -27,16 +24,15 @@ class Chain:
     Attributes
     ----------
     procedure
-        Its name, where a procedure brings the two together; else empty.
+        Name of the procedure; empty without one.
     held
-        Entries that stay as the arm's file has them, and why.
+        Entries fixed at their value in the arm file, with the reason.
     home
-        Where the arm's home will not do: one (n,) that will, in rad, and what would come of it; None where
-        none was found.
+        Proposal (n,) rad with its outlook if the arm's home is not good; None without a proposal.
     poses
-        Files of poses that are this arm's, and what they see.
+        Files of poses of this arm, and their identifiability.
     unfit
-        Files of poses that nothing can be made of with this fixture, and why.
+        Files of poses that do not fit this fixture, and why.
     """
 
     arm: ArmModel
@@ -50,13 +46,13 @@ class Chain:
 
     @property
     def refused(self) -> bool:
-        """Whether a calibration with these files would not get anywhere."""
+        """Whether a calibration with these files would fail."""
         blind = any(seen.directions for _, seen in self.poses)
         return self.outlook.refused or blind or bool(self.unfit)
 
 
 def chains_of(found: Found) -> tuple[Chain, ...]:
-    """Bring together what the files describe: each procedure; else every arm with every fixture."""
+    """Return the chain of each procedure; without procedures, of every arm with every fixture."""
     procedures = [p.holds for p in found.of("procedure") if isinstance(p.holds, Procedure)]
     if procedures:
         return tuple(

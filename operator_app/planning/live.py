@@ -1,7 +1,4 @@
-"""What the poses taken so far are worth, recomputed after each of them. Knows no arm, no journal.
-
-The paper's estimator is quick and needs no noise model: good enough to steer by, not to export.
-"""
+"""Quality of the poses so far, after each capture, by the paper's estimator: fast, not for export."""
 
 from __future__ import annotations
 
@@ -18,25 +15,25 @@ from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 
 EACH_UP_TO = 100
-"""Poses up to which every one is followed by an estimate."""
+"""Number of poses up to which each one is followed by an estimate."""
 GROWTH = 1.02
-"""From there on one follows when there are so many times more: what it costs grows with their number."""
+"""Beyond, an estimate follows when the number of poses has grown by this factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveQuality:
-    """Quality of a growing pose set.
+    """Quality of a growing set of poses.
 
     Attributes
     ----------
     needed
-        Fewest poses that can be solved.
+        Smallest number of poses that can be solved.
     x
         Parameters: the estimate so far, nominal values before there is one.
     estimated
         Whether `x` is an estimate.
     scaled_condition_number, weakest
-        Of the poses taken; inf and () before there are enough.
+        Of the captured poses; inf and () with too few.
     history
         (poses, scaled condition number) after each estimate, oldest first.
     coverage
@@ -68,7 +65,7 @@ def live_quality(
     *,
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
-    """Judge poses `q_rad` (m, n) with numbers; `earlier` results are used as far as they still hold."""
+    """Return the quality of poses `q_rad` (m, n) with these numbers; reuses `earlier` results."""
     shared = 0
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality, shared = earlier, len(earlier.numbers)
@@ -77,7 +74,7 @@ def live_quality(
         if earlier is not None:
             quality = replace(quality, predicted_m=dict(earlier.predicted_m))
     for count in range(shared + 1, len(numbers) + 1):
-        # Of many at once, as after a resume, the last is what somebody looks at.
+        # Of many at once, as after a resume, only the last estimate is shown.
         last_of_many = count == len(numbers) > shared + 1
         quality = _with_one_more(
             arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many

@@ -1,7 +1,7 @@
-"""Fixtures from what was measured of them: a hinge from two lines, a ball from two points. Knows no file.
+"""Fixtures from measurements: a hinge from two lines, a ball from two points.
 
-Measured in frame 0 of the arm's D-H table and in its last frame. Where the base's side was not measured,
-it is where the hand has it when the arm stands at its home.
+Measured in frame 0 and the last frame of the arm's D-H table. Without a measurement in the base, the fixture is
+placed where the tool has it with the arm at home.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from solver.loops.endpoint_geometry import Line
 
 
 def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
-    """Return the ball whose centre is at `hand_m` (3,) in the hand and whose socket at `base_m` (3,)."""
+    """Return the ball with its centre at `hand_m` (3,) in the tool frame and its socket at `base_m` (3,)."""
     if base_m is None:
         R, p = _hand_at_home(arm)
         base_m = p + R @ hand_m
@@ -30,12 +30,9 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 
 
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
-    """Return the hinge between a line in the hand and one in the base.
+    """Return the hinge between a line in the tool frame and one in the base; their points coincide.
 
-    A hinge does not slide: their points are one and the same.
-
-    Nobody can tell which way along the base's line is that along the hand's: of both, the way that
-    closes nearer to the arm's home.
+    Of the two directions along the base's line, the one that closes nearer to the arm's home.
     """
     if base is None:
         R, p = _hand_at_home(arm)
@@ -50,7 +47,7 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
 
 
 def from_home_rad(arm: ArmModel, fixture: Fixture) -> FloatArray | None:
-    """How far (n,) the closed pose nearest to the arm's home is from it; None where none closes."""
+    """Return the distance (n,) of the closed pose nearest to the arm's home; None if none closes."""
     model = fixture.model(arm)
     home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])
     return home.q[0] - arm.home_rad if home.closed[0] else None

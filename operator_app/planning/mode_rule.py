@@ -1,7 +1,4 @@
-"""The rule of section 2.3: exactly as many joints in position mode as the closed chain has freedoms.
-
-Pure; says why too few or too many do not do. Knows no arm on a bus.
-"""
+"""The rule of section 2.3: exactly as many joints in position mode as the closed chain has freedoms."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from operator_app.errors import GuardError
 def modes_problem(
     position_joints: tuple[int, ...], *, joint_count: int, mobility: int, kind: str
 ) -> GuardError | None:
-    """Return why these joints cannot be put into position mode; None when they can."""
+    """Return the error of a wrong set of joints in position mode; None for a right one."""
     have = len(set(position_joints))
     wrong = [j for j in position_joints if not 1 <= j <= joint_count]
     if wrong:
@@ -23,11 +20,11 @@ def modes_problem(
     names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
     fact = (
         f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where "
-        + ("an open hand leaves" if mobility == joint_count else f"the {kind} leaves")
+        + ("an open arm leaves" if mobility == joint_count else f"the {kind} leaves")
         + f" the arm {mobility} freedom{'s' if mobility != 1 else ''}"
     )
     consequence = (
-        "nothing would hold the rest, and the arm would sag"
+        "the other joints would not be held, and the arm would sag"
         if have < mobility
         else "they would work against each other through the fixture, and torque would build up "
         "until a drive trips"
@@ -36,5 +33,5 @@ def modes_problem(
 
 
 def and_the_others(driven: int, joint_count: int) -> str:
-    """Say what joints beside those in position mode do; empty where there are none."""
+    """Return ", the others free", or "" if all joints drive."""
     return "" if driven == joint_count else ", the others free"

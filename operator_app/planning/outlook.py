@@ -1,7 +1,4 @@
-"""What the program would do with an arm in a fixture, before it is told to: drives, and what stays unseen.
-
-From nominal geometry alone; plans no pose. Knows no file and no bus.
-"""
+"""Outlook of an arm in a fixture, from nominal geometry: drive joints and identifiability."""
 
 from __future__ import annotations
 
@@ -27,30 +24,29 @@ from solver.errors import UnidentifiableDirection
 from solver.loops.closure import ClosureModel
 
 SPREAD = 60
-"""Poses, evenly over what can be reached, that tell what a calibration could see at best."""
+"""Number of poses, evenly over the reachable region, for the best possible identifiability."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlook:
-    """What is to be expected of an arm in a fixture.
+    """Outlook of an arm in a fixture.
 
     Attributes
     ----------
     parameters
-        Unknowns of the calibration, without those that the fixture's place hides.
+        Unknowns of the calibration, without those that the fixture's placement hides.
     from_home_rad
-        (n,): how far the nearest closed pose is from the arm's home; None for an open arm, and where
-        none closes.
+        Distance (n,) of the nearest closed pose from home; None for an open arm, and if none closes.
     mobility
-        Freedoms of the chain: so many joints drive. None where no pose closes.
+        Freedoms of the chain, the number of drive joints; None if no pose closes.
     checks
-        Of the fixture at home: what they refuse, what they warn of.
+        Checks of the fixture at home.
     choice
-        The joints that would drive; None where every joint does, and where none can.
+        Drive joints; None for an open arm, and if none can drive.
     refusal
-        Why nothing can be driven there; None where it can.
+        Why no joints can drive; None if they can.
     seen
-        What poses all over the region would see, at best; None where there is no region.
+        Identifiability by poses over the whole region; None without a region.
     """
 
     parameters: tuple[Parameter, ...]
@@ -63,12 +59,12 @@ class Outlook:
 
     @property
     def blind(self) -> tuple[UnidentifiableDirection, ...]:
-        """Directions that no poses of this chain would determine."""
+        """Directions that no poses of this chain determine."""
         return () if self.seen is None else self.seen.directions
 
     @property
     def refused(self) -> bool:
-        """Whether a calibration would not get anywhere."""
+        """Whether a calibration would fail."""
         return (
             self.refusal is not None
             or bool(self.blind)
@@ -84,7 +80,7 @@ def outlook(
     unsensed_joints: tuple[int, ...] = (),
     seed: int = 0,
 ) -> Outlook:
-    """Tell what would come of `arm` in `fixture`; `position_joints` are named by a procedure."""
+    """Return the outlook of `arm` in `fixture`; `position_joints` are named by a procedure."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, fixture.setup_checks(arm, arm.home_rad)
@@ -128,12 +124,12 @@ def outlook(
 def seen_by(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
 ) -> Identifiability:
-    """Tell what poses that were taken would see.
+    """Return the identifiability by captured poses.
 
     Raises
     ------
     SolverError
-        The poses and the fixture do not go together.
+        The poses do not fit the fixture.
     """
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     fixture = with_registered_instrument(arm, fixture, poses)

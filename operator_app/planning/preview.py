@@ -1,7 +1,4 @@
-"""A plan before anything moves: drive joints, poses, the ways to them, what they will tell.
-
-From nominal geometry or from an estimate; the same planner a session uses. Knows no bus and no screen.
-"""
+"""Preview of a plan: drive joints, poses, paths, predicted precision. The planner of planned captures."""
 
 from __future__ import annotations
 
@@ -31,14 +28,14 @@ from solver.loops.closure import ClosureModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningBasis:
-    """What is known before a plan is made.
+    """Captured poses on which a plan is based.
 
     Attributes
     ----------
     readings_rad
-        (m, n): poses captured so far; they count.
+        Captured poses (m, n).
     start_rad
-        (n,): where the arm stands.
+        Present position (n,).
     """
 
     readings_rad: FloatArray
@@ -52,11 +49,11 @@ class PlannedPose:
     Attributes
     ----------
     q_rad
-        (n,): predicted readings of all joints.
+        Predicted readings (n,) of all joints.
     drives
-        Joints (1-based) in position mode when it is taken.
+        Drive joints (1-based).
     route
-        The way from the pose before it; None when no safe one was found.
+        Path from the pose before; None if no safe one was found.
     """
 
     q_rad: FloatArray
@@ -66,7 +63,7 @@ class PlannedPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Preview:
-    """A plan and what it rests on.
+    """A plan and its basis.
 
     Attributes
     ----------
@@ -77,15 +74,15 @@ class Preview:
     mobility
         Freedoms of the closed chain.
     estimate
-        What the plan was made with; None: nominal values.
+        Estimate of the plan; None: nominal values.
     captured
-        Poses that count already.
+        Number of captured poses.
     checks
-        Of the fixture where the arm stands.
+        Checks of the fixture at the start position.
     seen
-        What the captured and the planned poses together determine.
+        Identifiability by captured and planned poses together.
     choice
-        Drive joints; ranked even where the procedure names them.
+        Drive joints, with their ranking.
     plan
         Poses, their information, the predicted sigmas.
     poses
@@ -105,7 +102,7 @@ class Preview:
 
     @property
     def reach_rad(self) -> FloatArray:
-        """Lowest and highest reading of each joint over all poses that can be reached, (n, 2)."""
+        """Lowest and highest reading (n, 2) of each joint over all reachable poses."""
         reached = self.plan.manifold.q[self.plan.allowed]
         return np.stack((reached.min(axis=0), reached.max(axis=0)), axis=-1)
 
@@ -122,14 +119,14 @@ def preview(
     known: PlanningBasis | None = None,
     candidates: int = CANDIDATES,
 ) -> Preview:
-    """Plan `poses` poses from home, or from what is known of a session.
+    """Plan `poses` poses, from home or from the poses of a session.
 
     Raises
     ------
     SessionError
-        No plan can be made; says why.
+        No plan can be made.
     SolverError
-        What is known does not suffice for an estimate.
+        The captured poses are too few for an estimate.
     """
     task = planning_task(
         arm,
@@ -193,7 +190,7 @@ def preview(
 def named_drives(
     prediction: DrivePrediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
 ) -> DriveChoice:
-    """Return the choice that the procedure made, with what the ranking says of it."""
+    """Return the procedure's choice of drive joints, with its ranking."""
     problem = modes_problem(drives, joint_count=arm.joint_count, mobility=mobility, kind=kind)
     if problem is not None:
         raise problem
@@ -216,7 +213,7 @@ def _in_whole(whole: ClosureModel, model: ClosureModel, x: FloatArray) -> FloatA
 def _visited(
     task: PlanningTask, plan: PosePlan, drives: tuple[int, ...]
 ) -> tuple[PlannedPose, ...]:
-    """Follow the way from pose to pose as a session would."""
+    """Return the planned poses with the paths between them."""
     poses, here = [], 0
     for target in plan.visits:
         route = plan.graph.route(

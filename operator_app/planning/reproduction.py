@@ -1,8 +1,7 @@
-"""The paper's experiment on a specimen of its arm: tables, condition, sigmas, sources of error, remedies.
+"""Reproduction of the paper's experiment (Giugovaz and Hollerbach, sections 3 and 4) on a simulated specimen.
 
-Giugovaz and Hollerbach, sections 3 and 4. Nobody has their readings: the specimen errs in the three ways they
-suspect, by sizes that leave what they report. So the figures are of the same size, and not of the same arm.
-Knows no session and prints nothing.
+The original readings are not available: the specimen has the three suspected sources of error, with sizes that give
+the reported residuals. The figures are of the same size, not of the same arm.
 """
 
 from __future__ import annotations
@@ -28,12 +27,12 @@ from solver.chain.sensors import NoSensor
 
 POSES = 40
 SIGMA_POS_M, SIGMA_ORI_RAD, CONDITION = 2.7e-3, 6.6e-3, 28.0
-"""What the paper reports."""
+"""Figures of the paper."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """What is left of the closure with one source of error alone: rms of eqs. 14 and 15 in m and rad."""
+    """Residual closure with one source of error alone: rms of eqs. 14 and 15 in m and rad."""
 
     source: str
     position_m: float
@@ -43,7 +42,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """What a remedy leaves: rms of the offsets' errors (rad), and of the lengths' (m), against the truth."""
+    """Errors after a remedy: rms of the offsets (rad) and of the lengths (m) against the truth."""
 
     name: str
     paragraph: str
@@ -53,16 +52,16 @@ class Remedy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Published:
-    """The whole of it.
+    """The reproduced results.
 
     Attributes
     ----------
     solution
-        By the paper's estimator, from all sources of error together.
+        By the paper's estimator, with all sources of error.
     printed
-        Table 2 as printed: value (rad or m) by parameter.
+        Table 2 of the paper: value (rad or m) by parameter.
     shares, remedies
-        Of section 4, in its order.
+        Section 4, in its order.
     """
 
     solution: Solution
@@ -73,18 +72,18 @@ class Published:
 
     @property
     def farthest_sigmas(self) -> float:
-        """How far the worst parameter is from what is printed, in its own sigmas."""
+        """Largest deviation from the printed parameters, in standard deviations."""
         e = self.solution.estimate
         printed = np.array([self.printed[p.name] for p in e.parameters])
         return float(np.max(np.abs(e.x - printed) / e.standard_deviation))
 
 
 def published(*, poses: int = POSES) -> Published:
-    """Reproduce the experiment of section 3 and what section 4 makes of it."""
+    """Reproduce the experiment of section 3 and the analysis of section 4."""
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")
     quiet = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
-    taken = specimen_poses(procedure, all_three, poses=poses)
+    taken = capture_specimen(procedure, all_three, poses=poses)
     solution = _calibrated(procedure, taken)
     printed = {p.name: _printed(all_three, p.name) for p in solution.estimate.parameters}
     alone = (
@@ -97,12 +96,12 @@ def published(*, poses: int = POSES) -> Published:
         ("noise and counts", quiet),
     )
     shares = [
-        _share(name, _calibrated(procedure, specimen_poses(procedure, chosen, poses=poses)))
+        _share(name, _calibrated(procedure, capture_specimen(procedure, chosen, poses=poses)))
         for name, chosen in alone
     ]
     shares.append(_share("all together", solution))
     measured = _measured(procedure.arm, all_three)
-    stiff = specimen_poses(procedure, replace(all_three, loads=STIFF), poses=poses)
+    stiff = capture_specimen(procedure, replace(all_three, loads=STIFF), poses=poses)
     known = replace(procedure, arm=measured)
     remedies = (
         ("as it is, the paper's estimator", "3", solution),
@@ -137,13 +136,13 @@ def _calibrated(
 
 
 def _printed(chosen: Scenario, name: str) -> float:
-    """One entry of Table 2, which the specimen's truth is but for its length errors."""
+    """Return an entry of Table 2, the true value of the specimen without length errors."""
     entry = DhEntry.parse(name)
     return float(chosen.truth.table.stacked()[entry.kind, entry.row])
 
 
 def _measured(arm: ArmModel, chosen: Scenario) -> ArmModel:
-    """The arm file with the specimen's own fixed lengths, as an open-loop calibration would find them."""
+    """Return the arm with the true fixed lengths of the specimen, as from an open-loop calibration."""
     true = chosen.true_loop().table
     table = replace(arm.table, s_m=true.s_m[1:], a_m=true.a_m[1:])
     return replace(arm, table=table)
@@ -180,11 +179,11 @@ def _remedy(name: str, where: str, found: Solution, truth: dict[str, float]) -> 
 
 
 AT_REST = 40
-"""Control periods after a move: the quasi-static chain has come to rest long before."""
+"""Control periods after a move: more than the quasi-static chain needs to come to rest."""
 
 
-def specimen_poses(procedure: Procedure, chosen: Scenario, *, poses: int) -> PoseSet:
-    """Take `poses` poses of `chosen` as an explored session of `procedure` would."""
+def capture_specimen(procedure: Procedure, chosen: Scenario, *, poses: int) -> PoseSet:
+    """Capture `poses` poses of the scenario `chosen` at the waypoints of `procedure`, without a bus."""
     arm, plan = procedure.arm, procedure.capture
     plant = chosen.build(arm)
     resolution = np.array(

@@ -1,8 +1,7 @@
-"""Poses that an arm in a fixture would have given: drawn truth, closed loops, sensors as stated. No bus.
+"""Simulated poses of an arm in a fixture: drawn truth, closed loops, sensor errors as stated.
 
-For trying things out before there is an arm. The loops close exactly; of what files state as not exactly
-known, lengths and twists are off and sensors err (counts, noise, an RVDT's curve), while encoders' scales,
-play, sag and a fixture that gives are left out: the virtual controller simulates a machine, this does not.
+Errors: lengths and twists within tolerance, sensor resolution and noise, linearity deviation of RVDTs. Not included:
+encoder scales, backlash, sag and fixture compliance, which the virtual controller simulates.
 """
 
 from __future__ import annotations
@@ -26,12 +25,12 @@ from solver.design.manifold import Manifold, candidate_poses
 from solver.loops.closure import ClosureModel
 
 OFFSET_RAD = float(np.deg2rad(2.0))
-"""Standard deviation of the offsets' errors, where the arm's file does not state it."""
+"""Standard deviation of the offsets if the arm file states none."""
 OF_TOLERANCE = 0.5
-"""Share of the fixture's stated tolerance by which its placement is off, at most."""
+"""Largest error of the placement, as a share of the fixture's tolerance."""
 TRIES = 40
 ROOM = 4
-"""Closed poses to choose from, for each that is wanted."""
+"""Closed poses to choose from, per wanted pose."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,8 +40,7 @@ class SimulatedPoses:
     Attributes
     ----------
     parameters, x
-        What is unknown of them, lengths and twists within their tolerance included, and the true
-        values (P,), rad and m.
+        Unknown parameters, with lengths and twists within tolerance, and their true values (P,), rad and m.
     """
 
     poses: PoseSet
@@ -53,12 +51,12 @@ class SimulatedPoses:
 def simulated_poses(
     arm: ArmModel, fixture: FixtureSpec, *, poses: int, samples: int = 32, seed: int = 0
 ) -> SimulatedPoses:
-    """Draw an arm and a mounting, and read `poses` closed poses of them; the same for the same seed.
+    """Draw an arm and a placement, and measure `poses` closed poses; reproducible by `seed`.
 
     Raises
     ------
     SessionError
-        The chain is not closed, or no mounting near the nominal one lets the arm move that much.
+        The chain is not closed, or no placement within tolerance allows that many poses.
     """
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])
@@ -101,7 +99,7 @@ def _moving(
     most: int,
     least: int,
 ) -> tuple[FloatArray, Manifold]:
-    """Draw until there is a mounting in which the arm can take that many poses."""
+    """Draw placements until one allows that many poses."""
     ranges = ranges_of(arm).within(margin_rad(arm))
     for _ in range(TRIES):
         x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or OFFSET_RAD, rng)
@@ -140,7 +138,7 @@ def _drawn(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """The sensor of one joint (from 0), an RVDT with a curve as large as it may have; None without one."""
+    """Return the sensor of a joint (from 0), an RVDT with its largest linearity deviation; None without a sensor."""
     found = arm.joints[joint]
     if isinstance(found.sensor, NoSensor):
         return None

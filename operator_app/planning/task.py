@@ -1,7 +1,4 @@
-"""What planning needs of an arm and a fixture: ranges with room to spare, noise, drive sets.
-
-The same for a session on the arm and for `sarcal plan` without one. Knows no bus and no journal.
-"""
+"""The planning task of an arm in a fixture: ranges with margin, noise, drive sets."""
 
 from __future__ import annotations
 
@@ -20,13 +17,13 @@ from solver.design.pose_information import CURVE_SHARE, planning_noise
 from solver.loops.closure import ClosureModel
 
 MARGIN_RAD = float(np.deg2rad(3.0))
-"""What planned poses keep from the ends of the ranges, beside a sensor's own error."""
+"""Margin of planned poses to the ends of the ranges, in addition to sensor errors."""
 
 CANDIDATES = 3000
-"""Poses a plan chooses from."""
+"""Number of candidate poses of a plan."""
 
 STOP_MARGIN_RAD = float(np.deg2rad(2.0))
-"""A move ends when any joint comes this close to the end of its range: what braking needs."""
+"""A move ends when a joint comes this close to the end of its range: the braking distance."""
 
 
 def ranges_of(arm: ArmModel) -> Ranges:
@@ -35,21 +32,21 @@ def ranges_of(arm: ArmModel) -> Ranges:
 
 
 def margin_rad(arm: ArmModel) -> FloatArray:
-    """What planned poses keep from the ends of the ranges (n,): more where the sensor may be off."""
+    """Return the margin (n,) of planned poses to the ends of the ranges, with sensor errors."""
     return MARGIN_RAD + arm.linearity_rad()
 
 
 def require_closed_chain(fixture: Fixture) -> None:
-    """Refuse to plan motions of a chain that is not closed."""
+    """Raise SessionError for an open chain."""
     if isinstance(fixture, Measured):
         raise SessionError(
-            "poses are planned inside a closed chain, and an instrument closes none",
+            "planned poses need a closed chain, and an instrument does not close it",
             "use a fixture, or capture explored poses (plan: explore)",
         )
 
 
 def without_hidden(arm: ArmModel, fixture: Fixture, model: ClosureModel) -> ClosureModel:
-    """Return the loop with what the fixture's own place hides, whatever the poses, at its nominal value."""
+    """Return the loop with parameters that the fixture's placement hides fixed at their nominal value."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)
@@ -72,9 +69,9 @@ def planning_task(
     Parameters
     ----------
     drive_sets
-        Sets of drive joints to plan with, the present one first; None ranks all and takes the best.
+        Sets of drive joints, the present one first; None: rank all sets.
     unsensed_joints
-        Joints whose readings will not be used: they are predicted, not relied upon.
+        Joints whose readings are not used.
     samples
         Readings averaged into one pose.
     """

@@ -55,7 +55,7 @@ class Subject:
     solution: Solution | None
     checks: Checks | None
     unidentifiable: UnidentifiableError | None = None
-    solved_again: str = ""
+    recalculated_because: str = ""
     last_utc: str = ""
     events: int = 0
     torn: str = ""
@@ -106,8 +106,8 @@ class Subject:
             ]
         if self.torn:
             found.append(Finding(kind=K.JOURNAL_TORN, reported=(self.torn,)))
-        if self.solved_again and self.solution is not None:
-            found.append(Finding(kind=K.SOLVED_AGAIN, reported=(self.solved_again,)))
+        if self.recalculated_because and self.solution is not None:
+            found.append(Finding(kind=K.SOLVED_AGAIN, reported=(self.recalculated_because,)))
         if self.solution is not None and self.checks is None:
             found.append(Finding(kind=K.NOT_CROSS_VALIDATED, names=(self.name,)))
         return tuple(found)
@@ -175,7 +175,7 @@ def subject_of_session(
         solution=None if found is None else found.solution,
         checks=None if found is None else found.checks,
         unidentifiable=unidentifiable,
-        solved_again="" if found is None else found.solved_again,
+        recalculated_because="" if found is None else found.recalculated_because,
         last_utc=events[-1].utc,
         events=len(events),
         torn=torn,

@@ -39,7 +39,7 @@ class _Same:
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s
-        self._parts = s.solution, s.checks_of_it, s.state.poses, s.state.modes
+        self._parts = s.solution, s.cross_checks, s.state.poses, s.state.modes
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Same) and all(
@@ -56,7 +56,7 @@ def _facts(of: _Same) -> Facts | None:
     if s.solution is None:
         return None
     limits, captured = s.procedure.acceptance, len(s.state.poses)
-    return facts_of(s.solution, checks=s.checks_of_it, limits=limits, captured=captured)
+    return facts_of(s.solution, checks=s.cross_checks, limits=limits, captured=captured)
 
 
 @lru_cache(maxsize=2)
@@ -67,7 +67,7 @@ def _subject(of: _Same) -> Subject:
         procedure=s.procedure,
         state=s.state,
         solution=s.solution,
-        checks=s.checks_of_it,
+        checks=s.cross_checks,
         simulated=s.simulated,
     )
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from operator_app.session.ui.sessions import Sessions
     from operator_app.session.ui.snapshot import SessionSnapshot
     from operator_app.tui.main_screen import MainScreen
-    from operator_app.tui.user_interface import ScreenFace
+    from operator_app.tui.user_interface import ScreenInterface
 
 POLL_S = 1.0 / 20.0
 ENDINGS = (signal.SIGTERM, signal.SIGHUP)
@@ -95,7 +95,7 @@ class SarcalApp(App[str]):
         self._make_source = make_source
         self.source: Sessions
         self.main: MainScreen
-        self.face: ScreenFace
+        self.interface: ScreenInterface
 
     # -- life --------------------------------------------------------------------------------------
 
@@ -114,9 +114,9 @@ class SarcalApp(App[str]):
 
     async def _load(self) -> None:
         """Import what is heavy, in a thread; then show the main screen."""
-        main_screen, face = await asyncio.to_thread(_import)
+        main_screen, interface = await asyncio.to_thread(_import)
         self.source = await asyncio.to_thread(self._make_source)
-        self.main, self.face = main_screen(), face(self)
+        self.main, self.interface = main_screen(), interface(self)
         self.loaded = True
         await self.push_screen(self.main)
 
@@ -124,7 +124,7 @@ class SarcalApp(App[str]):
         """Begin a session, or offer to resume; then poll."""
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
-        self.face.begin()
+        self.interface.begin()
         self.main.set_interval(POLL_S, self.poll)
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
@@ -167,7 +167,7 @@ class SarcalApp(App[str]):
         if runner.defect is not None:
             raise RuntimeError("the session's worker met a defect") from runner.defect
         self.picture = runner.snapshot()
-        self.face.follow(self.picture)
+        self.interface.follow(self.picture)
         self.main.show(self.picture)
         if self._typed_early is not None:
             self._press_early(self._typed_early)
@@ -231,7 +231,7 @@ class SarcalApp(App[str]):
             self.main.refuse("")
             return True
         if self._is_stop(event):
-            self.face.stop()
+            self.interface.stop()
             return True
         runner = self.runner
         task = None if self.picture is None else self.picture.task
@@ -244,7 +244,7 @@ class SarcalApp(App[str]):
         if event.key in ("tab", "shift+tab"):
             return False
         self.main.refuse("")
-        if self.face.press(event.key, event.character):
+        if self.interface.press(event.key, event.character):
             return True
         if event.is_printable:
             self.main.refuse(f"{event.character} does nothing in this step: ? lists the keys")
@@ -254,11 +254,11 @@ class SarcalApp(App[str]):
     def on_clicked(self, event: Clicked) -> None:
         """Do the action of a key or a step that was clicked."""
         self.main.refuse("")
-        self.face.do_named(event.action)
+        self.interface.do_named(event.action)
 
     # -- look --------------------------------------------------------------------------------------
 
-    def change_look(self) -> None:
+    def next_theme(self) -> None:
         """Take the next theme."""
         order = (DARK, LIGHT, NO_COLOUR)
         self.theme = order[(order.index(self.theme) + 1) % len(order)]
@@ -271,19 +271,19 @@ class SarcalApp(App[str]):
 
     def action_help_quit(self) -> None:
         """Ask before leaving, like q (Ctrl+C)."""
-        self.face.leave()
+        self.interface.leave()
 
     async def action_quit(self) -> None:
         """Ask before leaving (Ctrl+Q)."""
-        self.face.leave()
+        self.interface.leave()
 
 
-def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenFace]]:
+def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenInterface]]:
     """Import what the first screen does not need."""
     from operator_app.tui.main_screen import MainScreen
-    from operator_app.tui.user_interface import ScreenFace
+    from operator_app.tui.user_interface import ScreenInterface
 
-    return MainScreen, ScreenFace
+    return MainScreen, ScreenInterface
 
 
 def run(

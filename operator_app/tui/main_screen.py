@@ -13,8 +13,8 @@ from textual.widgets import ContentSwitcher
 
 from operator_app.report.spans import Line, Span, cut, line, wrapped
 from operator_app.session.ui import actions
-from operator_app.session.ui.guards import ends_with_any_key
-from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.guards import stops_on_any_key
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Clicked, Lines
@@ -57,7 +57,7 @@ class Hint(Lines, can_focus=False):
     def _rows(self, s: SessionSnapshot, width: int) -> list[Line]:
         if self.refusal:
             return wrapped(f" ▲ {self.refusal}", width - 1, "warn", "   ")
-        said = f" Next {next_thing(self.step, s).hint}"
+        said = f" Next {next_action(self.step, s).hint}"
         head, *rest = wrapped(said, width - 1, "text", " " * 6)
         text = head[0][0]
         return [line((text[:6], "bold"), text[6:]), *rest]
@@ -76,14 +76,14 @@ class Footer(Lines, can_focus=False):
         if self.app.screen is not self.screen:
             # The keys of this step have no meaning there.
             return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " leaves everything as it is")]
-        if ends_with_any_key(s.task):
+        if stops_on_any_key(s.task):
             return [
                 line((" SPACE/F8", "key"), " STOP  ", ("any other key", "key"), " ends the motion")
             ]
         for action in actions.footer(self.step):
             shown, label = action.shown, action.label
             if action.name == "primary":
-                label = next_thing(self.step, s).label
+                label = next_action(self.step, s).label
             if not label or not action.offered(s):
                 continue
             width_of = len(shown) + 1 + len(label)

@@ -33,7 +33,7 @@ class ActionProvider(Provider):
             yield (
                 action,
                 {
-                    "command": partial(app.face.do_anywhere, action),
+                    "command": partial(app.interface.do_anywhere, action),
                     "text": title(action),
                     "help": action.help,
                 },

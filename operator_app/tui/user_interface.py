@@ -12,7 +12,7 @@ from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
 from operator_app.session.ui import actions, guards, selection
-from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import SessionSnapshot
@@ -23,7 +23,7 @@ from operator_app.session.ui.user_interface import (
     Question,
     ShownAlarm,
     YesNo,
-    perform,
+    perform_action,
 )
 from operator_app.tui.dialogs import Read, dialog
 from operator_app.tui.help import help_text
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 SOON_S = 0.1
 
 
-class ScreenFace:
-    """A `FullScreen`; see there."""
+class ScreenInterface:
+    """A `FullScreenInterface`; see there."""
 
     def __init__(self, app: SarcalApp) -> None:
         self.app = app
@@ -63,7 +63,7 @@ class ScreenFace:
         if isinstance(action, OnScreen):
             action.work(self)
         else:
-            perform(action, self)
+            perform_action(action, self)
         self.app.poll()
 
     def do_named(self, name: str) -> None:
@@ -75,11 +75,11 @@ class ScreenFace:
         if self.app.step in action.steps or self.go(min(action.steps)):
             self.do(action)
 
-    def do_next_thing(self) -> None:
+    def do_next_action(self) -> None:
         """Do the next action, which stands above the footer."""
-        s = self.look()
+        s = self.snapshot()
         if s is not None:
-            name = next_thing(self.app.step, s).action
+            name = next_action(self.app.step, s).action
             if name:
                 self.do_named(name)
 
@@ -95,13 +95,13 @@ class ScreenFace:
         """The sessions on disk."""
         return self.app.source
 
-    def look(self) -> SessionSnapshot | None:
+    def snapshot(self) -> SessionSnapshot | None:
         """Take and show a snapshot."""
         if self.app.runner is not None:
             self.app.picture = self.app.runner.snapshot()
         return self.app.picture
 
-    def soon(self, work: Callable[[], None]) -> None:
+    def retry_soon(self, work: Callable[[], None]) -> None:
         """Call a function 0.1 s later, without blocking the screen."""
         self.app.set_timer(SOON_S, work)
 
@@ -256,7 +256,7 @@ class ScreenFace:
 
     def go(self, step: Step) -> bool:
         """Show a step if it is open; otherwise say what is missing."""
-        s = self.look()
+        s = self.snapshot()
         if s is None:
             return False
         missing = guards.missing_for(step, s)
@@ -279,14 +279,14 @@ class ScreenFace:
 
     def move(self, by: int) -> None:
         """Move the mark of the step's list."""
-        s = self.look()
+        s = self.snapshot()
         if s is not None:
             self.app.main.view.move(by)
             self.app.main.view.show(s)
 
-    def turn_over(self) -> None:
+    def next_view(self) -> None:
         """Show the next panel or plot of this step."""
-        self.app.main.view.turn_over()
+        self.app.main.view.next_view()
 
     # -- everything else ---------------------------------------------------------------------------
 
@@ -299,7 +299,7 @@ class ScreenFace:
         else:
             self.refuse("STOP: no arm is connected, nothing was sent")
 
-    def explain(self) -> None:
+    def show_help(self) -> None:
         """Explain the focused panel and list the keys."""
         panel = self.app.focused if isinstance(self.app.focused, Lines) else None
         text = help_text(self.app.step, panel, min(86, self.app.size.width - 8))
@@ -307,15 +307,15 @@ class ScreenFace:
 
     def show_messages(self) -> None:
         """Show all messages in full."""
-        s = self.look()
+        s = self.snapshot()
         if s is not None:
             text = messages_text(s, min(86, self.app.size.width - 8))
             self.app.push_screen(Read("Messages, newest first", text))
 
-    def find(self) -> None:
+    def show_palette(self) -> None:
         """Open the palette."""
         self.app.action_command_palette()
 
-    def change_look(self) -> None:
+    def next_theme(self) -> None:
         """Take the next theme."""
-        self.app.change_look()
+        self.app.next_theme()

@@ -43,7 +43,7 @@ def one_arm(kind: str, poses: int, seed: int) -> Found:
     from operator_app.config.poses_file import parse_poses
     from operator_app.config.procedure_file import load_procedure
     from operator_app.errors import GuardError
-    from operator_app.session.safety.preflight import check_first_standing
+    from operator_app.session.safety.preflight import check_closure_without_poses
 
     procedure = load_procedure("hinge")
     case = remounted(kind, seed, poses=poses, standings=STANDINGS)
@@ -59,7 +59,7 @@ def one_arm(kind: str, poses: int, seed: int) -> Found:
             )
             for asked in (False, True):
                 try:
-                    check_first_standing(procedure, here, known if asked else None)
+                    check_closure_without_poses(procedure, here, known if asked else None)
                 except GuardError:
                     found[joint, degrees, asked] += 1
     return found

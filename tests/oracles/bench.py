@@ -24,10 +24,10 @@ from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.truth import BallTruth, OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
-from operator_app.carried_procedure import carried_procedure
 from operator_app.config.description import describe
+from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.runner import RunResult, run
-from operator_app.session.store.stored_calibration import calibrated
+from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.drive_selection import drives_of
 from operator_app.session.workflow.listener import Listener
@@ -61,7 +61,7 @@ class Bench:
             opening = replace(opening, folder=self.root / f"session-{self._count}")
         else:
             opening = resume(str(earlier), Choices(), root=self.root)
-        opening = replace(opening, procedure=carried_procedure(opening))
+        opening = replace(opening, procedure=effective_procedure(opening))
         arm = CanopenArm(
             describe(opening.procedure.arm),
             self.settings,
@@ -94,7 +94,7 @@ class Bench:
         with self.session(folder) as session:
             session.connect()
             session.set_modes(drives_of(session))
-            known = calibrated(session.state, session.procedure).solution
+            known = session_calibration(session.state, session.procedure).solution
             found, _ = verify(session, known, poses, Listener())
             return found
 

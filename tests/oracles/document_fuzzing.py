@@ -25,7 +25,7 @@ from operator_app.config.urdf_reading import parse_urdf
 from operator_app.config.user_settings import parse_settings
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
-from operator_app.session.store.journal_repair import repair
+from operator_app.session.store.journal_repair import repair_journal
 from operator_app.session.workflow.opening import Choices, resume
 from tests.oracles.journals import events, mutated, mutated_journal, written
 from tests.oracles.odd_input import Refused, bytes_changed, in_yaml, refuse
@@ -56,7 +56,7 @@ def _journal_contents(rng: Random, folder: Path) -> None:
 def _journal_bytes(rng: Random, folder: Path) -> None:
     (folder / JOURNAL_NAME).write_bytes(bytes_changed(_short_journal(), rng))
     try:
-        repaired = repair(folder)
+        repaired = repair_journal(folder)
         found = read_session(folder)
         if found.problem or found.state is None:
             raise AssertionError(f"repaired and still unreadable: {found.problem}")

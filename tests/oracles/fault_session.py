@@ -77,7 +77,7 @@ class Hearing(Listener):
     def __init__(self) -> None:
         self.heard: list[str] = []
 
-    def told(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Keep it."""
         self.heard.append(text)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from operator_app.carried_procedure import carried_procedure
+from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.runner import run
 from operator_app.session.store.journal import JOURNAL_NAME, Clock, utc_now
 from operator_app.session.ui.operations import Operations
@@ -60,7 +60,7 @@ def opened_again(folder: Path, clock: Clock = utc_now, **chosen: object) -> Sess
 
 
 def _opened(opening: Opening, clock: Clock) -> Session:
-    procedure = carried_procedure(opening)
+    procedure = effective_procedure(opening)
     rig = Rig(
         arm=PlantArm(procedure, SCENARIO),
         opening=replace(opening, procedure=procedure),

@@ -8,7 +8,7 @@ from typing import Any
 from operator_app.report.subject import Subject, subject_of_session
 from operator_app.session.store.journal import JournalEvent
 from operator_app.session.store.replay import replay
-from operator_app.session.store.stored_calibration import calibrated, checked
+from operator_app.session.store.stored_calibration import session_calibration, with_checks
 from solver.errors import UnidentifiableError
 from tests.oracles.short_procedure import short_procedure
 
@@ -19,7 +19,7 @@ def subject_of(events: Sequence[JournalEvent], **options: Any) -> Subject:
     """As `sarcal report` reads a journal."""
     state = replay((e.name, e.data, e.utc) for e in events)
     try:
-        found = calibrated(state, short_procedure(16, "datasheet"), **options)
+        found = session_calibration(state, short_procedure(16, "datasheet"), **options)
     except UnidentifiableError as error:
         return subject_of_session(
             "session", events, short_procedure(16, "datasheet"), None, unidentifiable=error
@@ -28,7 +28,7 @@ def subject_of(events: Sequence[JournalEvent], **options: Any) -> Subject:
         "session",
         events,
         short_procedure(16, "datasheet"),
-        checked(found, state, short_procedure(16, "datasheet")),
+        with_checks(found, state, short_procedure(16, "datasheet")),
     )
 
 

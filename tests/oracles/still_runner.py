@@ -10,7 +10,7 @@ from typing import Any
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.folders import SessionEntry
-from operator_app.session.ui.message_log import acknowledged
+from operator_app.session.ui.message_log import without_acknowledged
 from operator_app.session.ui.snapshot import Change, Level, Message, SessionSnapshot, TaskKind
 
 
@@ -46,7 +46,7 @@ class StillRunner:
         self.publish(lambda s: replace(s, messages=(*s.messages, said)))
 
     def acknowledge(self, number: int) -> None:
-        self.publish(lambda s: acknowledged(s, number))
+        self.publish(lambda s: without_acknowledged(s, number))
 
     def stop(self) -> None:
         self.stops += 1

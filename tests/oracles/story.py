@@ -19,15 +19,15 @@ from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
 from operator_app.session.safety.joint_motion import Motion
-from operator_app.session.ui.message_log import ARM_AGAIN, told
+from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import (
     DataState,
     Level,
+    RunningTask,
     SessionSnapshot,
     StopReport,
     TaskKind,
-    Work,
 )
 from tests.oracles.live_arm import LiveArm
 from tests.oracles.opened import opened
@@ -194,7 +194,9 @@ def astray(s: SessionSnapshot, joint: int = 5) -> SessionSnapshot:
     assert found.arm is not None
     why = str(DriveDiverged(joint, 1294, 700))
     s = replace(found, stop=None, arm=replace(found.arm, stopped_for=why))
-    return told(s, Level.ALARM, stopped_words(why), time="12:07:41", until=ARM_AGAIN)
+    return add_message(
+        s, Level.ALARM, stopped_words(why), time="12:07:41", resolving_tasks=ARM_RECOVERY
+    )
 
 
 def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
@@ -209,7 +211,7 @@ def tripped(s: SessionSnapshot, joint: int = 4) -> SessionSnapshot:
 
 def busy(s: SessionSnapshot, kind: TaskKind, *, moves: bool) -> SessionSnapshot:
     """The worker is at something."""
-    return replace(s, task=Work(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
+    return replace(s, task=RunningTask(kind=kind, text=kind.value, moves=moves, started_s=NOW_S))
 
 
 def real(s: SessionSnapshot) -> SessionSnapshot:

@@ -249,7 +249,7 @@ def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
     assert "STOP is latched" not in said
     (folder,) = (tmp_path / "sessions").iterdir()
     assert (
-        f"Only when you know why joint 5 went astray: go on with: sarcal run --resume {Path('sessions') / folder.name}"
+        f"Only when you know why joint 5 diverged: go on with: sarcal run --resume {Path('sessions') / folder.name}"
         in said
     )
     (told,) = [e.data for e in read_journal(folder).events if e.name == "sensor_fault"]
@@ -267,7 +267,7 @@ def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goe
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "6"))
         assert code == 3
         assert "joint 3: the drive is in switched on; it was enabled" in said
-        assert "Find out why joint 3's drive did not stay as it was put." in said
+        assert "Find out why the drive of joint 3 left its state." in said
         (folder,) = (tmp_path / "sessions").iterdir()
         assert f"Go on with: sarcal run --resume {Path('sessions') / folder.name}" in said
         code, out, said = finish(start(tmp_path, "run", "--resume", str(folder), "--json"))

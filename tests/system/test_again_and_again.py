@@ -14,7 +14,7 @@ from operator_app.errors import GuardError
 from operator_app.headless.runner import run
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_box import (
-    AT_THE_EDGE_RAD,
+    BOX_MARGIN_RAD,
     drive_box,
     go_home,
     waypoints_of,
@@ -116,4 +116,4 @@ def test_boxes_count_from_home_wherever_the_arm_stands(bench: Bench) -> None:
             for joint, low, high in ((1, -30.0, 48.0), (5, -70.0, 0.0)):
                 assert np.deg2rad(low) <= target[joint] - home[joint - 1] <= np.deg2rad(high)
         beyond = drive_box(session).beyond_rad(home + np.deg2rad(50.0))
-        assert beyond.min() > AT_THE_EDGE_RAD or beyond[0] == pytest.approx(np.deg2rad(2.0))
+        assert beyond.min() > BOX_MARGIN_RAD or beyond[0] == pytest.approx(np.deg2rad(2.0))

@@ -15,7 +15,7 @@ from tests.oracles.busy_bus import Rhythm
 from tests.oracles.loaded_session import Came, session_under_load
 from tests.oracles.machine_pauses import Pauses
 
-TRIPPED = "The run has ended early; the arm is held.\nsarcal: joint 1 tripped:\noperator's heartbeat lost (8130h)"
+TRIPPED = "The run ended early; the arm is held.\nsarcal: joint 1 tripped:\noperator's heartbeat lost (8130h)"
 
 
 @pytest.mark.real_time

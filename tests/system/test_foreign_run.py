@@ -16,10 +16,10 @@ from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import scenario
-from operator_app.carried_procedure import carried_procedure
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
+from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
@@ -112,7 +112,7 @@ def calibrate(settings: BusSettings) -> tuple[RunResult, Session]:
         profile="acme.yaml",
     )
     opening = begin("hinge", choices, root=Path("sessions"))
-    procedure = replace(carried_procedure(opening), upload=False)
+    procedure = replace(effective_procedure(opening), upload=False)
     arm = CanopenArm(
         describe(procedure.arm),
         settings,

@@ -234,7 +234,7 @@ def test_rigid_is_planned_with_its_elbow_held_and_says_why(
 ) -> None:
     code, out, _ = said(capsys, "plan", "rigid", "--poses", "4")
     assert code == 0
-    assert "theta_off_4 is held at" in " ".join(out.split())
+    assert "theta_off_4 is fixed at" in " ".join(out.split())
     assert "1 mm of length would pass for an offset" in " ".join(out.split())
 
 

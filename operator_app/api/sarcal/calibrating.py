@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 from operator_app.calibration.calibrate import calibrate as solve
 from operator_app.calibration.cross_validation import check
 from operator_app.messages.finding import Finding, FindingKind
-from operator_app.session.workflow.importing import How
+from operator_app.session.workflow.importing import CalibrationOptions
 
 from .blas_threads import one_blas_thread
 from .given import joints, one_of, tolerance_m
@@ -82,7 +82,7 @@ def calibrate(
     one_of("estimator", estimator, get_args(Estimator))
     its_arm, its_fixture = load_arm(arm), load_fixture(fixture)
     its_poses = load_poses(poses, joint_count=its_arm.joint_count)
-    how = How(
+    how = CalibrationOptions(
         estimator=estimator,
         unsensed_joints=joints("unsensed_joints", unsensed_joints, its_arm.joint_count),
         length_tolerance_m=tolerance_m("length_tolerance_mm", length_tolerance_mm),

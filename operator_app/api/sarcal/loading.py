@@ -5,10 +5,10 @@ from __future__ import annotations
 from os import PathLike, fspath
 from pathlib import Path
 
-from operator_app.carried_procedure import carried_procedure
+from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import SessionError
 from operator_app.session.store.folders import read_session
-from operator_app.session.store.stored_calibration import calibrated
+from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.opening import Choices, resume
 
 from .blas_threads import one_blas_thread
@@ -57,10 +57,10 @@ def load_result(session: str | PathLike[str]) -> Result:
     if not isinstance(session, str | PathLike):
         raise TypeError(f"session={shown(session)}: give the folder of a session, or its name")
     opening = resume(fspath(session), Choices(), root=SESSIONS)
-    state, procedure = read_session(opening.folder).state, carried_procedure(opening)
+    state, procedure = read_session(opening.folder).state, effective_procedure(opening)
     if state is None:
         raise SessionError(f"{opening.folder} holds no session", "name another folder")
-    found = calibrated(state, procedure)
+    found = session_calibration(state, procedure)
     _, arm, fixture, _ = procedure.sources
     return Result(
         arm=Arm(procedure.arm.name, arm.file, procedure.arm, arm),

@@ -29,9 +29,9 @@ from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.parameters import document_of, why_used
+from operator_app.session.store.parameters import export_reason, parameters_document
 from operator_app.session.store.stored_calibration import StoredCalibration
-from operator_app.session.workflow.importing import How, ImportedSession
+from operator_app.session.workflow.importing import CalibrationOptions, ImportedSession
 from solver.diagnostics.statistics import intervals
 
 from .given import one_of, readings_rad
@@ -88,7 +88,7 @@ class Result:
 
     def __init__(
         self, *, arm: Arm, fixture: Fixture, poses: Poses, solution: Solution, checks: Checks | None,
-        origin: How | Journalled,
+        origin: CalibrationOptions | Journalled,
     ) -> None:  # fmt: skip
         self.arm = arm
         self.fixture = fixture
@@ -271,7 +271,9 @@ class Result:
         save_poses(where / POSES_NAME, session.state.pose_set())
         if self.accepted and self._has_table:
             save_parameters(where / PARAMETERS_NAME, self._document(session=session))
-        found = StoredCalibration(solution=self._solution, checks=self._checks, solved_again="")
+        found = StoredCalibration(
+            solution=self._solution, checks=self._checks, recalculated_because=""
+        )
         subject = subject_of_session(
             where.resolve().name, read_journal(where).events, session.procedure, found
         )
@@ -315,7 +317,7 @@ class Result:
         kind = target.suffix.removeprefix(".")
         if into is None and kind not in (*YAML, *FILES):
             raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(FILES)}")
-        forced = why_used(self._solution, force, say_it_by='force="why"')
+        forced = export_reason(self._solution, force, say_it_by='force="why"')
         if into is None and kind in YAML:
             save_parameters(target, self._document(forced=forced))
             return target
@@ -370,14 +372,14 @@ class Result:
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 
-    def _session(self, how: How) -> ImportedSession:
+    def _session(self, how: CalibrationOptions) -> ImportedSession:
         made = ImportedSession(
             self.poses._set,
             arm=self.arm._resource,
             fixture=self.fixture._resource,
             file=self.poses.source,
             name=f"{self.arm.name}-{self.fixture.name}",
-            how=how,
+            options=how,
         )
         made.add(self._solution, self._checks)
         return made
@@ -386,7 +388,7 @@ class Result:
         self, *, session: ImportedSession | None = None, forced: str = ""
     ) -> ParametersDocument:
         told = self._told if session is None else session
-        return document_of(
+        return parameters_document(
             self._solution, told.state, told.procedure, utc=datetime.now(UTC), forced=forced
         )
 

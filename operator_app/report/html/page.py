@@ -17,8 +17,8 @@ from operator_app.report.plots.before_after import hand_pair
 from operator_app.report.subject import subject_of_session
 from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.stored_calibration import StoredCalibration, recorded
-from operator_app.session.workflow.importing import UNSTATED
+from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
+from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 from operator_app.units.figure import CLOSURE_LENGTH, SHARE, Figure, quantity_of
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def document(title: str, body: Html, *, generator: str = "") -> bytes:
 
 
 def _history(serial: str) -> tuple[Html | str, ...]:
-    if not serial or serial == UNSTATED:
+    if not serial or serial == UNKNOWN_SERIAL_NUMBER:
         return ()
     return (
         "All calibrations of this arm, with control charts: ",
@@ -92,7 +92,7 @@ REPORT_NAME = "report.html"
 
 def write_report(session: Session) -> Path:
     """Write the page into the session's folder, from its journal."""
-    found = recorded(session.state)
+    found = journal_calibration(session.state)
     if not isinstance(found, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
     folder = session.journal.path.parent

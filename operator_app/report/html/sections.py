@@ -318,8 +318,8 @@ def _method(subject: Subject) -> Section:
         ]
     made = f"The page was made from the {plural(subject.events, 'event')} of the session's journal alone"
     points.append(
-        f"{made}; the poses were solved again: {subject.solved_again}."
-        if subject.solved_again
+        f"{made}; the poses were solved again: {subject.recalculated_because}."
+        if subject.recalculated_because
         else f"{made}; its solution was read, not made again."
         if subject.solution is not None
         else f"{made}."

@@ -25,7 +25,7 @@ from operator_app.units.figure import ANGLE, CONDITION, NOISE_ANGLE, Figure
 from operator_app.units.numbers import joints_named, names, plural
 
 if TYPE_CHECKING:
-    from operator_app.session.store.journal_repair import Repaired, RepairedLine
+    from operator_app.session.store.journal_repair import RepairedLine, RepairResult
     from operator_app.session.store.state import SessionState
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
@@ -220,7 +220,7 @@ def fate(line: RepairedLine) -> str:
     return RESTORED if line.words else KEPT
 
 
-def repair_json(found: Repaired) -> dict[str, Any]:
+def repair_json(found: RepairResult) -> dict[str, Any]:
     """Return the repair as JSON data."""
     return {
         "folder": str(found.folder),
@@ -239,7 +239,7 @@ def repair_json(found: Repaired) -> dict[str, Any]:
     }
 
 
-def repair_text(found: Repaired) -> str:
+def repair_text(found: RepairResult) -> str:
     """Return the repair as paragraphs."""
     folder = found.folder
     if found.aside is None:
@@ -254,7 +254,7 @@ def repair_text(found: Repaired) -> str:
             first, *others = some
             last = others[-1].number if others else first.number
             span = f"line {first.number}" if not others else f"lines {first.number} to {last}"
-            said.append(f"  {span}: kept, proven by {'its' if not others else 'their'} checksum")
+            said.append(f"  {span}: kept, verified by {'its' if not others else 'their'} checksum")
             continue
         for line in some:
             name = "" if line.event is None else f" ({line.event.name.replace('_', ' ')})"

@@ -17,7 +17,7 @@ from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 if TYPE_CHECKING:
     from operator_app.calibration.verification import VerificationResult
-    from operator_app.session.ui.snapshot import Verified
+    from operator_app.session.ui.snapshot import VerificationSummary
     from solver.chain.poses import PoseSet
     from solver.diagnostics.prediction import CommonShift
 
@@ -105,7 +105,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
     )
 
 
-def verified_words(found: Verified) -> str:
+def verified_words(found: VerificationSummary) -> str:
     """Say whether the parameters hold for the new poses."""
     ratio = CHI2(found.chi2_per_dof).shown
     turned = found.orientation_rad

@@ -1,7 +1,7 @@
-"""Counters that may have begun anew: they stand at zero, or near it where the arm has sagged since. Knows no loop.
+"""Counters that may have been reset: they read zero, or near zero if the arm has sagged since.
 
-A counter that begins anew does so where the arm stands. Hydraulic valves leak: until somebody connects, the arm
-may have sagged, and the counter with it.
+A reset sets a counter to zero at the present position. Hydraulic valves leak, so that the arm, and the counter, may
+sag until the next connection.
 """
 
 from __future__ import annotations
@@ -17,45 +17,47 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder
 
 AT_ZERO_COUNTS = 2.5
-"""A counter that has just begun anew, and the noise of its last bit."""
+"""Largest reading of a counter that was just reset: the noise of its last bit."""
 
-SAGGED_RAD = float(np.deg2rad(5.0))
-"""As far as this an arm may have sagged since; a joint is farther from zero nearly everywhere."""
+MAX_SAG_RAD = float(np.deg2rad(5.0))
+"""Largest sag since the reset. By chance a joint is rarely this close to zero."""
 
 
-def from_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
-    """Joints (1-based) whose counter is not farther from zero than an arm sags, the nearest first.
+def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
+    """Joints (1-based) whose counter is within `MAX_SAG_RAD` of zero, the nearest first.
 
-    Of each how many times as far as a counter that has just begun anew: by chance a joint stands as near as that so
-    many times as often as at zero.
+    The value is the distance in units of `AT_ZERO_COUNTS`, at least 1: the probability of being that close by
+    chance is in proportion to it.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
         for j, (joint, q) in enumerate(zip(arm.joints, reading_rad, strict=True), 1)
-        if isinstance(joint.sensor, Encoder) and abs(q) <= SAGGED_RAD
+        if isinstance(joint.sensor, Encoder) and abs(q) <= MAX_SAG_RAD
     }
     return dict(sorted(times.items(), key=lambda item: item[1]))
 
 
-def at_zero(arm: ArmModel, reading_rad: FloatArray) -> tuple[int, ...]:
-    """Joints (1-based) whose counter stands at zero."""
-    return tuple(sorted(j for j, times in from_zero(arm, reading_rad).items() if times <= 1.0))
+def counters_at_zero(arm: ArmModel, reading_rad: FloatArray) -> tuple[int, ...]:
+    """Joints (1-based) whose counter reads zero."""
+    return tuple(
+        sorted(j for j, times in counters_near_zero(arm, reading_rad).items() if times <= 1.0)
+    )
 
 
-def where_near(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
-    """``at zero``, or ``near zero`` where one of these joints has left it."""
-    return "at zero" if set(joints) <= set(at_zero(arm, reading_rad)) else "near zero"
+def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int]) -> str:
+    """Return ``at zero``, or ``near zero`` if one of these joints is not exactly there."""
+    return "at zero" if set(joints) <= set(counters_at_zero(arm, reading_rad)) else "near zero"
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Refuse joints whose counter stands where the joint cannot be, nearer to zero than to their range.
+    """Refuse joints whose reading is outside their range and closer to zero than to it.
 
     Raises
     ------
     ConnectAgainError
     """
     fresh = []
-    for number, times in sorted(from_zero(arm, reading_rad).items()):
+    for number, times in sorted(counters_near_zero(arm, reading_rad).items()):
         joint, q = arm.joints[number - 1], float(reading_rad[number - 1])
         beyond = max(joint.lower_rad - q, q - joint.upper_rad)
         if beyond > abs(q):
@@ -66,7 +68,7 @@ def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
             )
     if fresh:
         raise ConnectAgainError(
-            f"{'; '.join(fresh)}: its counter began anew, as after a loss of power",
+            f"{'; '.join(fresh)}: the counter was reset, as after a loss of power",
             "home the joint, then connect again",
             probability=None,
         )

@@ -1,6 +1,6 @@
-"""How the joints have moved lately, from looks at the arm a few times a second. Knows no bus and no screen.
+"""Speed and standstill of the joints from snapshots of the arm, for display.
 
-What decides over a capture is the arm's own settling, SYNC by SYNC; this is what a person sees of it.
+Captures use the settling of the arm itself, SYNC by SYNC.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from solver.chain.arm_model import ArmModel
 
 SPEED_WINDOW_S = 0.5
 RATE_WINDOW_S = 1.0
-FEWEST = 4
+MIN_SAMPLES = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """The joints over the last half second.
+    """Motion of the joints over the last half second.
 
     Attributes
     ----------
     sync_rate_hz
         SYNC messages a second.
     speed_rad_per_s
-        (n,) slopes of straight lines through the measured angles: sensor noise averages out.
+        (n,) slopes of lines fitted to the measured angles.
     still
-        Whether every joint spreads less than the settle rule allows.
+        Whether the spread of every joint is within the settle rule.
     held_s, needed_s
-        For how long that has been so; how long settling and reading a pose take.
+        Time at standstill, and the time that settling and measuring a pose take.
     worst_joint, spread_share
-        Joint (1-based) that spreads most of what is allowed to it, and how much of it.
+        Joint (1-based) with the largest spread relative to its limit, and that ratio.
     """
 
     sync_rate_hz: float
@@ -47,32 +47,34 @@ class Motion:
     spread_share: float
 
 
-class MotionWatch:
-    """Looks on; called by one thread. `capture` has the settle rule."""
+class MotionMonitor:
+    """Computes `Motion` from snapshots, in one thread; `capture` has the settle rule."""
 
     def __init__(self, arm: ArmModel, capture: CapturePlan) -> None:
         self._allowed = np.array(capture.settle.spread_rad(arm))
         self._window = capture.settle.window_syncs
         self._needed = self._window + capture.samples_per_pose
-        self._looks: deque[tuple[float, int, FloatArray]] = deque()
+        self._samples: deque[tuple[float, int, FloatArray]] = deque()
         self._still_since_s: float | None = None
 
-    def forget(self) -> None:
-        """Begin anew, after a gap in the data."""
-        self._looks.clear()
+    def reset(self) -> None:
+        """Start again, after a gap in the data."""
+        self._samples.clear()
         self._still_since_s = None
 
-    def see(self, now_s: float, arm: ArmSnapshot) -> Motion:
-        """Take in another look."""
-        looks = self._looks
-        looks.append((now_s, arm.sync_count, arm.positions_rad))
-        while now_s - looks[0][0] > RATE_WINDOW_S:
-            looks.popleft()
-        elapsed = now_s - looks[0][0]
-        rate = (arm.sync_count - looks[0][1]) / elapsed if elapsed > 0.0 else 0.0
-        # Four looks at least: where SYNCs come quickly the window may hold one, which spreads nothing.
-        late = [q for _, sync, q in looks if arm.sync_count - sync < self._window]
-        recent = np.array(late if len(late) >= FEWEST else [q for _, _, q in looks][-FEWEST:])
+    def update(self, now_s: float, arm: ArmSnapshot) -> Motion:
+        """Add a snapshot and return the motion."""
+        samples = self._samples
+        samples.append((now_s, arm.sync_count, arm.positions_rad))
+        while now_s - samples[0][0] > RATE_WINDOW_S:
+            samples.popleft()
+        elapsed = now_s - samples[0][0]
+        rate = (arm.sync_count - samples[0][1]) / elapsed if elapsed > 0.0 else 0.0
+        # At least four samples: with a fast SYNC the settle window may hold only one, which has no spread.
+        late = [q for _, sync, q in samples if arm.sync_count - sync < self._window]
+        recent = np.array(
+            late if len(late) >= MIN_SAMPLES else [q for _, _, q in samples][-MIN_SAMPLES:]
+        )
         share = np.ptp(recent, axis=0) / self._allowed
         worst = int(np.argmax(share))
         still = bool(share[worst] <= 1.0)
@@ -91,7 +93,7 @@ class MotionWatch:
         )
 
     def _speeds(self, now_s: float) -> FloatArray:
-        late = [(t, q) for t, _, q in self._looks if now_s - t <= SPEED_WINDOW_S]
+        late = [(t, q) for t, _, q in self._samples if now_s - t <= SPEED_WINDOW_S]
         t = np.array([t for t, _ in late])
         q = np.array([q for _, q in late])
         t = t - t.mean()

@@ -1,6 +1,6 @@
-"""What is said, and kept, of a computer that was too busy to listen to its arm: each time once, and no flood.
+"""Messages and journal entries about a computer that was too busy to read the bus in time.
 
-It is told apart from the arm's silence, since the remedy is another one.
+Host latency is distinguished from silence of the arm, because the remedy differs.
 """
 
 from __future__ import annotations
@@ -8,58 +8,57 @@ from __future__ import annotations
 from hardware.arm import NO_LATENCY, Arm, HostLatency
 from operator_app.session.store.logbook import Logbook
 
-AGAIN_S = 30.0
-"""What happens again sooner is said with what comes after it."""
+MIN_INTERVAL_S = 30.0
+"""Shortest time between two messages."""
 
 
-def late_words(times: int, longest_s: float) -> str:
-    """Say that this computer was late so often, and by how much at most, and what follows from it."""
+def lateness_text(times: int, longest_s: float) -> str:
+    """Return the message about `times` delays of at most `longest_s`."""
     how = f"was late by {longest_s:.1f} s" if times == 1 else f"was late {times} times"
     most = "" if times == 1 else f", by {longest_s:.1f} s at most"
     return (
-        f"this computer {how}{most}: too busy to listen to the arm, which was told nothing new meanwhile. "
-        "What came counted as old, and the session goes on, unless drives missed the heartbeat (8130h). "
-        "End other programs on it"
+        f"this computer {how}{most}: it was too busy to read the bus, and sent no new targets meanwhile. "
+        "The session goes on, unless drives missed the heartbeat (8130h). End other programs on it"
     )
 
 
-class LatenessNews:
-    """Says how late this program was, of one connection, since it was said last."""
+class LatenessReporter:
+    """Reports new delays of one connection."""
 
     def __init__(self) -> None:
-        self._told = NO_LATENCY
-        self._told_at_s = -AGAIN_S
+        self._reported = NO_LATENCY
+        self._reported_at_s = -MIN_INTERVAL_S
 
-    def since(self, lateness: HostLatency, now_s: float) -> str:
-        """Return what is new, in words; "" if nothing is, or something was said a moment ago."""
-        new = lateness.times - self._told.times
-        if new == 0 or now_s - self._told_at_s < AGAIN_S:
+    def new_text(self, lateness: HostLatency, now_s: float) -> str:
+        """Return a message about new delays; "" for none, or within `MIN_INTERVAL_S` of the last message."""
+        new = lateness.times - self._reported.times
+        if new == 0 or now_s - self._reported_at_s < MIN_INTERVAL_S:
             return ""
-        self._told, self._told_at_s = lateness, now_s
-        return late_words(new, lateness.last_s if new == 1 else lateness.longest_s)
+        self._reported, self._reported_at_s = lateness, now_s
+        return lateness_text(new, lateness.last_s if new == 1 else lateness.longest_s)
 
 
-class LatenessLog:
-    """Keeps in the journal how late this program was, of one connection, since that was kept last."""
+class LatenessRecorder:
+    """Records new delays of one connection in the journal."""
 
     def __init__(self, logbook: Logbook, arm: Arm) -> None:
         self._logbook, self._arm = logbook, arm
-        self._kept = NO_LATENCY
+        self._recorded = NO_LATENCY
 
     @property
-    def kept(self) -> HostLatency:
-        """What was kept of this connection."""
-        return self._kept
+    def recorded(self) -> HostLatency:
+        """What was recorded of this connection."""
+        return self._recorded
 
-    def begin(self) -> None:
-        """Begin to count anew: there is a new connection."""
-        self._kept = NO_LATENCY
+    def restart(self) -> None:
+        """Start counting again for a new connection."""
+        self._recorded = NO_LATENCY
 
     def record(self) -> None:
-        """Keep what is new, if anything."""
+        """Record new delays, if any."""
         late = self._arm.snapshot().lateness
-        new = late.times - self._kept.times
+        new = late.times - self._recorded.times
         if new > 0:
             found = {"last_s": late.last_s, "longest_s": late.longest_s}
             self._logbook.record("late", {"times": new, **found})
-        self._kept = late
+        self._recorded = late

@@ -1,7 +1,8 @@
-"""What is asked of an arm's readings before its drives are enabled; whatever comes of it is in the journal.
+"""Checks of the joint readings before the drives are enabled; the result goes into the journal. Moves nothing.
 
-Of several that ask: a counter near zero out of its range, the poses so far, and where these tell nothing, the
-files with what earlier placements tell. Moves nothing; knows no bus and no screen.
+In this order: a counter near zero outside its joint's range; closure by the poses so far; where there are too few
+of them, closure within the tolerances of the files. With readings that do not close the loop (counter reset, wrong
+direction, wrong joint order), the drives would move the arm to unintended places.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from hardware.arm import Reading
 from operator_app.calibration.closure_gate import ClosureFit, LoopAtReading, loop_at_reading
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
-from operator_app.errors import ConnectAgainError, StandingRefusedError
+from operator_app.errors import ClosureRefusedError, ConnectAgainError
 from operator_app.session.safety.counter_reset import (
-    SAGGED_RAD,
+    MAX_SAG_RAD,
     check_counters,
-    from_zero,
-    where_near,
+    counters_near_zero,
+    zero_position,
 )
-from operator_app.session.safety.resume_checks import PoseReport, check_standing
+from operator_app.session.safety.resume_checks import ClosureResult, check_closure_by_poses
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState
 from operator_app.units.figure import REACH, WHOLE_DEGREES
@@ -30,58 +31,57 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
 
-def require_standing(
+def require_plausible_readings(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
 ) -> tuple[int, ...]:
-    """Refuse readings that cannot be true where the arm stands; passed or refused, the journal keeps it and why.
+    """Refuse joint readings that cannot be true; record the result.
 
-    `endpoint` is asked where an instrument sees the hand, if there are poses to compare it with.
+    `endpoint` measures the tool with the instrument, if there are poses to compare it with.
 
     Returns
     -------
-    Joints that may have shifted since the poses so far, and would not show it where the arm stands.
+    Joints (1-based) of which a shift since the last pose would not show at the present pose.
 
     Raises
     ------
     StandingRefusedError
-        Names the joint, where one joint explains it.
+        Names the joint if one joint explains the readings.
     """
     try:
         check_counters(session.model, reading.mean_rad)
-        unseen: tuple[int, ...] = ()
-        for found in _judged(session, reading, endpoint):
-            unseen = unseen or found.unseen
+        unresolved: tuple[int, ...] = ()
+        for found in _closure_results(session, reading, endpoint):
+            unresolved = unresolved or found.unresolved_joints
             kept = {"told": found.told, "probability": found.probability, "refused": False}
             session.record("standing", kept)
-    except StandingRefusedError as refused:
+    except ClosureRefusedError as refused:
         why = {"told": refused.happened, "probability": refused.probability, "refused": True}
         session.record("standing", why)
         raise
-    return unseen
+    return unresolved
 
 
-def _judged(
+def _closure_results(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
-) -> Iterator[PoseReport]:
+) -> Iterator[ClosureResult]:
     procedure = session.procedure
     if session.state.poses_here:
-        found = check_standing(session.state, procedure, reading, endpoint())
+        found = check_closure_by_poses(session.state, procedure, reading, endpoint())
         yield found
         if found.probability is not None:
             return
-    # Of one or two poses nothing is known yet but what the files say, and earlier placements.
-    known = _known_by_earlier_placements(session.state, procedure)
-    chance = check_first_standing(procedure, reading, known)
-    if chance is not None:
-        by = "" if known is None else "by the earlier placements and "
-        yield PoseReport(
-            told=f"The loop closes where the arm stands, {by}within what its files leave open.",
-            probability=chance,
+    known = _arm_from_earlier_placements(session.state, procedure)
+    probability = check_closure_without_poses(procedure, reading, known)
+    if probability is not None:
+        by = "" if known is None else "with the offsets of the earlier placements and "
+        yield ClosureResult(
+            told=f"The loop closes at the present pose, {by}within the tolerances of the files.",
+            probability=probability,
         )
 
 
-def _known_by_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
-    """What they tell of the arm; None of the first one."""
+def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> KnownArm | None:
+    """Return what earlier placements determine of the arm; None in the first one."""
     earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
@@ -93,52 +93,52 @@ def _known_by_earlier_placements(state: SessionState, procedure: Procedure) -> K
     )
 
 
-IMPROBABLE = 1e-12
-"""Chance of refusing an arm that is as its files state, their tolerances being three standard deviations.
+FALSE_REFUSAL_PROBABILITY = 1e-12
+"""Probability of refusing an arm within its stated tolerances (taken as three standard deviations).
 
-So small, as arms are about whose files are wrong in everything: offsets off by 25 deg, hinges by 40 mm and 15 deg.
+As small as this, because files can be far off: offsets by 25 deg, hinges by 40 mm and 15 deg.
 """
 
-IMPROBABLE_OF_KNOWN = 1e-5
-"""The same of an arm that earlier placements know: they tell its offsets, and how far its hinge may be off."""
+FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
+"""The same where earlier placements have determined the offsets and the error of the hinge placement."""
 
-IMPROBABLE_AT_ZERO = 1e-2
-"""Chance of what believing a counter costs, below which one that stands at zero began anew.
+RESET_PROBABILITY = 1e-2
+"""Probability of the chi2 increase from using a counter, below which a counter at zero was reset.
 
-By chance a joint stands there in one of 30,000 places: little else need speak against it. As near as ten times
-that it stands ten times as often, and ten times as much has to.
+A joint is at zero by chance in one of 30,000 positions. Within ten times that distance it is ten times as
+often, and the limit is ten times lower.
 """
 
-EXPECTED_AT_ZERO_RAD = float(np.deg2rad(5.0))
-"""A joint whose home is as near to zero as this stands there often."""
+HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
+"""A joint whose home is this close to zero is often there."""
 
-IMPROBABLE_AT_HOME = 1e-6
-"""The same of joints that are expected at zero."""
+RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
+"""The same for joints whose home is at zero."""
 
-EXPLAINS = 1e-2
-"""Chance of what is left, above which a joint alone explains why the loop does not close."""
+EXPLAINED_PROBABILITY = 1e-2
+"""Probability of the remaining chi2 above which one joint alone explains the closure error."""
 
-AT_MOST_NAMED = 3
+MAX_NAMED_JOINTS = 3
 
 
-def check_first_standing(
+def check_closure_without_poses(
     procedure: Procedure, reading: Reading, known: KnownArm | None = None
 ) -> float | None:
-    """Refuse readings with which the loop cannot close where the arm stands.
+    """Refuse readings with which the loop cannot close within the tolerances of the files.
 
     Parameters
     ----------
     known
-        What poses in earlier placements of the fixture tell of the arm.
+        What earlier placements of the fixture determine of the arm.
 
     Returns
     -------
-    Chance of readings that fit worse; None where nothing holds the hand, and no loop is closed.
+    Probability of a larger chi2; None for an open arm.
 
     Raises
     ------
     StandingRefusedError
-        Names the joint that alone would close it, if there is one.
+        Names the joint that alone explains the readings, if there is one.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
@@ -151,101 +151,110 @@ def check_first_standing(
         known=known,
     )
     found = loop.fit()
-    chance = _chance(found)
-    anew = _begun_anew(arm, loop, found)
-    if anew:
-        where = where_near(arm, reading.mean_rad, list(anew))
-        remedy = _at_zero_remedy(list(anew), where)
-        raise ConnectAgainError(_at_zero_words(anew, where), remedy, probability=chance)
-    if chance >= (IMPROBABLE if known is None else IMPROBABLE_OF_KNOWN):
-        return chance
-    alone = _alone(loop)
-    raise StandingRefusedError(_does_not_close(alone), _remedy(alone), probability=chance)
+    probability = _probability(found)
+    reset = _reset_counters(arm, loop, found)
+    if reset:
+        where = zero_position(arm, reading.mean_rad, list(reset))
+        remedy = _reset_remedy(list(reset), where)
+        raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
+    if probability >= (
+        FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
+    ):
+        return probability
+    explaining = _joints_that_explain(loop)
+    raise ClosureRefusedError(
+        _not_closing_text(explaining), _not_closing_remedy(explaining), probability=probability
+    )
 
 
-def _begun_anew(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> dict[int, float]:
-    """Joints whose counters began anew, and where they are instead (rad); empty where nothing says so.
+def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> dict[int, float]:
+    """Joints with a reset counter and their estimated angles (rad); empty for none.
 
-    Of those near zero the nearest by themselves, then with the next one, and so on.
+    Tests the joint nearest to zero first, then the two nearest, and so on.
     """
-    times = {j: t for j, t in from_zero(arm, loop.reading_rad).items() if j in loop.joints}
+    times = {j: t for j, t in counters_near_zero(arm, loop.reading_rad).items() if j in loop.joints}
     for farthest in dict.fromkeys(times.values()):
         near = tuple(j for j, t in times.items() if t <= farthest)
-        anew = _disbelieved(arm, loop, found, near, IMPROBABLE_AT_ZERO / farthest)
-        if anew:
-            return anew
+        reset = _reset_among(arm, loop, found, near, RESET_PROBABILITY / farthest)
+        if reset:
+            return reset
     return {}
 
 
-def _disbelieved(
+def _reset_among(
     arm: ArmModel, loop: LoopAtReading, found: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Those of `zeros` that began anew if believing them costs more than is likely by chance `at_most`.
+    """Joints of `zeros` with a reset counter: using their readings raises chi2 with a probability below `at_most`.
 
-    By how much chi2 falls when none of them is believed is what believing them costs: an arm whose files are
-    wrong elsewhere has a large chi2 with and without them.
+    The difference of chi2 with and without these readings counts, because other errors in the files raise both.
     """
     from scipy.special import chdtrc
 
-    if all(abs(arm.home_rad[j - 1]) <= EXPECTED_AT_ZERO_RAD for j in zeros):
-        at_most = min(at_most, IMPROBABLE_AT_HOME)
+    if all(abs(arm.home_rad[j - 1]) <= HOME_AT_ZERO_RAD for j in zeros):
+        at_most = min(at_most, RESET_PROBABILITY_HOME_AT_ZERO)
     without = loop.fit(*zeros)
     if not np.isfinite(without.chi2):
         return {}
     freed = found.dof - without.dof
     if chdtrc(freed, found.chi2 - without.chi2) >= at_most:
         return {}
-    for joint, alone in sorted(_fits(loop, zeros).items(), key=lambda item: item[1].chi2):
-        more = alone.dof - without.dof
-        if more == 0 or chdtrc(more, max(alone.chi2 - without.chi2, 0.0)) >= EXPLAINS:
-            return {joint: float(alone.q_rad[joint - 1])}
+    for joint, explaining in sorted(
+        _fits_without(loop, zeros).items(), key=lambda item: item[1].chi2
+    ):
+        more = explaining.dof - without.dof
+        if (
+            more == 0
+            or chdtrc(more, max(explaining.chi2 - without.chi2, 0.0)) >= EXPLAINED_PROBABILITY
+        ):
+            return {joint: float(explaining.q_rad[joint - 1])}
     return {j: float(without.q_rad[j - 1]) for j in zeros}
 
 
-def _at_zero_words(anew: dict[int, float], where: str) -> str:
-    if len(anew) == 1:
-        ((joint, near),) = anew.items()
+def _reset_text(reset: dict[int, float], where: str) -> str:
+    if len(reset) == 1:
+        ((joint, near),) = reset.items()
         return (
-            f"the counter of joint {joint} stands {where}, and with it the loop does not close where the arm "
-            f"stands: it would with that joint near {REACH(near).with_unit}. Its counter began anew, as "
-            "after a loss of power"
+            f"the counter of joint {joint} is {where}, and the loop does not close with this reading; it closes "
+            f"with joint {joint} near {REACH(near).with_unit}. The counter was reset, as after a loss of power"
         )
-    instead = " and ".join(f"joint {j} near {REACH(near).with_unit}" for j, near in anew.items())
+    instead = " and ".join(f"joint {j} near {REACH(near).with_unit}" for j, near in reset.items())
     return (
-        f"the counters of joints {' and '.join(map(str, anew))} stand {where}, and with them the loop does not "
-        f"close where the arm stands: it would with {instead}. They began anew, as after a loss of power"
+        f"the counters of joints {' and '.join(map(str, reset))} are {where}, and the loop does not close with "
+        f"these readings; it closes with {instead}. The counters were reset, as after a loss of power"
     )
 
 
-def _at_zero_remedy(joints: list[int], where: str) -> str:
+def _reset_remedy(joints: list[int], where: str) -> str:
     named = f"joint {' and '.join(map(str, joints))}"
     return (
-        f"home {named}, then connect again; moved by this reading it would go elsewhere. If it really stands "
-        f"{where}, bring it {WHOLE_DEGREES(2.0 * SAGGED_RAD).with_unit} away by hand while its drives are off"
+        f"home {named}, then connect again. If it really is {where}, move it by hand by "
+        f"{WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
     )
 
 
-def _does_not_close(alone: dict[int, ClosureFit]) -> str:
-    said = "the loop cannot close where the arm stands, with these readings and all that the files leave open"
-    if not alone:
-        return f"{said}, whichever joint's reading is left out"
-    joints = list(alone)[:AT_MOST_NAMED]
-    would = " or ".join(f"joint {j} near {_near(alone[j], j)}" for j in joints)
-    return f"{said}; it would with {would}"
+def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:
+    said = (
+        "the loop cannot close with the present joint readings, within the tolerances of the files"
+    )
+    if not explaining:
+        return f"{said}; leaving out any one joint does not help"
+    joints = list(explaining)[:MAX_NAMED_JOINTS]
+    would = " or ".join(f"joint {j} near {_near(explaining[j], j)}" for j in joints)
+    return f"{said}; it closes with {would}"
 
 
-def _remedy(alone: dict[int, ClosureFit]) -> str:
-    likeliest = next(iter(alone), None)
+def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
+    likeliest = next(iter(explaining), None)
     what = (
         "the zeros, directions and order of the joints"
         if likeliest is None
-        else f"the zero of joint {likeliest} (a counter that began anew) and its direction, first"
+        else f"the zero of joint {likeliest} (counter reset) and its direction, first"
     )
     return (
-        f"move nothing by these readings. Look at {what}; then at the profile, at whether this fixture's file "
-        "is the right one, and at whether it holds the hand. Where offsets or placement are less well known "
-        "than within 10 deg and the fixture's tolerance, state it: offset_tolerance_deg in the arm file, "
-        "tolerance_mm and tolerance_deg in the fixture's"
+        f"do not move the arm with these readings. Check {what}; then the bus profile, the fixture file, and "
+        "whether the loop is closed. If offsets are known to less than 10 deg or the placement to less than "
+        "the fixture's tolerance, state it: offset_tolerance_deg in the arm file, tolerance_mm and "
+        "tolerance_deg in the fixture file"
     )
 
 
@@ -253,18 +262,22 @@ def _near(fit: ClosureFit, joint: int) -> str:
     return REACH(float(fit.q_rad[joint - 1])).with_unit
 
 
-def _alone(loop: LoopAtReading) -> dict[int, ClosureFit]:
-    """Joints that alone explain it, the likeliest first."""
-    explain = {j: f for j, f in _fits(loop, loop.joints).items() if _chance(f) >= EXPLAINS}
+def _joints_that_explain(loop: LoopAtReading) -> dict[int, ClosureFit]:
+    """Joints that alone explain the closure error, the likeliest first."""
+    explain = {
+        j: f
+        for j, f in _fits_without(loop, loop.joints).items()
+        if _probability(f) >= EXPLAINED_PROBABILITY
+    }
     return dict(sorted(explain.items(), key=lambda item: item[1].chi2))
 
 
-def _fits(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
-    """Close it without each of these joints' readings in turn."""
+def _fits_without(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
+    """Close the loop without the reading of each of these joints in turn."""
     return {j: loop.fit(j) for j in joints}
 
 
-def _chance(found: ClosureFit) -> float:
+def _probability(found: ClosureFit) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(found.dof, found.chi2)) if np.isfinite(found.chi2) else 0.0

@@ -1,8 +1,6 @@
-"""Is this still the arm, and still the fixture, that the journal's poses were taken on? Moves nothing.
+"""Resume checks before the drives are enabled: same nodes, no counter reset, loop closed by the poses so far.
 
-A session that goes on after a break asks before its drives are enabled: who the nodes are, whether a
-counter begins anew at zero, whether the loop closes where the arm stands. `return_check` is asked once it may move.
-Knows no bus and no screen; refuses in words.
+Moves nothing. `return_check` follows once the arm may move.
 """
 
 from __future__ import annotations
@@ -26,60 +24,62 @@ from operator_app.calibration.verification import (
     verify_poses,
 )
 from operator_app.config.procedure import Procedure
-from operator_app.errors import GuardError, StandingRefusedError
-from operator_app.session.safety.counter_reset import from_zero, where_near
+from operator_app.errors import ClosureRefusedError, GuardError
+from operator_app.session.safety.counter_reset import counters_near_zero, zero_position
 from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
-from operator_app.session.store.stored_calibration import StoredCalibration, recorded
+from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.units.figure import POSITION, SLIP_SIGMA
 from solver.arrays import FloatArray
 from solver.errors import SolverError
 from solver.estimators.implicit import estimate_implicit
 
-IMPROBABLE = 1e-4
-"""Chance of refusing an arm and a fixture that are the same."""
+FALSE_REFUSAL_PROBABILITY = 1e-4
+"""Probability of refusing an unchanged arm and fixture."""
 
-UNEXPECTED = 1e-6
-"""The same by the poses near it, curves of sensors known: of arms three times worse than stated none in 105."""
+INNOVATION_PROBABILITY = 1e-6
+"""The same for the innovation check by nearby poses: none of 105 arms three times worse than stated is refused."""
 
-WORSE = 4.0
-"""Times the worst chi2 of the session's own poses: where the model is wrong, theirs is large as well."""
+CHI2_RATIO_TO_WORST_POSE = 4.0
+"""Limit relative to the largest chi2 of the session's poses: a wrong model raises both."""
 
 SHIFT_RAD = float(np.deg2rad(2.0))
-"""A joint's shift that is to be seen before the arm moves farther than it takes to see it."""
+"""Shift of a joint that has to be detectable before the arm moves far."""
 
-CLEARLY = 2.0
-"""Times the chi2 that is refused, which a shift brings on average where it is said to be seen."""
+CHI2_RATIO_TO_LIMIT = 2.0
+"""A shift counts as detectable where its expected chi2 is this many times the limit."""
 
-NEAR_ENOUGH = 100.0
-"""Times as far from zero as a counter that has just begun anew: where something is wrong, it is that one.
+NEAR_ZERO_RATIO = 100.0
+"""Distance from zero, in units of a fresh counter reset, within which a joint is blamed for a closure error.
 
-A joint stands there in one of 300 places.
+By chance a joint is that close in one of 300 positions.
 """
 
-NOT_EXPLAINED = 1e-3
-"""Chance of what a joint's shift leaves, below which it is not named."""
+REMAINDER_PROBABILITY = 1e-3
+"""Probability of the chi2 remaining after a joint's shift, below which the joint is not named."""
 
-SURE = 100.0
-"""Times likelier than the fixture, a joint is named where nobody is asked to do anything about it first."""
+JOINT_ODDS = 100.0
+"""Likelihood ratio to the fixture above which a joint is named."""
 
-START_ANEW = "find out what was changed; poses before and after it do not belong together: start a new session"
+NEW_SESSION_REMEDY = (
+    "find out what has changed, then start a new session: poses before and after it do not match"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PoseReport:
-    """What the journal's poses say of where the arm stands.
+class ClosureResult:
+    """Result of a closure check at the present pose.
 
-    `told` is what was found, in a sentence; `probability` the chance of a pose that fits worse, None
-    where there are too few poses to say. Of `unseen` joints a shift of `SHIFT_RAD` might not show there.
+    `told` is the message; `probability` that of a larger chi2, None with too few poses. A shift of `SHIFT_RAD`
+    of one of the `unresolved_joints` would not show at this pose.
     """
 
     told: str
     probability: float | None
-    unseen: tuple[int, ...] = ()
+    unresolved_joints: tuple[int, ...] = ()
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Refuse an arm that does not say who it is, or is another than the session's.
+    """Refuse an arm without nodes, and another arm or other nodes than the session's.
 
     Raises
     ------
@@ -87,8 +87,8 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
     """
     if not identity.nodes:
         raise GuardError(
-            f"arm {identity.serial_number} has no nodes: nothing there can be moved or read",
-            "look at the bus and at the arm file, then connect again",
+            f"arm {identity.serial_number} has no nodes: it cannot be moved or read",
+            "check the bus and the arm file, then connect again",
         )
     known = state.serial_number
     if known and known != identity.serial_number:
@@ -107,23 +107,23 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
     ]
     if changed:
         raise GuardError(
-            f"{_together(changed)}: the zero of a joint goes with its drive and sensor",
-            "put the drive back that the poses were taken with, or start a new session",
+            f"{'; '.join(changed)}: another drive or sensor has another zero",
+            "install the drive that the poses were captured with, or start a new session",
         )
 
 
-def check_standing(
+def check_closure_by_poses(
     state: SessionState,
     procedure: Procedure,
     reading: Reading,
     endpoint: FloatArray | None = None,
-) -> PoseReport:
-    """Close the loop where the arm stands, by the poses of the journal; `endpoint` as measured there.
+) -> ClosureResult:
+    """Check the closure at the present pose by the poses so far; `endpoint` is measured there.
 
     Raises
     ------
     StandingRefusedError
-        It does not close there: something is another than it was.
+        The loop does not close: the arm or the fixture has changed.
     """
     from scipy.special import chdtrc, chdtri
 
@@ -137,8 +137,8 @@ def check_standing(
         utc="",
         endpoint=() if endpoint is None else tuple(endpoint.tolist()),
     )
-    arm, fixture = procedure.arm, placed(state, procedure)
-    near, unseen, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
+    arm, fixture = procedure.arm, fixture_in_place(state, procedure)
+    near, unresolved, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
     if fixture.holds_hand:
         near = innovation(
             arm,
@@ -148,14 +148,19 @@ def check_standing(
             unsensed_joints=procedure.unsensed_joints,
         )
     if near is not None:
-        limit = max(float(chdtri(near.dof, UNEXPECTED)), WORSE * near.usual)
-        unseen, unexpected = near.unseen(SHIFT_RAD, CLEARLY * limit), near.chi2 > limit
-    fixed = fixed_by_poses(state, procedure)
+        limit = max(
+            float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
+        )
+        unresolved, unexpected = (
+            near.unseen(SHIFT_RAD, CHI2_RATIO_TO_LIMIT * limit),
+            near.chi2 > limit,
+        )
+    fixed = parameters_from_poses(state, procedure)
     if fixed is None and not unexpected:
-        return PoseReport(
-            told="The poses so far are too few to tell whether the loop closes where the arm stands.",
+        return ClosureResult(
+            told="There are too few poses to check the closure at the present pose.",
             probability=None,
-            unseen=unseen,
+            unresolved_joints=unresolved,
         )
     closes, probability = True, 1.0
     if fixed is not None:
@@ -163,75 +168,77 @@ def check_standing(
         found = verify_poses(arm, fixture, poses, fixed).verification
         probability, closes = float(found.pose_probability[-1]), bool(found.closed[-1])
         worst = float(found.pose_chi2[:-1].max())
-        as_usual = probability >= IMPROBABLE or found.pose_chi2[-1] <= WORSE * worst
+        as_usual = (
+            probability >= FALSE_REFUSAL_PROBABILITY
+            or found.pose_chi2[-1] <= CHI2_RATIO_TO_WORST_POSE * worst
+        )
         if closes and as_usual and not unexpected:
-            return PoseReport(
-                told="The loop closes where the arm stands, by the poses so far.",
+            return ClosureResult(
+                told="The loop closes at the present pose, by the poses so far.",
                 probability=probability,
-                unseen=unseen,
+                unresolved_joints=unresolved,
             )
     if near is not None:
         probability = min(probability, float(chdtrc(near.dof, near.chi2)))
-    times = from_zero(arm, reading.mean_rad)
-    zeros = sorted(j for j, t in times.items() if t <= NEAR_ENOUGH)
+    times = counters_near_zero(arm, reading.mean_rad)
+    zeros = sorted(j for j, t in times.items() if t <= NEAR_ZERO_RATIO)
     if zeros:
-        raise StandingRefusedError(
-            f"the counter of joint {' and '.join(map(str, zeros))} stands {where_near(arm, reading.mean_rad, zeros)}, "
-            "and with it the loop does not close where the arm stands: it began anew, as after a loss of power",
-            f"home the joint; {START_ANEW}",
+        raise ClosureRefusedError(
+            f"the counter of joint {' and '.join(map(str, zeros))} is {zero_position(arm, reading.mean_rad, zeros)}, "
+            "and the loop does not close with this reading: the counter was reset, as after a loss of power",
+            f"home the joint; {NEW_SESSION_REMEDY}",
             probability=probability,
         )
-    off = "" if not closes else f" (chance {probability:.0e})"
+    off = "" if not closes else f" (probability {probability:.0e})"
     if not fixture.holds_hand:
-        raise StandingRefusedError(
-            f"the target is not seen where this session's {len(state.used_poses)} poses have it{off}: a "
-            "joint's zero, the target or the tracker is not what it was",
-            START_ANEW,
+        raise ClosureRefusedError(
+            f"the tracker measures the target elsewhere than this session's {len(state.used_poses)} poses "
+            f"predict{off}: a joint's zero, the target or the tracker has changed",
+            NEW_SESSION_REMEDY,
             probability=probability,
         )
-    raise StandingRefusedError(
-        f"the loop does not close where the arm stands, by this session's {len(state.used_poses)} "
-        f"poses{off}: {_what_shifted(near)}",
-        START_ANEW,
+    raise ClosureRefusedError(
+        f"the loop does not close at the present pose, by this session's {len(state.used_poses)} "
+        f"poses{off}: {_cause_text(near)}",
+        NEW_SESSION_REMEDY,
         probability=probability,
     )
 
 
-def _what_shifted(near: Innovation | None) -> str:
-    """Name the joint whose shift alone explains what is left of a reading."""
+def _cause_text(near: Innovation | None) -> str:
+    """Name the joint whose shift alone explains the closure error."""
     from scipy.special import chdtrc
 
     if near is not None and near.dof > 1:
         joint, shift = max(near.shifts.items(), key=lambda item: item[1].explains)
         others = max((s.explains for j, s in near.shifts.items() if j != joint), default=0.0)
-        alone = float(chdtrc(near.dof - 1, near.chi2 - shift.explains)) >= NOT_EXPLAINED
-        if alone and shift.explains - others > 2.0 * np.log(SURE):
+        alone = float(chdtrc(near.dof - 1, near.chi2 - shift.explains)) >= REMAINDER_PROBABILITY
+        if alone and shift.explains - others > 2.0 * np.log(JOINT_ODDS):
             return (
-                f"joint {joint} reads as if it had shifted by {POSITION(shift.size_rad).with_unit} (sigma "
+                f"joint {joint} seems to have shifted by {POSITION(shift.size_rad).with_unit} (sigma "
                 f"{SLIP_SIGMA(shift.sigma_rad).with_unit})"
             )
-    return "a joint's zero or the fixture is not what it was"
+    return "a joint's zero or the fixture has changed"
 
 
-def placed(state: SessionState, procedure: Procedure) -> Fixture:
-    """The fixture from whose nominal places `fixed_by_poses` counts."""
-    known = recorded(state)
+def fixture_in_place(state: SessionState, procedure: Procedure) -> Fixture:
+    """The fixture whose nominal placement `parameters_from_poses` refers to."""
+    known = journal_calibration(state)
     fixture = procedure.fixture.fixture
     if isinstance(known, StoredCalibration):
         return with_calibrated_places(fixture, known.solution.model)
     return with_registered_instrument(procedure.arm, fixture, state.pose_set())
 
 
-def fixed_by_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
-    """Return the parameters that the poses so far give; None where they do not give any yet.
+def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
+    """Return the parameters determined by the poses so far; None with too few poses.
 
-    A calibration of these poses where there is one, else a quick fit by what the files state: what it
-    is for is a change of degrees and millimetres.
+    The recorded calibration if there is one, else a quick fit: it has to detect degrees and millimetres.
     """
-    known = recorded(state)
+    known = journal_calibration(state)
     if isinstance(known, StoredCalibration):
         return fixed_calibration(known.solution)
-    arm, fixture = procedure.arm, placed(state, procedure)
+    arm, fixture = procedure.arm, fixture_in_place(state, procedure)
     poses, unsensed = state.pose_set(), procedure.unsensed_joints
     try:
         model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
@@ -249,7 +256,3 @@ def fixed_by_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
         return None
     values = {p.name: float(v) for p, v in zip(found.parameters, found.x, strict=True)}
     return replace(nothing, values=values, covariance=found.covariance)
-
-
-def _together(facts: list[str]) -> str:
-    return "; ".join(facts)

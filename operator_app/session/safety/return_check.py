@@ -1,4 +1,4 @@
-"""Does an old pose, read again, read as it did? What has shifted in between, named with its size. Moves nothing."""
+"""Compares a repeated pose with its first reading: names what has shifted in between, and by how much."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError
 from operator_app.session.safety.resume_checks import (
-    IMPROBABLE,
-    START_ANEW,
-    SURE,
-    fixed_by_poses,
-    placed,
+    FALSE_REFUSAL_PROBABILITY,
+    JOINT_ODDS,
+    NEW_SESSION_REMEDY,
+    fixture_in_place,
+    parameters_from_poses,
 )
 from operator_app.session.store.state import SessionState
 from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
@@ -22,82 +22,82 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
-REMOUNTED_M, REMOUNTED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""More than a slender fixture bends (paper, section 4); less may be that, and the verdict tells."""
+FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
+"""More than the compliance of a slender fixture (paper, section 4); smaller changes are left to the verdict."""
 
 
-def check_return(state: SessionState, procedure: Procedure) -> str:
-    """Compare the last reading of an old pose with the first one; what there is to say of it.
+def check_repeat(state: SessionState, procedure: Procedure) -> str:
+    """Compare the last repeated pose with its first reading; return a message, "" for agreement.
 
     Raises
     ------
     GuardError
-        Something slipped in between: named with its size.
+        A joint, the fixture, the target or the tracker has shifted in between.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
-        return _check_seen_again(state, procedure)
-    found = _reread(state, procedure)
+        return _check_target_again(state, procedure)
+    found = _significant_repeat(state, procedure)
     if found is None:
         return ""
-    pose = state.returns[-1].first.number
+    pose = state.repeats[-1].first.number
     if found.joint_odds > 1.0:
         raise GuardError(
-            f"pose {pose} does not read as it did: joint {found.joint} has shifted by "
+            f"pose {pose} differs from its first reading: joint {found.joint} has shifted by "
             f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit})",
-            f"look at the coupling and the counter of joint {found.joint}; {START_ANEW}",
+            f"check the coupling and the counter of joint {found.joint}; {NEW_SESSION_REMEDY}",
         )
-    if found.shifted_m > REMOUNTED_M or found.turned_rad > REMOUNTED_RAD:
+    if found.shifted_m > FIXTURE_MOVED_M or found.turned_rad > FIXTURE_TURNED_RAD:
         raise GuardError(
-            f"pose {pose} does not read as it did: the fixture has moved by about "
+            f"pose {pose} differs from its first reading: the fixture has moved by about "
             f"{SHIFTED(found.shifted_m).with_unit} and {TURNED(found.turned_rad).with_unit}",
-            START_ANEW,
+            NEW_SESSION_REMEDY,
         )
-    return _bent(pose, found)
+    return _fixture_moved_text(pose, found)
 
 
-def return_words(state: SessionState, procedure: Procedure) -> str:
-    """What the last reading of an old pose says, where nothing was interrupted; "" where it reads as it did.
+def repeat_text(state: SessionState, procedure: Procedure) -> str:
+    """Return the message about the last repeated pose of an uninterrupted capture; "" for agreement.
 
-    Nothing is refused for it: all poses are taken by then, and the verdict judges them by both readings.
+    Refuses nothing: all poses are captured, and the diagnosis of the calibration uses both readings.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
         try:
-            return _check_seen_again(state, procedure)
+            return _check_target_again(state, procedure)
         except GuardError as error:
-            return f"{error.happened[0].upper()}{error.happened[1:]}. The calibration will be judged by it."
-    found = _reread(state, procedure)
+            return f"{error.happened[0].upper()}{error.happened[1:]}. The diagnosis of the calibration uses this."
+    found = _significant_repeat(state, procedure)
     if found is None:
         return ""
-    pose = state.returns[-1].first.number
-    if found.joint_odds < SURE:
-        return _bent(pose, found)
+    pose = state.repeats[-1].first.number
+    if found.joint_odds < JOINT_ODDS:
+        return _fixture_moved_text(pose, found)
     return (
-        f"Pose {pose} does not read as it did: joint {found.joint} has shifted by "
-        f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) since, and poses "
-        "before and after that do not belong together. The calibration will be judged by it: look at the coupling "
-        f"and the counter of joint {found.joint}, and start a new session."
+        f"Pose {pose} differs from its first reading: joint {found.joint} has shifted by "
+        f"{POSITION(found.size_rad).with_unit} (sigma {SLIP_SIGMA(found.sigma_rad).with_unit}) in between, and poses "
+        "before and after the shift do not fit together. Check the coupling and the counter of joint "
+        f"{found.joint}, and start a new session."
     )
 
 
-def _bent(pose: int, found: Repeat) -> str:
-    """Say that a fixture gives, or was moved by a little."""
+def _fixture_moved_text(pose: int, found: Repeat) -> str:
+    """Return the message about a fixture that has moved by a little."""
     return (
-        f"Pose {pose} does not read as it did, as if the fixture had moved by about "
-        f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or gives more than its file states. The "
-        "calibration will be judged by it."
+        f"Pose {pose} differs from its first reading, as if the fixture had moved by about "
+        f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "
+        "diagnosis of the calibration uses this."
     )
 
 
-def _reread(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """What the last return says, where that is more than noise, play and the fixture's give."""
+def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
+    """Return the last repeat if it differs by more than noise, backlash and the fixture's compliance."""
     from scipy.special import chdtri
 
-    last = state.returns[-1]
+    last = state.repeats[-1]
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
-    fixed = fixed_by_poses(state, procedure)
+    fixed = parameters_from_poses(state, procedure)
     values = {} if fixed is None else fixed.values
     x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
     found = compare_readings(
@@ -110,20 +110,20 @@ def _reread(state: SessionState, procedure: Procedure) -> Repeat | None:
         samples_again=last.again.samples,
         compliance=fixture.compliance,
     )
-    if found.chi2 <= float(chdtri(found.dof, IMPROBABLE)):
+    if found.chi2 <= float(chdtri(found.dof, FALSE_REFUSAL_PROBABILITY)):
         return None
     return found
 
 
-def _check_seen_again(state: SessionState, procedure: Procedure) -> str:
-    """Compare where the target is seen with where the joints have it, then and now.
+def _check_target_again(state: SessionState, procedure: Procedure) -> str:
+    """Compare the measured target with the one predicted from the joints, at both readings.
 
-    What the arm's parameters are off by is the same both times.
+    Errors of the arm's parameters are the same in both and cancel.
     """
     from scipy.special import chdtri
 
-    last, arm = state.returns[-1], procedure.arm
-    fixture, pair = placed(state, procedure), (last.first, last.again)
+    last, arm = state.repeats[-1], procedure.arm
+    fixture, pair = fixture_in_place(state, procedure), (last.first, last.again)
     if not isinstance(fixture, Measured) or not all(p.endpoint for p in pair):
         return ""
     full = fixture.full_pose
@@ -138,19 +138,19 @@ def _check_seen_again(state: SessionState, procedure: Procedure) -> str:
     J = error.jac_q[0]
     covariance = (J * joints) @ J.T + 2.0 * np.diag(fixture.endpoint_variance()[-len(change) :])
     chi2 = float(change @ np.linalg.solve(covariance, change))
-    if chi2 <= float(chdtri(len(change), IMPROBABLE)):
+    if chi2 <= float(chdtri(len(change), FALSE_REFUSAL_PROBABILITY)):
         return ""
     shifted = SHIFTED(float(np.linalg.norm(change[-3:]))).with_unit
     turned = TURNED(float(np.linalg.norm(change[:-3]))).with_unit if full else ""
     raise GuardError(
-        f"at pose {last.first.number} the target is not seen where it was: it, or the tracker, has moved by "
+        f"at pose {last.first.number} the target, or the tracker, has moved by "
         f"about {' and '.join(filter(None, (shifted, turned)))}",
-        START_ANEW,
+        NEW_SESSION_REMEDY,
     )
 
 
 def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Variance (n,) of the mean of so many readings, play included, rad^2."""
+    """Variance (n,) of the mean of this many readings, with backlash, rad^2."""
     return np.array(
         [
             0.0

@@ -1,8 +1,4 @@
-"""What a sensor did that it should not: kept in the journal, and poses that it may have read wrong do not count.
-
-Which poses those are follows from the journal and from where the arm stands; nothing here moves it.
-Knows no bus and no screen.
-"""
+"""Sensor faults: recorded in the journal, and the poses they may have affected are excluded. Moves nothing."""
 
 from __future__ import annotations
 
@@ -24,91 +20,91 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor, Rvdt
 
 TURNED_RAD = float(np.deg2rad(2.0))
-"""What a joint that stands still must have turned by, if the others are right."""
+"""Smallest turn, computed from the other joints, that shows a constant reading to be a stuck sensor."""
 
 
 class SensorFaults:
-    """The sensor faults of one arm, for as long as a session has it.
+    """Sensor faults of the arm of a session.
 
     Attributes
     ----------
     read_until
-        SYNC up to which the last pose was read, -1 before there is one: what began before it spoils that pose.
+        SYNC at the end of the last capture, -1 before the first one: a fault that began earlier affects that pose.
     """
 
     def __init__(self, logbook: Logbook, arm: Arm) -> None:
         self._logbook, self._arm = logbook, arm
-        self._kept: tuple[str, int | None] = ("", None)
+        self._recorded: tuple[str, int | None] = ("", None)
         self.read_until = -1
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Keep what a sensor does meanwhile, leave out the poses it read wrong, and raise it."""
+    def recorded(self) -> Iterator[None]:
+        """Context: record a sensor fault raised in it, exclude the affected poses, and re-raise."""
         try:
             yield
         except SensorFault as fault:
-            # Whoever asks again while it lasts is told the same.
-            if fault.since_sync is None or (str(fault), fault.since_sync) != self._kept:
-                self._kept = str(fault), fault.since_sync
+            # A fault that persists is raised again by every call: record it once.
+            if fault.since_sync is None or (str(fault), fault.since_sync) != self._recorded:
+                self._recorded = str(fault), fault.since_sync
                 self._logbook.record("sensor_fault", {"joint": fault.joint, "text": str(fault)})
-                self._leave_out(self._read_wrong(fault), fault.joint)
+                self._exclude(self._affected_poses(fault), fault.joint)
             raise
         except DriveFault as fault:
             if fault.code == EmergencyCode.FOLLOWING:
-                self._leave_out(self._stood_still(fault.joint), fault.joint)
+                self._exclude(self._poses_with_present_reading(fault.joint), fault.joint)
             raise
 
-    def heed(self) -> None:
-        """Keep, and raise, what the arm was stopped for by itself while nothing was asked of it."""
+    def record_stop_cause(self) -> None:
+        """Record and raise the fault for which the arm stopped by itself while idle."""
         if self._arm.snapshot().stopped_for:
-            with self.kept():
+            with self.recorded():
                 self._arm.capture(1)
 
-    def require_moving(self, reading: Reading) -> None:
-        """Refuse a reading in which a joint stands still, though the others say that it turned."""
-        with self.kept():
-            require_moving(self._logbook.state, self._logbook.procedure, reading)
+    def require_no_stuck_sensor(self, reading: Reading) -> None:
+        """Refuse a reading with a stuck sensor."""
+        with self.recorded():
+            require_no_stuck_sensor(self._logbook.state, self._logbook.procedure, reading)
 
-    def _leave_out(self, numbers: tuple[int, ...], joint: int) -> None:
+    def _exclude(self, numbers: tuple[int, ...], joint: int) -> None:
         for number in numbers:
-            self._logbook.exclude(number, f"joint {joint} read wrong by then")
+            self._logbook.exclude(number, f"joint {joint} read wrong at that time")
 
-    def _read_wrong(self, fault: SensorFault) -> tuple[int, ...]:
-        """Numbers of the poses that do not count for what a sensor did."""
+    def _affected_poses(self, fault: SensorFault) -> tuple[int, ...]:
+        """Numbers of the poses affected by a sensor fault."""
         state = self._logbook.state
         if fault.stuck:
-            return read_alike(state, self._logbook.model, fault.joint)
+            return poses_with_same_reading(state, self._logbook.model, fault.joint)
         if isinstance(fault, DriveDiverged) and (
-            indistinguishable_placements := self._stood_still(fault.joint)
+            alike := self._poses_with_present_reading(fault.joint)
         ):
-            return indistinguishable_placements
+            return alike
         if fault.since_sync is None or fault.since_sync > self.read_until:
             return ()
         return tuple(pose.number for pose in state.poses[-1:])
 
-    def _stood_still(self, joint: int) -> tuple[int, ...]:
-        """Numbers of the poses in which a joint that did not go where it was led reads what it reads now.
+    def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
+        """Numbers of the last poses in which a joint that did not follow reads what it reads now.
 
-        Its sensor may have stood still before the last of them, and the joint gone on.
+        Its sensor may have been stuck during them while the joint moved.
         """
         state, model = self._logbook.state, self._logbook.model
         if not state.poses_here:
             return ()
         last = state.poses_here[-1].mean_rad[joint - 1]
         here = self._arm.snapshot().positions_rad[joint - 1]
-        indistinguishable_placements = abs(here - last) <= _resolution_rad(model, joint)
-        return read_alike(state, model, joint) if indistinguishable_placements else ()
+        alike = abs(here - last) <= _resolution_rad(model, joint)
+        return poses_with_same_reading(state, model, joint) if alike else ()
 
 
-def require_moving(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Refuse a reading in which a joint stands still to the count, though the others say that it turned.
+def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
+    """Refuse a reading in which a joint reads the same count as at the last pose, although it must have turned.
 
     Raises
     ------
     SensorFault
     """
     if not state.poses_here or not procedure.fixture.fixture.holds_hand:
-        # Where every joint is driven, its drive sees that it does not move.
+        # On an open arm every joint is driven, and its drive detects a stuck sensor.
         return
     last, arm = state.poses_here[-1], procedure.arm
     moved = reading.mean_rad - last.mean_rad
@@ -122,15 +118,15 @@ def require_moving(state: SessionState, procedure: Procedure, reading: Reading) 
         joint, turn = found
         raise SensorFault(
             joint,
-            f"reads as it did at pose {last.number}, to the count, but the others moved as if it had "
-            f"turned by about {WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. No pose counts that "
-            f"reads so. Mend the sensor, or calibrate without it: --unsensed {joint}",
+            f"reads the same count as at pose {last.number}, but by the other joints it has turned by about "
+            f"{WHOLE_DEGREES(abs(turn)).with_unit}: its sensor is stuck. Poses with this reading are excluded. "
+            f"Repair the sensor, or calibrate without it: --unsensed {joint}",
             stuck=True,
         )
 
 
-def read_alike(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Numbers of the poses just before, in which a joint reads to the count what it reads in the last one."""
+def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
+    """Numbers of the last poses in which a joint reads the same count as in the last one."""
     near = _resolution_rad(arm, joint)
     here = state.poses_here
     indistinguishable_placements = []
@@ -146,7 +142,7 @@ def _stands_still(arm: ArmModel, joint: int, moved: FloatArray, reading: Reading
     if isinstance(sensor, NoSensor):
         return False
     if isinstance(sensor, Rvdt) and sensor.noise_lsb > 0.0:
-        # A converter that is alive is never quite still.
+        # A working converter has noise.
         return bool(
             reading.sd_rad[joint - 1] == 0.0 and abs(moved[joint - 1]) < sensor.resolution_rad
         )

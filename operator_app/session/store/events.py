@@ -1,7 +1,7 @@
-"""What the events of a journal may say: every key that is read from one is looked at here first.
+"""Checks the data of journal events: keys, types and limits. Returns the first problem as text.
 
-A line can be whole to the last bit and still say what no session can mean: written by another version,
-or by hand. Returns words about the first thing that is wrong, and where. Knows no file and no arm.
+A line with a valid checksum can still hold data that no session can use: written by another version of the
+program, or by hand.
 """
 
 from __future__ import annotations
@@ -15,38 +15,41 @@ from typing import Any
 from hardware.virtual import SCENARIOS
 
 Check = Callable[[Any, int | None], str]
-"""Given a value and the number of joints (None while no event has told it): what is wrong, or ""."""
+"""From a value and the number of joints (None: not known yet) to the problem with the value ("" for none)."""
 
-MOST = 2**53
-"""Whole numbers beyond are none that a double, or an array, can hold."""
-LARGEST_RAD = 20.0 * math.pi
-"""As in a poses file: sensor angles may exceed a turn, but not ten."""
-MOST_JOINTS = 100
+MAX_INTEGER = 2**53
+"""Larger integers have no exact double."""
+MAX_ANGLE_RAD = 20.0 * math.pi
+"""As in a poses file: sensor angles may exceed one turn, not ten."""
+MAX_JOINTS = 100
 UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 
 
-def problem_of(name: str, data: Mapping[str, Any], utc: str, joints: int | None) -> tuple[str, str]:
-    """Return the key that is wrong in an event, and what is wrong with it; both empty when nothing is."""
+def event_problem(
+    name: str, data: Mapping[str, Any], utc: str, joints: int | None
+) -> tuple[str, str]:
+    """Return the first invalid key of an event and the problem with it; two empty strings for a valid event."""
     if not _is_time(utc):
-        return "utc", f"{_shown(utc)} is no time such as 2026-01-31T12:00:00.000Z"
-    for key, check in EVENTS.get(name, {}).items():
-        wanted = key.rstrip("?")
-        if wanted not in data:
-            if key == wanted:
-                return wanted, "is missing"
-            continue
-        problem = check(data[wanted], joints)
-        if problem:
-            return wanted, problem
+        return "utc", f"{_quoted(utc)} is not a time such as 2026-01-31T12:00:00.000Z"
+    return _first_problem(EVENTS.get(name, {}), data, joints)
+
+
+def joint_count_in(name: str, data: Mapping[str, Any]) -> int | None:
+    """Return the number of joints in a valid event; None if it holds no value for each joint."""
+    return next((len(data[k]) for k in EVENTS.get(name, {}) if k in PER_JOINT and k in data), None)
+
+
+def _first_problem(
+    checks: Mapping[str, Check], data: Mapping[str, Any], joints: int | None
+) -> tuple[str, str]:
+    for key, check in checks.items():
+        name = key.removesuffix("?")
+        if name in data:
+            if problem := check(data[name], joints):
+                return name, problem
+        elif key == name:
+            return name, "is missing"
     return "", ""
-
-
-def joints_told(name: str, data: Mapping[str, Any]) -> int | None:
-    """Return how many joints an event that was checked speaks of; None where it says nothing of it."""
-    for key in EVENTS.get(name, {}):
-        if key in OF_EVERY_JOINT and key in data:
-            return len(data[key])
-    return None
 
 
 def _is_time(utc: str) -> bool:
@@ -56,151 +59,151 @@ def _is_time(utc: str) -> bool:
         return False
 
 
-# -- what a value may be -------------------------------------------------------------------------
+# -- checks of one value -------------------------------------------------------------------------
 
 
-def whole(least: int, most: int = MOST) -> Check:
-    """Accept a whole number from `least` to `most`."""
+def integer(least: int, most: int = MAX_INTEGER) -> Check:
+    """Accept an integer from `least` to `most`."""
 
     def check(value: Any, _: int | None) -> str:
         if type(value) is not int:
-            return f"must be a whole number, not {_shown(value)}"
-        return "" if least <= value <= most else f"{_shown(value)} is not {least} or more"
+            return f"must be a whole number, not {_quoted(value)}"
+        return _outside(value, least, most)
 
     return check
 
 
 def number(least: float = -1e300, most: float = 1e300) -> Check:
-    """Accept a number within bounds."""
+    """Accept a number from `least` to `most`."""
 
     def check(value: Any, _: int | None) -> str:
         if type(value) not in (int, float):
-            return f"must be a number, not {_shown(value)}"
-        return "" if least <= value <= most else f"{_shown(value)} is not a number that can be"
+            return f"must be a number, not {_quoted(value)}"
+        return _outside(value, least, most)
 
     return check
 
 
 def text(value: Any, _: int | None) -> str:
     """Accept text."""
-    return "" if isinstance(value, str) else f"must be text, not {_shown(value)}"
+    return "" if isinstance(value, str) else f"must be text, not {_quoted(value)}"
 
 
-def yes_or_no(value: Any, _: int | None) -> str:
+def boolean(value: Any, _: int | None) -> str:
     """Accept true or false."""
-    return "" if isinstance(value, bool) else f"must be true or false, not {_shown(value)}"
+    return "" if isinstance(value, bool) else f"must be true or false, not {_quoted(value)}"
 
 
-def joint(value: Any, joints: int | None) -> str:
-    """Accept the number of a joint."""
-    most = joints or MOST_JOINTS
-    problem = whole(1)(value, joints)
-    return problem or ("" if value <= most else f"there is no joint {_shown(value)}, of {most}")
+def joint_number(value: Any, joints: int | None) -> str:
+    """Accept the number of a joint, from 1."""
+    most = joints or MAX_JOINTS
+    problem = integer(1)(value, joints)
+    return problem or ("" if value <= most else f"there is no joint {_quoted(value)}, of {most}")
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Accept the number of a joint as JSON has it for a key."""
+    """Accept the number of a joint as the text that JSON has for a key."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
-    return joint(int(value), joints) if known else f"{_shown(value)} is no joint"
+    return joint_number(int(value), joints) if known else f"{_quoted(value)} is no joint"
 
 
-def one_of(*words: str) -> Check:
-    """Accept one of these words."""
+def one_of(*options: str) -> Check:
+    """Accept one of these texts."""
 
     def check(value: Any, _: int | None) -> str:
-        if isinstance(value, str) and value in words:
+        if isinstance(value, str) and value in options:
             return ""
-        return f"{_shown(value)} is none of {', '.join(words)}"
+        return f"{_quoted(value)} is none of {', '.join(options)}"
 
     return check
 
 
-def nothing_or(other: Check) -> Check:
-    """Accept null, or what `other` accepts."""
+def nullable(other: Check) -> Check:
+    """Accept null and what `other` accepts."""
     return lambda value, joints: "" if value is None else other(value, joints)
 
 
-def many(item: Check) -> Check:
+def list_of(item: Check) -> Check:
     """Accept a list of such items."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, list):
-            return f"must be a list, not {_shown(value)}"
+            return f"must be a list, not {_quoted(value)}"
         found = (f"item {k}: {p}" for k, v in enumerate(value, 1) if (p := item(v, joints)))
         return next(found, "")
 
     return check
 
 
-def of_joints(item: Check) -> Check:
-    """Accept a list of one such item a joint."""
+def per_joint(item: Check) -> Check:
+    """Accept a list with one such item for each joint."""
 
     def check(value: Any, joints: int | None) -> str:
-        problem = many(item)(value, joints)
+        problem = list_of(item)(value, joints)
         if problem:
             return problem
         if joints is not None and len(value) != joints:
-            return f"has {len(value)} items, one for each of {joints} joints is wanted"
-        return "" if 1 <= len(value) <= MOST_JOINTS else f"has {len(value)} items"
+            return f"has {len(value)} items, {joints} joints need {joints}"
+        return "" if 1 <= len(value) <= MAX_JOINTS else f"has {len(value)} items"
 
     return check
 
 
-def measured(value: Any, joints: int | None) -> str:
-    """Accept a measured endpoint: a point, or a point and how it is turned."""
-    problem = many(ANGLE)(value, joints)
-    return problem or ("" if len(value) in (3, 6) else f"has {len(value)} items, 3 or 6 are wanted")
+def endpoint(value: Any, joints: int | None) -> str:
+    """Accept a measured endpoint: position (3 items) or position and rotation vector (6)."""
+    problem = list_of(ANGLE)(value, joints)
+    return problem or ("" if len(value) in (3, 6) else f"has {len(value)} items instead of 3 or 6")
 
 
-def keyed(key: Check, item: Check) -> Check:
-    """Accept an object of such keys and values."""
+def mapping_of(key: Check, item: Check) -> Check:
+    """Accept an object with such keys and values."""
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):
-            return f"must be an object, not {_shown(value)}"
+            return f"must be an object, not {_quoted(value)}"
         for name, found in value.items():
             problem = key(name, joints) or item(found, joints)
             if problem:
-                return f"{_shown(name)}: {problem}"
+                return f"{_quoted(name)}: {problem}"
         return ""
 
     return check
 
 
-def fields(**known: Check) -> Check:
-    """Accept an object with these keys, and any others; a name that ends in ``_0`` may be missing."""
+def object_with(**checks: Check) -> Check:
+    """Accept an object with these keys and any others; a name that ends in ``_0`` is optional."""
+    checks = {f"{k.removesuffix('_0')}{'?' * k.endswith('_0')}": v for k, v in checks.items()}
 
     def check(value: Any, joints: int | None) -> str:
         if not isinstance(value, dict):
-            return f"must be an object, not {_shown(value)}"
-        for name, item in known.items():
-            wanted = name.removesuffix("_0")
-            if wanted not in value:
-                if wanted == name:
-                    return f"{wanted} is missing"
-                continue
-            problem = item(value[wanted], joints)
-            if problem:
-                return f"{wanted}: {problem}"
-        return ""
+            return f"must be an object, not {_quoted(value)}"
+        key, problem = _first_problem(checks, value, joints)
+        return f"{key} {problem}" if problem else ""
 
     return check
 
 
 def anything(_: Any, __: int | None) -> str:
-    """Accept what nobody reads."""
+    """Accept any value: the program does not read it."""
     return ""
 
 
-def _shown(value: Any) -> str:
-    """Return a value as part of a sentence, in a few words."""
+def _outside(value: float, least: float, most: float) -> str:
+    if value < least:
+        return f"{_quoted(value)} is less than {least:g}"
+    # A number that is not one (NaN) is in no range either.
+    return "" if value <= most else f"{_quoted(value)} is more than {most:g}"
+
+
+def _quoted(value: Any) -> str:
+    """Return a value for a message, shortened to 40 characters."""
     match value:
         case None:
             return "null"
         case bool():
             return "true" if value else "false"
-        case int() if abs(value) > MOST:
-            return "a number of too many digits"
+        case int() if abs(value) > MAX_INTEGER:
+            return "a number with too many digits"
         case int() | float():
             return f"{value}"
         case str():
@@ -213,130 +216,134 @@ def _shown(value: Any) -> str:
 
 # -- the events ----------------------------------------------------------------------------------
 
-ANGLE = number(-LARGEST_RAD, LARGEST_RAD)
-ANGLES = of_joints(ANGLE)
-SPREADS = of_joints(number(0.0, LARGEST_RAD))
-COUNT = whole(1)
-JOINTS = many(joint)
+ANGLE = number(-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
+ANGLES = per_joint(ANGLE)
+DEVIATIONS = per_joint(number(0.0, MAX_ANGLE_RAD))
+COUNT = integer(1)
+JOINTS = list_of(joint_number)
 SECONDS = number(0.0)
-OBJECT = keyed(text, anything)
+OBJECT = mapping_of(text, anything)
 
-SETTINGS = fields(
-    poses_0=nothing_or(COUNT),
-    plan_0=nothing_or(one_of("explore", "planned")),
-    estimator_0=nothing_or(one_of("implicit", "paper")),
-    unsensed_joints_0=nothing_or(JOINTS),
-    length_tolerance_m_0=nothing_or(number(0.0, 10.0)),
-    upload_0=nothing_or(yes_or_no),
-    interface_0=nothing_or(text),
-    channel_0=nothing_or(text),
-    bitrate_0=nothing_or(COUNT),
-    profile_0=nothing_or(text),
-    scenario_0=nothing_or(one_of(*SCENARIOS)),
-    seed_0=nothing_or(whole(0)),
-    tracker_0=nothing_or(text),
-    operator_0=nothing_or(text),
-    placements_0=nothing_or(COUNT),
+SETTINGS = object_with(
+    poses_0=nullable(COUNT),
+    plan_0=nullable(one_of("explore", "planned")),
+    estimator_0=nullable(one_of("implicit", "paper")),
+    unsensed_joints_0=nullable(JOINTS),
+    length_tolerance_m_0=nullable(number(0.0, 10.0)),
+    upload_0=nullable(boolean),
+    interface_0=nullable(text),
+    channel_0=nullable(text),
+    bitrate_0=nullable(COUNT),
+    profile_0=nullable(text),
+    scenario_0=nullable(one_of(*SCENARIOS)),
+    seed_0=nullable(integer(0)),
+    tracker_0=nullable(text),
+    operator_0=nullable(text),
+    placements_0=nullable(COUNT),
     verifies_0=text,
-    drop_unidentifiable_0=nothing_or(yes_or_no),
+    drop_unidentifiable_0=nullable(boolean),
 )
-NODE = fields(node=whole(0, 127), serial_number=whole(0), device_name_0=text)
-RECEIPT = fields(slot=text, length=whole(0), sha256=text)
-WEAK = fields(name=text, sigma=nothing_or(number(0.0)), requested=number(0.0))
+NODE = object_with(node=integer(0, 127), serial_number=integer(0), device_name_0=text)
+RECEIPT = object_with(slot=text, length=integer(0), sha256=text)
+WEAK = object_with(name=text, sigma=nullable(number(0.0)), requested=number(0.0))
 
-OF_EVERY_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
+PER_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
 
 EVENTS: Mapping[str, Mapping[str, Check]] = {
-    "opened": {"sources": keyed(text, text), "settings": SETTINGS, "after?": text},
+    "opened": {"sources": mapping_of(text, text), "settings": SETTINGS, "after?": text},
     "resumed": {"settings": SETTINGS},
     "imported": {"file": text, "serial_number": text},
     "connected": {
         "serial_number": text,
         "model?": text,
-        "nodes?": many(NODE),
-        "configured?": many(text),
+        "nodes?": list_of(NODE),
+        "configured?": list_of(text),
     },
-    "reset": {"joints?": JOINTS, "code?": whole(0)},
-    "sensor_fault": {"joint": joint, "text": text},
+    "reset": {"joints?": JOINTS, "code?": integer(0)},
+    "sensor_fault": {"joint": joint_number, "text": text},
     "late": {"times": COUNT, "last_s": SECONDS, "longest_s": SECONDS},
-    "return_holds": {"of?": whole(0)},
+    "return_holds": {"of?": integer(0)},
     "standing": {
         "told?": text,
-        "probability?": nothing_or(number(0.0, 1.0)),
-        "refused?": yes_or_no,
+        "probability?": nullable(number(0.0, 1.0)),
+        "refused?": boolean,
     },
     "control": {"start_rad": ANGLES, "home_rad?": ANGLES},
-    "modes": {"modes": of_joints(one_of("position", "free"))},
-    "remounting": {"placement": whole(2)},
-    "remounted": {"placement": whole(2)},
+    "modes": {"modes": per_joint(one_of("position", "free"))},
+    "remounting": {"placement": integer(2)},
+    "remounted": {"placement": integer(2)},
     "went_home": {"joints": JOINTS, "q_rad": ANGLES, "stopped?": text},
-    "waypoint_skipped": {"waypoint": whole(0), "reason?": text},
+    "waypoint_skipped": {"waypoint": integer(0), "reason?": text},
     "pose": {
         "number": COUNT,
-        "waypoint": whole(-1),
+        "waypoint": integer(-1),
         "mean_rad": ANGLES,
-        "sd_rad": SPREADS,
+        "sd_rad": DEVIATIONS,
         "samples": COUNT,
         "note?": text,
-        "planned?": yes_or_no,
-        "first_sync?": whole(0),
+        "planned?": boolean,
+        "first_sync?": integer(0),
         "placement?": COUNT,
-        "endpoint?": measured,
+        "endpoint?": endpoint,
         "taken_utc?": text,
     },
     "reading": {
         "number": COUNT,
         "kind": text,
         "mean_rad": ANGLES,
-        "sd_rad": SPREADS,
+        "sd_rad": DEVIATIONS,
         "samples": COUNT,
-        "of?": whole(0),
+        "of?": integer(0),
         "placement?": COUNT,
-        "endpoint?": measured,
+        "endpoint?": endpoint,
     },
     "pose_undone": {"number": COUNT},
     "pose_restored": {"number": COUNT},
     "pose_excluded": {"number": COUNT, "text": text},
     "pose_included": {"number": COUNT},
     "pose_noted": {"number": COUNT, "text": text},
-    "drives_chosen": {"drives": JOINTS, "sets": many(JOINTS)},
+    "drives_chosen": {"drives": JOINTS, "sets": list_of(JOINTS)},
     "campaign": {
-        "poses": whole(0),
-        "requested": keyed(text, number(0.0)),
+        "poses": integer(0),
+        "requested": mapping_of(text, number(0.0)),
         "unsensed_joints": JOINTS,
         "samples": COUNT,
-        "seed": whole(0),
+        "seed": integer(0),
         "candidates": COUNT,
-        "drive_sets": many(JOINTS),
+        "drive_sets": list_of(JOINTS),
         "start_rad": ANGLES,
         "at_rad": ANGLES,
-        "captured": many(COUNT),
+        "captured": list_of(COUNT),
     },
-    "campaign_move": {"targets_rad": keyed(joint_key, ANGLE), "q_rad": ANGLES, "stopped?": text},
+    "campaign_move": {
+        "targets_rad": mapping_of(joint_key, ANGLE),
+        "q_rad": ANGLES,
+        "stopped?": text,
+    },
     "campaign_drives": {"drives": JOINTS, "q_rad": ANGLES},
-    "campaign_ended": {"complete": yes_or_no, "text": text, "weak": many(WEAK)},
+    "campaign_ended": {"complete": boolean, "text": text, "weak": list_of(WEAK)},
     "solved": {
         "estimator?": one_of("implicit", "paper"),
         "unsensed_joints?": JOINTS,
-        "length_tolerance_m?": nothing_or(number(0.0, 10.0)),
-        "poses?": many(COUNT),
-        "rereads?": whole(0),
-        "parameters?": keyed(text, number()),
+        "length_tolerance_m?": nullable(number(0.0, 10.0)),
+        "poses?": list_of(COUNT),
+        "rereads?": integer(0),
+        "parameters?": mapping_of(text, number()),
         "scaled_condition_number?": number(),
-        "accepted": yes_or_no,
+        "accepted": boolean,
         "record?": OBJECT,
-        "made_with?": keyed(text, text),
+        "made_with?": mapping_of(text, text),
     },
     "checked": {"record": OBJECT},
     "exported": {
         "file": text,
-        "uploaded": nothing_or(RECEIPT),
+        "uploaded": nullable(RECEIPT),
         "sha256?": text,
         "forced?": text,
         "unknown?": text,
     },
-    "return_missed": {"of?": whole(0), "reason?": text},
-    "repaired": {"lost": many(whole(1)), "original?": text},
+    "return_missed": {"of?": integer(0), "reason?": text},
+    "repaired": {"lost": list_of(integer(1)), "original?": text},
     "closed": {"reason?": text},
 }
-"""Keys that are read from each event; one with a question mark may be missing. Others are not looked at."""
+"""Check of each key that the program reads from an event. "?": the key is optional. Other keys are ignored."""

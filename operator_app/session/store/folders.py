@@ -1,4 +1,4 @@
-"""Session folders: naming new ones, their files, listing what there is. Knows journals, no arm."""
+"""Session folders: names, files, lists and order of sessions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.journal_files import names_from
+from operator_app.session.store.journal_files import numbered_folders
 from operator_app.session.store.journal_format import JOURNAL_NAME, first_event
 from operator_app.session.store.replay import order_of, session_state
 
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from operator_app.session.store.state import SessionState
 
 STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
-"""When a session was begun, at the head of its folder's name."""
+"""Time of opening, the first part of a folder's name."""
 
 PARAMETERS_NAME = "parameters.yaml"
 POSES_NAME = "poses.csv"
-"""What stands beside a journal once there is something to export."""
+"""Files that an export writes beside the journal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionEntry:
     """One session folder.
 
-    `problem` says why its journal cannot be read, and `remedy` what to do; `state` is None then.
+    `state` is None where the journal cannot be read; `problem` and `remedy` then say why and what to do.
     """
 
     folder: Path
@@ -43,18 +43,18 @@ class SessionEntry:
 
 
 def new_folder(root: Path, name: str, utc: datetime) -> Path:
-    """Return a folder for a new session that does not exist yet, e.g. ``20261121-093000-hinge``.
+    """Return the path of a new session folder, e.g. ``20261121-093000-hinge``. Does not create it.
 
-    Until a journal is made in it, another program may be faster: `Journal.create_beside`.
+    Another program may create it first: `Journal.create_beside` then takes the next free name.
     """
     stem = f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
-    return next(f for f in names_from(root / stem) if not f.exists())
+    return next(f for f in numbered_folders(root / stem) if not f.exists())
 
 
 def next_order(root: Path, *, but: Path | None = None) -> int:
-    """Which one a session that begins now is below `root`: one more than any there says of itself.
+    """Return the order number of a new session below `root`: the largest existing one plus 1.
 
-    Its own folder, `but`, does not count.
+    `but` is the new session's own folder, which is not counted.
     """
     try:
         folders = [p for p in root.iterdir() if p != but]
@@ -71,8 +71,7 @@ def _order_in(path: Path) -> int:
 def find_session(root: Path, reference: str) -> Path:
     """Return the folder of a session named by path, by name below `root`, or ``latest``."""
     if reference == "latest":
-        # Poses taken to verify another session are nobody's calibration; one that never came as far
-        # as a pose is meant only where there is no other.
+        # Sessions that only verify another one are no calibration. Sessions with poses come first.
         found = [
             entry
             for entry in list_sessions(root)
@@ -87,13 +86,13 @@ def find_session(root: Path, reference: str) -> Path:
         if os.path.lexists(candidate / JOURNAL_NAME):
             return candidate
     raise SessionError(
-        f"{reference} is no session: there is no {JOURNAL_NAME} in it",
+        f"{reference} is not a session: it contains no {JOURNAL_NAME}",
         f"name a session folder, or `latest`; `sarcal session list` shows those in {root}",
     )
 
 
 def read_session(folder: Path) -> SessionEntry:
-    """Read one session without locking it."""
+    """Read one session; does not lock it."""
     try:
         contents = read_journal(folder)
         state = session_state(contents)
@@ -105,14 +104,14 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
-    """Return all sessions below `root`, in the order in which they were begun, whatever was done to the clock."""
+    """Return all sessions below `root` in the order of opening, which does not depend on the clock."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
     except FileNotFoundError:
         return ()
     except OSError as error:
         raise SessionError(
-            f"cannot look into {root}: {error.strerror}", "name another folder with --sessions"
+            f"cannot read {root}: {error.strerror}", "name another folder with --sessions"
         ) from error
     entries = [read_session(folder) for folder in folders]
     begun = _begun(entries)
@@ -125,9 +124,9 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 
 
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
-    """Of each folder: when it was begun, and as which one since the clock was set back to before that.
+    """Return (time of opening, sequence number) by folder name, for journals without an `order`.
 
-    Journals of earlier versions, which have no `order`, go by it.
+    The sequence number counts sessions that were opened after the clock was set back to before that time.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     found: dict[str, tuple[str, int]] = {}

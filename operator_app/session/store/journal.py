@@ -1,7 +1,7 @@
-"""The journal: an append-only file of what happened, one fsynced and checksummed line an event.
+"""The journal: an append-only file with one checksummed line for each event, on disk when `append` returns.
 
-Everything else in a session folder can be made again from it. Watched while it is written: a line that
-would go into a file nobody will find goes into a new session beside it. Knows no event's meaning.
+All other files of a session can be made from it. If another program deletes, moves, replaces or changes the
+file, everything is written to a new session folder beside it.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from operator_app.errors import (
     JournalLostError,
 )
 from operator_app.session.store.journal_files import (
-    names_from,
-    new_file,
-    new_session,
-    stamped,
-    sync_folder,
-    write_new,
+    create_file,
+    fsync_folder,
+    numbered_folders,
+    timestamped_path,
+    write_new_file,
+    write_session_folder,
 )
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalContents,
     JournalEvent,
     Parsed,
-    line_of,
-    parse,
-    read_regular,
+    format_line,
+    parse_journal,
+    read_bytes,
     require_regular,
 )
 
@@ -51,9 +51,9 @@ def utc_now() -> datetime:
 
 
 class Journal:
-    """An open, locked journal. Lines are on disk when `append` returns.
+    """An open, locked journal.
 
-    `made` are the folders that were made for it, the innermost first.
+    `created_folders` are the folders that were created for it, the innermost first.
     """
 
     def __init__(
@@ -62,14 +62,14 @@ class Journal:
         descriptor: int,
         parsed: Parsed,
         raw: bytes,
-        made: tuple[Path, ...] = (),
+        created_folders: tuple[Path, ...] = (),
     ) -> None:
-        self.path, self.made = path, made
+        self.path, self.created_folders = path, created_folders
         self.contents = parsed.contents
         self._descriptor = descriptor
         self._seq = len(parsed.contents.events)
         self._chain = parsed.chain
-        # All of it: what is kept elsewhere when the file is taken away.
+        # All lines, to write them elsewhere if the file is lost.
         self._lines = raw.splitlines(keepends=True)
         self._size = len(raw)
         self._broken = ""
@@ -78,20 +78,20 @@ class Journal:
 
     @classmethod
     def create_beside(cls, folder: Path) -> Journal:
-        """Start a journal in a new `folder`; where another program was faster, in the next of its name that is free."""
-        for candidate in names_from(folder):
+        """Create a journal in `folder`; if it exists already, in the next free folder of that name."""
+        for candidate in numbered_folders(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
         raise AssertionError("names do not end")
 
     @classmethod
     def create(cls, folder: Path) -> Journal:
-        """Start a journal in a new or empty `folder`; JournalExistsError if there is one already."""
+        """Create a journal in a new or empty `folder`; JournalExistsError if there is one."""
         path = folder / JOURNAL_NAME
-        made = tuple(f for f in (folder, *folder.parents) if not f.exists())
+        created_folders = tuple(f for f in (folder, *folder.parents) if not f.exists())
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            descriptor = new_file(path)
+            descriptor = create_file(path)
         except FileExistsError as error:
             raise JournalExistsError(
                 f"{path} exists already",
@@ -103,13 +103,19 @@ class Journal:
                 "choose a folder you may write to",
             ) from error
         lock(descriptor, path)
-        sync_folder(folder)
+        fsync_folder(folder)
         contents = JournalContents(events=(), torn="", file=str(path))
-        return cls(path, descriptor, Parsed(contents=contents, chain="", whole_bytes=0), b"", made)
+        return cls(
+            path,
+            descriptor,
+            Parsed(contents=contents, chain="", whole_bytes=0),
+            b"",
+            created_folders,
+        )
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
-        """Open the journal of `folder` to go on; a torn last line is cut off, kept beside it, and said."""
+        """Open the journal of `folder`; an incomplete last line is moved to a file beside it."""
         path = folder / JOURNAL_NAME
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -127,13 +133,13 @@ class Journal:
             require_regular(descriptor, path)
             if path.is_symlink():
                 raise JournalForeignError(
-                    f"{path} is a symbolic link: its lines would go into the file of another folder",
-                    f"name the session it leads to, {path.resolve().parent}",
+                    f"{path} is a symbolic link to a file in another folder",
+                    f"name that session, {path.resolve().parent}",
                 )
-            raw = read_regular(path)
-            parsed = parse(raw, path)
+            raw = read_bytes(path)
+            parsed = parse_journal(raw, path)
             if parsed.contents.torn:
-                write_new(stamped(path, "torn"), raw[parsed.whole_bytes :])
+                write_new_file(timestamped_path(path, "torn"), raw[parsed.whole_bytes :])
                 os.ftruncate(descriptor, parsed.whole_bytes)
                 os.fsync(descriptor)
         except OSError as error:
@@ -147,39 +153,38 @@ class Journal:
         return cls(path, descriptor, parsed, raw[: parsed.whole_bytes])
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
-        """Write one event; returns when it is on disk. A line that cannot be is taken back.
+        """Write one event; returns when it is on disk. A failed write leaves the file as it was.
 
-        The writing is done by a thread of its own: a signal that interrupts the caller at any
-        moment leaves the line whole and the next one numbered right.
+        A thread of its own writes, so that a signal in the caller's thread cannot leave part of a line.
 
         Raises
         ------
         JournalLostError
-            The file is not where it was, or not as it was left.
+            Another program deleted, moved, replaced or changed the file.
         JournalError
-            The disk refuses.
+            The disk cannot be written.
         """
         return self._writer.submit(self._append, name, data, clock).result()
 
-    def require_there(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError if a line written now would be found by nobody; writes nothing then.
+    def require_intact(self, *, unchanged: bool = False) -> None:
+        """Raise JournalLostError if another program deleted, moved, replaced or changed the file.
 
-        With `unchanged` the file is read back as well, and every line must be what was written.
+        `unchanged`: read the file back and compare every line.
         """
         if self.closed:
             return
         if self._loss is not None:
             raise self._loss
-        problem = self._what_happened_to_it() or (self._change() if unchanged else "")
+        problem = self._file_problem() or (self._changed_line() if unchanged else "")
         if problem:
-            self._writer.submit(self._lose, problem, b"").result()
+            self._writer.submit(self._raise_lost, problem, b"").result()
 
     def _append(self, name: str, data: Mapping[str, Any], clock: Clock) -> JournalEvent:
         if self._loss is not None:
             raise self._loss
         if self._broken:
             raise JournalError(
-                f"{self.path} takes no more lines: {self._broken}",
+                f"{self.path} cannot be written any more: {self._broken}",
                 "repair the disk, then resume this session and look at its last entry",
             )
         event = JournalEvent(
@@ -188,10 +193,10 @@ class Journal:
             name=name,
             data=data,
         )
-        line, chain = line_of(event, self._chain)
-        problem = self._what_happened_to_it()
+        line, chain = format_line(event, self._chain)
+        problem = self._file_problem()
         if problem:
-            self._lose(problem, line)
+            self._raise_lost(problem, line)
         try:
             self._write(line)
         except OSError as error:
@@ -206,27 +211,26 @@ class Journal:
         return event
 
     def _write(self, line: bytes) -> None:
-        """Put a line on disk, or leave the file as it was."""
+        """Write a line to disk; leave the file as it was if that fails."""
         try:
             if os.write(self._descriptor, line) != len(line):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             os.fsync(self._descriptor)
         except OSError:
-            # Any part of it, even a whole line, would make the next one look damaged.
-            self._take_back(self._size)
+            self._truncate(self._size)
             raise
 
-    def _take_back(self, size: int) -> None:
+    def _truncate(self, size: int) -> None:
         try:
             os.ftruncate(self._descriptor, size)
             os.fsync(self._descriptor)
         except OSError as error:
-            self._broken = f"one that was refused could not be taken back ({error.strerror})"
+            self._broken = f"part of a failed line could not be removed ({error.strerror})"
 
-    # -- taken away ------------------------------------------------------------------------------
+    # -- lost ------------------------------------------------------------------------------------
 
-    def _what_happened_to_it(self) -> str:
-        """Say why nobody would find a line that is written now; empty when all is well."""
+    def _file_problem(self) -> str:
+        """Return what another program did to the file; "" for nothing."""
         try:
             there, here = self.path.stat(), os.fstat(self._descriptor)
         except (FileNotFoundError, NotADirectoryError):
@@ -237,13 +241,13 @@ class Journal:
             return "was replaced by another file"
         if here.st_size < self._size:
             return f"was cut from {self._size} to {here.st_size} bytes"
-        # A line that could not be taken back is our own, and said elsewhere.
+        # With `_broken`, the excess bytes are part of our own failed line.
         if here.st_size > self._size and not self._broken:
             return "was written to by another program"
         return ""
 
-    def _change(self) -> str:
-        """Say which line is not what was written, or proved itself when it was read; empty when all are."""
+    def _changed_line(self) -> str:
+        """Return which line differs from what was read or written; "" for none."""
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:
@@ -255,44 +259,44 @@ class Journal:
             position += len(line)
         return ""
 
-    def _lose(self, problem: str, line: bytes) -> None:
-        """Keep everything, and the line in hand, as a new session beside this one; raise."""
+    def _raise_lost(self, problem: str, line: bytes) -> None:
+        """Write all lines, `line` included, to a new session folder, then raise JournalLostError."""
         if self._loss is not None:
             raise self._loss
-        rescued, reason = self._rescued(line)
+        rescued, reason = self._write_rescue(line)
         if rescued is None:
-            remedy = f"nothing could be rescued ({reason}): find out what happened to the folder"
+            remedy = f"the rescue copy failed ({reason}): find out what happened to the folder"
         else:
-            own = ", the entry in hand included," if line else ""
+            own = ", with the last entry," if line else ""
             remedy = (
-                f"everything{own} is in {rescued}: find out what happened to the folder, then go on "
+                f"all entries{own} are in {rescued}: find out what happened to the folder, then go on "
                 f"with --resume {rescued}"
             )
         self._loss = JournalLostError(
-            f"{self.path} {problem} while this session was writing it; nothing more is accepted",
+            f"{self.path} {problem} while this session was using it; nothing more is recorded",
             remedy,
             rescued=rescued,
         )
         raise self._loss
 
-    def _rescued(self, line: bytes) -> tuple[Path | None, str]:
-        """Write a session that holds all lines, where that is possible; and why it was not."""
+    def _write_rescue(self, line: bytes) -> tuple[Path | None, str]:
+        """Return the new session folder that holds all lines, or None and why it cannot be written."""
         own, reason = self.path.parent, ""
         for root in (own.parent, Path(tempfile.gettempdir())):
             try:
-                return new_session(root, f"{own.name}-rescued", [*self._lines, line]), ""
+                return write_session_folder(root, f"{own.name}-rescued", [*self._lines, line]), ""
             except OSError as error:
                 reason = f"{root}: {error.strerror}"
         return None, reason
 
     @property
     def loss(self) -> JournalLostError | None:
-        """How the file was taken away from under the session, if it was."""
+        """The error of a lost file; None while the file is in order."""
         return self._loss
 
     @property
-    def kept_in(self) -> Path:
-        """Folder that holds everything that was accepted."""
+    def kept_folder(self) -> Path:
+        """Folder that holds all entries: the rescue copy after a loss."""
         if self._loss is not None and self._loss.rescued is not None:
             return self._loss.rescued
         return self.path.parent
@@ -305,7 +309,7 @@ class Journal:
         return self._descriptor < 0
 
     def close(self) -> None:
-        """Finish what is being written and release the journal. Safe to call twice."""
+        """Finish writing and unlock the journal. Safe to call twice."""
         self._writer.shutdown()
         if self._descriptor >= 0:
             os.close(self._descriptor)
@@ -313,18 +317,18 @@ class Journal:
 
 
 def read_journal(folder: Path) -> JournalContents:
-    """Read a journal without locking or changing it."""
+    """Read a journal; does not lock or change it."""
     path = folder / JOURNAL_NAME
-    return parse(read_regular(path), path).contents
+    return parse_journal(read_bytes(path), path).contents
 
 
 def lock(descriptor: int, path: Path) -> None:
-    """Take a journal for this process alone; JournalError, and it is closed, where another has it."""
+    """Lock a journal for this process; JournalError, with the descriptor closed, if another process has it."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
         os.close(descriptor)
         raise JournalError(
-            f"{path} is in use by another sarcal",
-            "close that one first; one session has one operator",
+            f"{path} is in use by another sarcal process",
+            "close that one first: one process at a time may use a session",
         ) from error

@@ -1,7 +1,7 @@
-"""The lines of a journal: bytes to events and back, and the chain of checksums that proves them.
+"""Format of a journal line: JSON with a checksum over the line and all lines before it.
 
-Tells a torn line (the end was never written) from a damaged one (something changed it afterwards),
-and both from a file that is no journal, or none this version can read. Knows no event's meaning.
+Distinguishes an incomplete last line (power cut), a damaged line (changed later), a file that is not a
+journal, and a journal of a newer version.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from operator_app.errors import JournalDamagedError, JournalError, JournalForeig
 
 JOURNAL_NAME = "journal.jsonl"
 SCHEMA = "sarcal/journal/1"
-"""States the version of the format, in the first line. Journals from before have no such key."""
+"""Version of the format, in the first line; journals of earlier versions have no such key."""
 
-LIMIT_BYTES = 256 * 1024 * 1024
-"""Some ten thousand poses with a calibration after each; a larger file is another program's."""
+MAX_BYTES = 256 * 1024 * 1024
+"""About ten thousand poses with a calibration after each."""
 
 KEYS = ("seq", "utc", "event", "data", "sum")
 SUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
-"""How a line ends."""
+"""End of a line."""
 VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
 BEGINNINGS = (b'{"schema":"sarcal/journal/', b'{"seq":1,"utc":"')
-CHANGED = 3
-"""Bytes in which the beginning of a damaged journal may differ from one of these."""
-HALF = re.compile("[\ud800-\udfff]")
+MAX_CHANGED_BYTES = 3
+"""Number of bytes in which a damaged first line may differ from one of these."""
+LONE_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,10 +47,7 @@ class JournalEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalContents:
-    """What a journal holds. `torn` says, in words, what its end does not hold (empty: nothing).
-
-    `file` names it in messages.
-    """
+    """Events of a journal. `torn` is the message about an incomplete last line ("": none); `file` for messages."""
 
     events: tuple[JournalEvent, ...]
     torn: str
@@ -59,7 +56,7 @@ class JournalContents:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Parsed:
-    """A journal's bytes, read: its contents, the last checksum, and how many bytes are whole lines."""
+    """A journal read from bytes: contents, last checksum, and number of bytes in complete lines."""
 
     contents: JournalContents
     chain: str
@@ -67,16 +64,16 @@ class Parsed:
 
 
 class BadLineError(Exception):
-    """A complete line does not prove itself; the text says why."""
+    """A complete line is not valid; the text says why."""
 
 
-def line_of(event: JournalEvent, chain: str) -> tuple[bytes, str]:
+def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     """Return the line of an event after one with checksum `chain`, and its own checksum.
 
     Raises
     ------
     ValueError
-        The data hold what JSON has no word for.
+        JSON cannot represent the data.
     """
     head = {"schema": SCHEMA} if event.seq == 1 else {}
     record = {
@@ -87,8 +84,8 @@ def line_of(event: JournalEvent, chain: str) -> tuple[bytes, str]:
         "data": event.data,
     }
     text = json.dumps(record, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    # Half a character (of a name that was no UTF-8) has no bytes of its own.
-    body = HALF.sub(lambda half: f"\\u{ord(half[0]):04x}", text).encode()
+    # A lone surrogate (from a file name that is not UTF-8) has no UTF-8 bytes.
+    body = LONE_SURROGATE.sub(lambda half: f"\\u{ord(half[0]):04x}", text).encode()
     found = checksum(chain, body)
     return body[:-1] + f',"sum":"{found}"}}\n'.encode(), found
 
@@ -98,40 +95,40 @@ def checksum(previous: str, body: bytes) -> str:
     return hashlib.sha256(previous.encode() + body).hexdigest()[:16]
 
 
-def split_sum(line: bytes) -> tuple[bytes, str] | None:
-    """Return what a line says without its checksum, and that; None where it does not end in one."""
+def split_checksum(line: bytes) -> tuple[bytes, str] | None:
+    """Return a line without its checksum, and the checksum; None if it does not end in one."""
     found = SUM.search(line, max(len(line) - 26, 0))
     if found is None or found.end() != len(line):
         return None
     return line[: found.start()] + b"}", found[1].decode()
 
 
-def proven(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
-    """Read a complete line that follows one with checksum `chain`; return its own checksum as well.
+def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, str]:
+    """Verify and parse a line that follows one with checksum `chain`; return event and checksum.
 
     Raises
     ------
     BadLineError
-        It is not what was written there.
+        The checksum does not match, or the line is not an event.
     JournalForeignError
-        It was written there, by a version of this program that is not known here.
+        A version of this program that is not known here wrote it.
     """
-    split = split_sum(line)
+    split = split_checksum(line)
     if split is None:
         raise BadLineError("it is not a journal line")
     body, stated = split
     if checksum(chain, body) != stated:
-        raise BadLineError("its checksum does not fit")
-    return event_of(line, number), stated
+        raise BadLineError("the checksum does not match")
+    return parse_line(line, number), stated
 
 
-def event_of(line: bytes, number: int, *, any_number: bool = False) -> JournalEvent:
-    """Read a line whose bytes are known to be whole; raises as `proven`.
+def parse_line(line: bytes, number: int, *, any_number: bool = False) -> JournalEvent:
+    """Parse a line whose bytes are verified; raises as `verified_line`.
 
-    `any_number` takes it wherever it says it was: lines before it may be gone.
+    `any_number`: accept any sequence number, because lines before it may be lost.
     """
     try:
-        record = json.loads(line, parse_constant=_no_number)
+        record = json.loads(line, parse_constant=_reject_constant)
     except (ValueError, RecursionError) as error:
         raise BadLineError("it is not a journal line") from error
     if not isinstance(record, dict):
@@ -149,28 +146,27 @@ def event_of(line: bytes, number: int, *, any_number: bool = False) -> JournalEv
     ):
         raise BadLineError("it is not a journal line")
     if seq != number and not any_number:
-        raise BadLineError(f"it says that it is line {seq}")
+        raise BadLineError(f"its sequence number is {seq}")
     return JournalEvent(seq=seq, utc=utc, name=name, data=data)
 
 
-def parse(raw: bytes, path: Path) -> Parsed:
+def parse_journal(raw: bytes, path: Path) -> Parsed:
     """Read the bytes of a journal.
 
     Raises
     ------
     JournalDamagedError
-        A complete line is not what was written.
+        A complete line was changed.
     JournalForeignError
-        It is another program's file, or of a version that is not known here.
+        It is not a journal, or of a version that is not known here.
     """
-    # What follows the last newline is empty in a whole journal.
     *complete, rest = raw.split(b"\n")
-    require_ours(complete, rest, path)
+    require_own_format(complete, rest, path)
     events: list[JournalEvent] = []
     chain, position = "", 0
     for number, line in enumerate(complete, 1):
         try:
-            event, chain = proven(line, number, chain)
+            event, chain = verified_line(line, number, chain)
         except JournalForeignError as error:
             raise JournalForeignError(f"{path} {error.happened}", error.remedy) from error
         except BadLineError as error:
@@ -181,19 +177,19 @@ def parse(raw: bytes, path: Path) -> Parsed:
         position += len(line) + 1
     torn = ""
     if rest:
-        torn = f"line {len(complete) + 1} of {path} was torn (cut off) and does not count"
+        torn = f"line {len(complete) + 1} of {path} is incomplete and was left out"
     contents = JournalContents(events=tuple(events), torn=torn, file=str(path))
     return Parsed(contents=contents, chain=chain, whole_bytes=position)
 
 
-def read_regular(path: Path) -> bytes:
-    """Return the bytes of a journal; one clear error for what is no file of a size it can have."""
+def read_bytes(path: Path) -> bytes:
+    """Return the bytes of a journal; JournalError for anything but a regular file of at most `MAX_BYTES`."""
     try:
-        # A pipe would keep us waiting for whoever writes to it.
+        # O_NONBLOCK: opening a pipe must not wait for its writer.
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             require_regular(descriptor, path)
-            raw = _read(descriptor, LIMIT_BYTES + 1)
+            raw = _read(descriptor, MAX_BYTES + 1)
         finally:
             os.close(descriptor)
     except OSError as error:
@@ -201,22 +197,22 @@ def read_regular(path: Path) -> bytes:
             f"cannot read {path}: {error.strerror}",
             "name a session folder; `sarcal session list` shows them",
         ) from error
-    if len(raw) > LIMIT_BYTES:
+    if len(raw) > MAX_BYTES:
         raise JournalForeignError(
-            f"{path} is larger than {LIMIT_BYTES // 1024**2} MiB: no journal of this program is",
+            f"{path} is larger than {MAX_BYTES // 1024**2} MiB, the limit for a journal",
             "move it away, or name another session",
         )
     return raw
 
 
 def first_event(path: Path) -> JournalEvent | None:
-    """Return what a journal begins with, whatever its other lines are; None where that cannot be told."""
+    """Return the first event of a journal; None if it cannot be read."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(descriptor, "rb") as file:
             require_regular(descriptor, path)
-            line = file.readline(LIMIT_BYTES)
-        return proven(line.removesuffix(b"\n"), 1, "")[0]
+            line = file.readline(MAX_BYTES)
+        return verified_line(line.removesuffix(b"\n"), 1, "")[0]
     except (OSError, BadLineError, JournalForeignError):
         return None
 
@@ -241,30 +237,30 @@ def require_regular(descriptor: int, path: Path) -> None:
     )
 
 
-def require_ours(complete: list[bytes], rest: bytes, path: Path) -> None:
-    """Refuse what was never a journal of this program, or is one of another version."""
+def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
+    """Raise JournalForeignError for a file that is not a journal, or is one of another version."""
     first = complete[0] if complete else rest
     if not first and len(complete) < 2:
         raise JournalForeignError(
-            f"{path} is empty: the session was ended before its first line was written",
+            f"{path} is empty: the session ended before its first entry was written",
             "delete the folder, or restore the file from a copy",
         )
-    if any(_alike(first, begin, torn=not complete) for begin in BEGINNINGS) or any(
+    if any(_resembles(first, begin, torn=not complete) for begin in BEGINNINGS) or any(
         SUM.search(line) for line in complete[:100]
     ):
         _require_version(first, path)
         return
     if b"\0" in first[:4096]:
-        what = "is a binary file, no journal of this program"
+        what = "is a binary file, not a journal"
     else:
-        what = "is another program's file, no journal of this one: line 1 is none of its lines"
+        what = "is another program's file: line 1 is not a journal line"
     raise JournalForeignError(f"{path} {what}", "move it away, or restore the journal from a copy")
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Refuse a first line that states another version, unless that is damage: its checksum tells."""
+    """Raise for a first line of another version, unless its checksum shows that the version is damaged."""
     found = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
-    split = split_sum(first)
+    split = split_checksum(first)
     if found is None or found[1].decode(errors="replace") == SCHEMA:
         return
     if split is not None:
@@ -278,18 +274,18 @@ def _require_version(first: bytes, path: Path) -> None:
 def _other_version(schema: object) -> tuple[str, str]:
     if isinstance(schema, str) and VERSION.fullmatch(schema):
         return (
-            f"is of the format {schema}; this program reads {SCHEMA} and what came before",
+            f"has the format {schema}; this program reads {SCHEMA} and earlier",
             "read it with the version of sarcal that wrote it, or a newer one",
         )
-    return "is no journal: its schema is unknown", "move it away, or name another session"
+    return "is not a journal: its schema is unknown", "move it away, or name another session"
 
 
-def _alike(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether a file begins as a journal does, but for a few bytes that were changed or not written."""
+def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
+    """Whether a file begins like a journal, with at most `MAX_CHANGED_BYTES` different bytes."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
-    return same >= len(begin) - CHANGED
+    return same >= len(begin) - MAX_CHANGED_BYTES
 
 
-def _no_number(text: str) -> NoReturn:
-    raise ValueError(f"{text} is no JSON")
+def _reject_constant(text: str) -> NoReturn:
+    raise ValueError(f"{text} is not JSON")

@@ -1,8 +1,8 @@
-"""A damaged journal made usable again: what proves itself is kept, the rest is set aside and said.
+"""Repairs a damaged journal: keeps every line whose checksum matches, removes the others, keeps a copy.
 
-Each line's checksum is made of its own bytes and the checksum before it, so that lines after a damaged
-one prove themselves by what it states; one flipped bit is found by trying all. Nothing is guessed: what
-cannot be proven does not count. The damaged file is kept untouched beside the repaired one.
+The checksum of a line covers its bytes and the checksum of the line before it, so that lines after a damaged
+one can still be verified by the checksum it states. A single flipped bit is found by trying all bits. Lines
+without a matching checksum are not used.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from operator_app.errors import JournalError
-from operator_app.session.store.events import joints_told, problem_of
+from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal import lock, utc_now
-from operator_app.session.store.journal_files import stamped, sync_folder, write_new
+from operator_app.session.store.journal_files import fsync_folder, timestamped_path, write_new_file
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     BadLineError,
     JournalContents,
     JournalEvent,
     checksum,
-    event_of,
-    line_of,
-    read_regular,
-    require_ours,
+    format_line,
+    parse_line,
+    read_bytes,
+    require_own_format,
 )
 from operator_app.session.store.replay import session_state
 
@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from operator_app.session.store.state import SessionState
 
 TAIL = len(',"sum":"0123456789abcdef"}')
-LONGEST_TRIED = 40_000
-"""Bytes of a line in which a flipped bit is searched for; it takes some seconds at most."""
-BREAK = 0x0A
+MAX_BIT_SEARCH_BYTES = 40_000
+"""Longest line, in bytes, in which a flipped bit is searched for: a few seconds."""
+NEWLINE = 0x0A
 BITS = tuple(1 << k for k in range(8))
 NAME = re.compile(rb'"event":"([a-z_]{1,40})"')
 NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
@@ -48,7 +48,7 @@ NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """What became of a line: `event` is None where it is lost, `words` say why or how."""
+    """Result for one line: `event` is None if it is lost; `words` say why, or what was restored."""
 
     number: int
     event: JournalEvent | None
@@ -56,11 +56,10 @@ class RepairedLine:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Repaired:
-    """What a repair came to.
+class RepairResult:
+    """Result of a repair.
 
-    `aside` is where the damaged journal is now, None where there was nothing to repair; `torn` says
-    that its last line was never written to its end.
+    `aside` is the copy of the damaged journal, None if nothing was damaged; `torn`: the last line is incomplete.
     """
 
     folder: Path
@@ -71,33 +70,33 @@ class Repaired:
 
     @property
     def lost(self) -> tuple[int, ...]:
-        """Numbers of the lines that count no more."""
+        """Numbers of the lines that were removed."""
         return tuple(line.number for line in self.lines if line.event is None)
 
 
-def repair(folder: Path) -> Repaired:
-    """Repair the journal of a session, if it is damaged.
+def repair_journal(folder: Path) -> RepairResult:
+    """Repair the journal of a session if it is damaged.
 
     Raises
     ------
     JournalError
-        It is no journal, of an unknown version, in use, or the disk refuses.
+        It is not a journal, has an unknown version, is in use, or cannot be written.
     """
     path = folder / JOURNAL_NAME
-    raw = read_regular(path)
+    raw = read_bytes(path)
     *complete, rest = raw.split(b"\n")
-    require_ours(complete, rest, path)
+    require_own_format(complete, rest, path)
     descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CLOEXEC)
     lock(descriptor, path)
     try:
-        raw = read_regular(path)
-        lines, torn = examined(raw)
+        raw = read_bytes(path)
+        lines, torn = examine_lines(raw)
         kept = [line.event for line in lines if line.event is not None]
         aside = None
         if any(line.words for line in lines):
-            aside = stamped(path, "damaged")
-            kept.append(_note(lines, aside))
-            _put_in_place(path, aside, kept)
+            aside = timestamped_path(path, "damaged")
+            kept.append(_repaired_event(lines, aside))
+            _replace_journal(path, aside, kept)
         state = session_state(JournalContents(events=_numbered(kept), torn="", file=str(path)))
     except OSError as error:
         raise JournalError(
@@ -106,11 +105,11 @@ def repair(folder: Path) -> Repaired:
         ) from error
     finally:
         os.close(descriptor)
-    return Repaired(folder=folder, aside=aside, lines=lines, torn=torn, state=state)
+    return RepairResult(folder=folder, aside=aside, lines=lines, torn=torn, state=state)
 
 
-def examined(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
-    """Judge every line of a journal; and whether its end was never written."""
+def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
+    """Examine every line of a journal; return the results and whether the last line is incomplete."""
     *physical, rest = raw.split(b"\n")
     if rest:
         physical.append(rest)
@@ -120,54 +119,56 @@ def examined(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
     while physical:
         number = len(found) + 1
         line = physical.pop(0)
-        proof = None if known is None else _proof(line, known, physical)
+        proof = None if known is None else _recover(line, known, physical)
         if proof is None and rest and not physical:
-            # Nothing proves it, and nothing ever ended it.
             torn = True
             break
         if proof is None:
-            why = "cannot be proven: the line before it is gone" if known is None else _bad(line)
-            found.append(RepairedLine(number=number, event=None, words=f"{why}{_legible(line)}"))
+            why = (
+                "cannot be verified: the line before it is lost"
+                if known is None
+                else _checksum_problem(line)
+            )
+            found.append(RepairedLine(number=number, event=None, words=f"{why}{_event_hint(line)}"))
             stated = line[-TAIL + 8 : -2]
             known = stated.decode() if re.fullmatch(rb"[0-9a-f]{16}", stated) else None
             continue
         whole, known, words = proof
         found.append(_read(whole, number, words))
-    return _meant(found), torn
+    return _without_invalid(found), torn
 
 
 # -- one line ------------------------------------------------------------------------------------
 
 
-def _proof(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
-    """Return a line as it was written, its checksum, and what had to be put right; None without proof.
+def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
+    """Return the original line, its checksum, and what was restored; None if no restoration matches a checksum.
 
-    `after` are the lines that follow; one that belongs to this line is taken out of them, and one that
-    was taken for a part of it is put there.
+    `after` are the lines that follow. A damaged newline splits or joins lines: `after` is corrected for it.
     """
-    chain = _fits(line, before)
+    chain = _checksum_if_stated(line, before)
     if chain is not None:
-        whole = _ended(line, chain)
+        whole = _with_checksum(line, chain)
         exact = whole == line
-        return whole, chain, "" if exact else "its checksum was damaged, what it says was not"
-    said = "one flipped bit was put right: with it the checksum fits"
+        return whole, chain, "" if exact else "restored: only the checksum was damaged"
+    said = "restored: one flipped bit, the checksum matches without it"
     for k, byte in enumerate(line):
-        if byte ^ BREAK in BITS and (chain := _fits(line[:k], before)) is not None:
+        if byte ^ NEWLINE in BITS and (chain := _checksum_if_stated(line[:k], before)) is not None:
             if line[k + 1 :]:
                 after.insert(0, line[k + 1 :])
-            return _ended(line[:k], chain), chain, said
+            return _with_checksum(line[:k], chain), chain, said
     if after:
         for bit in BITS:
-            joined = line + bytes((BREAK ^ bit,)) + after[0]
-            if (chain := _fits(joined, before)) is not None:
+            joined = line + bytes((NEWLINE ^ bit,)) + after[0]
+            if (chain := _checksum_if_stated(joined, before)) is not None:
                 after.pop(0)
-                return _ended(joined, chain), chain, said
-    mended = _mended(line, before)
+                return _with_checksum(joined, chain), chain, said
+    mended = _with_bit_restored(line, before)
     return None if mended is None else (mended, mended[-TAIL + 8 : -2].decode(), said)
 
 
-def _fits(line: bytes, before: str) -> str | None:
-    """Return the checksum of a line if its end states it, but for one byte at most."""
+def _checksum_if_stated(line: bytes, before: str) -> str | None:
+    """Return the checksum of a line if its end states it with at most one wrong byte."""
     if len(line) < TAIL:
         return None
     found = checksum(before, line[:-TAIL] + b"}")
@@ -175,16 +176,16 @@ def _fits(line: bytes, before: str) -> str | None:
     return found if sum(a != b for a, b in zip(line[-TAIL:], end, strict=True)) <= 1 else None
 
 
-def _ended(line: bytes, chain: str) -> bytes:
-    """Return a line with the end that it had."""
+def _with_checksum(line: bytes, chain: str) -> bytes:
+    """Return a line with this checksum at its end."""
     return line[:-TAIL] + f',"sum":"{chain}"}}'.encode()
 
 
-def _mended(line: bytes, before: str) -> bytes | None:
-    """Find the one bit with which the stated checksum fits."""
+def _with_bit_restored(line: bytes, before: str) -> bytes | None:
+    """Return the line with one bit flipped so that the stated checksum matches; None if there is no such bit."""
     stated = line[-TAIL + 8 : -2]
     body = line[:-TAIL] + b"}"
-    if not TAIL < len(line) <= LONGEST_TRIED:
+    if not TAIL < len(line) <= MAX_BIT_SEARCH_BYTES:
         return None
     begun = hashlib.sha256(before.encode())
     for k, byte in enumerate(body[:-1]):
@@ -199,46 +200,46 @@ def _mended(line: bytes, before: str) -> bytes | None:
 
 def _read(line: bytes, number: int, words: str) -> RepairedLine:
     try:
-        event = event_of(line, number, any_number=True)
+        event = parse_line(line, number, any_number=True)
     except BadLineError as error:
-        return RepairedLine(number=number, event=None, words=str(error) + _legible(line))
+        return RepairedLine(number=number, event=None, words=str(error) + _event_hint(line))
     return RepairedLine(number=number, event=event, words=words)
 
 
-def _bad(line: bytes) -> str:
-    return "its checksum does not fit" if line.rstrip().endswith(b'"}') else "it is not a line"
+def _checksum_problem(line: bytes) -> str:
+    return "the checksum does not match" if line.rstrip().endswith(b'"}') else "it is not a line"
 
 
-def _legible(line: bytes) -> str:
-    """Say what can still be read of a lost line: it may have been what an operator decided."""
+def _event_hint(line: bytes) -> str:
+    """Return what can still be read of a lost line: event and pose number."""
     name, number = NAME.search(line), NUMBER.search(line)
     if name is None:
         return ""
     pose = f" {number[1].decode()}" if number is not None else ""
-    return f"; it seems to have been: {name[1].decode().replace('_', ' ')}{pose}"
+    return f"; probably: {name[1].decode().replace('_', ' ')}{pose}"
 
 
-def _meant(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
-    """Take out whole lines that say what no session can mean."""
+def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
+    """Remove valid lines whose data no session can use."""
     told = Counter(
         joints
         for line in lines
         if line.event is not None
-        and not problem_of(line.event.name, line.event.data, line.event.utc, None)[1]
-        and (joints := joints_told(line.event.name, line.event.data)) is not None
+        and not event_problem(line.event.name, line.event.data, line.event.utc, None)[1]
+        and (joints := joint_count_in(line.event.name, line.event.data)) is not None
     )
     joints = told.most_common(1)[0][0] if told else None
     found, captured = [], 0
     for line in lines:
         event = line.event
         if event is not None:
-            key, problem = problem_of(event.name, event.data, event.utc, joints)
+            key, problem = event_problem(event.name, event.data, event.utc, joints)
             if not problem and event.name == "pose":
                 number = event.data["number"]
                 problem = "" if number > captured else f"comes after pose {captured}"
                 key, captured = "number", max(captured, number)
             if problem:
-                words = f"says what no session can mean: {event.name}.{key} {problem}"
+                words = f"the data are invalid: {event.name}.{key} {problem}"
                 line = RepairedLine(number=line.number, event=None, words=words)  # noqa: PLW2901
         found.append(line)
     return tuple(found)
@@ -247,8 +248,8 @@ def _meant(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
 # -- the new file --------------------------------------------------------------------------------
 
 
-def _note(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
-    """Return the event that says what was done."""
+def _repaired_event(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
+    """Return the event that records the repair."""
     data: dict[str, Any] = {
         "original": aside.name,
         "lost": [line.number for line in lines if line.event is None],
@@ -265,23 +266,23 @@ def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:
     )
 
 
-def _put_in_place(path: Path, aside: Path, events: Sequence[JournalEvent]) -> None:
-    """Write the repaired journal; at every moment there is one, and the damaged one is never touched."""
+def _replace_journal(path: Path, aside: Path, events: Sequence[JournalEvent]) -> None:
+    """Replace the journal atomically; the damaged one remains as `aside`."""
     chain, lines = "", []
     for event in _numbered(events):
-        line, chain = line_of(event, chain)
+        line, chain = format_line(event, chain)
         lines.append(line)
-    new = stamped(path, "repaired")
+    new = timestamped_path(path, "repaired")
     try:
-        write_new(new, b"".join(lines))
+        write_new_file(new, b"".join(lines))
         try:
             os.link(path, aside)
         except OSError:
-            # A file system without links.
-            write_new(aside, path.read_bytes())
+            # The file system has no hard links.
+            write_new_file(aside, path.read_bytes())
         new.replace(path)
     except OSError:
         with suppress(OSError):
             new.unlink()
         raise
-    sync_folder(path.parent)
+    fsync_folder(path.parent)

@@ -1,6 +1,6 @@
-"""A session's journal, and what is made of the poses in it: edits, calibration, documents. Needs no arm.
+"""A session without its arm: journal and state, edits of poses, calibration, documents.
 
-Every fact is in the journal before it counts. What is done with an arm is `session`'s affair.
+Every event is in the journal before it changes the state.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from operator_app.calibration.truth import with_truth
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.store.parameters import document_of
+from operator_app.session.store.parameters import parameters_document
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.store.stored_calibration import (
     StoredCalibration,
-    recorded,
-    solved_data,
-    unreturned_notices,
+    journal_calibration,
+    missing_repeat_notices,
+    solution_data,
 )
 
 if TYPE_CHECKING:
@@ -38,16 +38,16 @@ if TYPE_CHECKING:
 
 
 class Logbook:
-    """What a session knows.
+    """Journal and state of a session.
 
     Attributes
     ----------
     journal, state
-        The events, and what they amount to.
+        The events, and the state after them.
     procedure, model, fixture
-        What is followed; its arm and its fixture.
+        The procedure, its arm and its fixture.
     truths
-        What a simulated arm truly is; None of a real one.
+        True parameters of a simulated arm; None for a real one.
     """
 
     def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:
@@ -62,38 +62,38 @@ class Logbook:
         )
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event and let it count; in this order, so that nothing unwritten counts."""
+        """Write an event to the journal, then apply it to the state."""
         event = self.journal.append(name, data, clock=self._clock)
         self.state = apply(self.state, event.name, event.data, event.utc)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Refuse to go on where the journal is gone or, with `unchanged`, not what was written."""
-        self.journal.require_there(unchanged=unchanged)
+        """Raise JournalLostError if the journal is lost; `unchanged`: or differs from what was written."""
+        self.journal.require_intact(unchanged=unchanged)
 
     # -- poses -----------------------------------------------------------------------------------
 
     def undo(self) -> CapturedPose:
-        """Take back the last pose that counts."""
+        """Remove the last pose of the present placement."""
         here = [p for p in self.state.poses if p.placement == self.state.placement]
         if not here:
-            raise GuardError("there is no pose of this placement to take back", "capture one first")
+            raise GuardError("this placement has no pose to undo", "capture one first")
         last = here[-1]
         self.record("pose_undone", {"number": last.number})
         return last
 
     def restore(self, number: int) -> None:
-        """Let a pose that was taken back count again, as it was."""
+        """Restore an undone pose."""
         if all(pose.number != number for pose in self.state.undone):
-            raise GuardError(f"pose {number} was not taken back", "capture a pose")
+            raise GuardError(f"pose {number} was not undone", "capture a pose")
         self.record("pose_restored", {"number": number})
 
     def exclude(self, number: int, reason: str) -> None:
-        """Leave a pose out of the calibration; it stays in the journal."""
+        """Exclude a pose from the calibration; it stays in the journal."""
         self._require_pose(number)
         self.record("pose_excluded", {"number": number, "text": reason or "by the operator"})
 
     def include(self, number: int) -> None:
-        """Let an excluded pose count again."""
+        """Include an excluded pose again."""
         self._require_pose(number)
         self.record("pose_included", {"number": number})
 
@@ -109,8 +109,8 @@ class Logbook:
 
     # -- calibration -----------------------------------------------------------------------------
 
-    def calibrated(self) -> StoredCalibration | None:
-        """Return what the journal has of these poses, if they were solved as the procedure says."""
+    def recorded_calibration(self) -> StoredCalibration | None:
+        """Return the journal's calibration of the used poses, if it was made with the procedure's options."""
         own, then = self.procedure, self.state.solved
         asked = (
             own.estimator,
@@ -121,9 +121,9 @@ class Logbook:
         if not then or tuple(then.get(k) for k in keys) != asked:
             return None
         if then.get("rereads", 0) != len(self.state.rereads):
-            # The arm came back to a pose since: that may speak against it.
+            # A pose was measured again after it: the diagnosis may change.
             return None
-        found = recorded(self.state)
+        found = journal_calibration(self.state)
         return found if isinstance(found, StoredCalibration) else None
 
     def calibrate(
@@ -134,9 +134,9 @@ class Logbook:
         unsensed_joints: tuple[int, ...] | None = None,
         solver: Solver = solve_here,
     ) -> Solution:
-        """Calibrate from the poses that count, by default as the procedure says and in this process.
+        """Calibrate from the used poses, by default with the procedure's options and in this process.
 
-        They are written beside the journal first: whoever is not content with the result wants them.
+        Writes poses.csv beside the journal first, so that it exists even if the calibration fails.
         """
         own, poses = self.procedure, self.state.pose_set()
         save_poses(self.journal.path.parent / POSES_NAME, poses)
@@ -152,7 +152,7 @@ class Logbook:
             rereads=self.state.rereads,
             progress=progress,
         )
-        solution = solution.with_notices(unreturned_notices(self.state))
+        solution = solution.with_notices(missing_repeat_notices(self.state))
         if self.truths is not None:
             first = min(p.placement for p in self.state.used_poses)
             solution = with_truth(solution, self.model, self.truths, first=first)
@@ -160,19 +160,21 @@ class Logbook:
         return solution
 
     def record_solution(self, solution: Solution) -> None:
-        """Keep a solution of the poses that count, as long as the journal still holds them."""
+        """Record a solution of the used poses; JournalLostError if the journal has changed."""
         self.require_journal(unchanged=True)
-        kept = solved_data(
+        kept = solution_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m
         )
         self.record("solved", kept)
 
     def check(self, solution: Solution, solver: Solver = solve_here) -> Checks:
-        """Ask for second opinions on the last calibration, and keep them."""
+        """Cross-validate the last calibration and record the result."""
         found = solver(check, solution, self.model, self.fixture, self.state.pose_set())
         self.record("checked", {"record": to_dict(found)})
         return found
 
     def document(self, solution: Solution, *, forced: str = "") -> ParametersDocument:
-        """Return what an export of this calibration would write."""
-        return document_of(solution, self.state, self.procedure, utc=self._clock(), forced=forced)
+        """Return the parameters document of this calibration."""
+        return parameters_document(
+            solution, self.state, self.procedure, utc=self._clock(), forced=forced
+        )

@@ -1,4 +1,4 @@
-"""From a judged calibration to the document that describes it completely. Needs no arm and writes no file."""
+"""The parameters document of a calibration."""
 
 from __future__ import annotations
 
@@ -43,27 +43,27 @@ if TYPE_CHECKING:
     from solver.loops.closure import ClosureModel
 
 
-def why_used(solution: Solution, reason: str, *, say_it_by: str) -> str:
-    """Return why a calibration is exported in spite of its verdict; empty where it was accepted.
+def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
+    """Return the reason for exporting a calibration that was not accepted; empty if it was accepted.
 
-    `say_it_by` is how the reader gives a reason, such as ``--force REASON``.
+    `say_it_by` tells the reader how to give a reason, such as ``--force REASON``.
 
     Raises
     ------
     GuardError
-        It was not accepted, and nobody says why it is to be used.
+        The calibration was not accepted and there is no reason.
     """
     if solution.accepted:
         return ""
     if not reason.strip():
         raise GuardError(
             f"the calibration was not accepted: {'; '.join(solution.reasons)}",
-            f"see what it asks for; or say why it is to be used all the same ({say_it_by})",
+            f"do what the reasons ask for, or state why these parameters are to be used ({say_it_by})",
         )
     return reason
 
 
-def document_of(
+def parameters_document(
     solution: Solution,
     state: SessionState,
     procedure: Procedure,
@@ -71,9 +71,9 @@ def document_of(
     utc: datetime,
     forced: str = "",
 ) -> ParametersDocument:
-    """Return the document that describes a session's calibration completely.
+    """Return the parameters document of a session's calibration.
 
-    That it was not accepted is the first of its warnings; `forced` says why it is used all the same.
+    A calibration that was not accepted has that as its first warning, with the reason `forced`.
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
@@ -99,7 +99,7 @@ def document_of(
         fixture=WhichFixture(name=fixture.name, kind=fixture.kind),
         quality=Quality(
             poses=solution.poses,
-            # What is not of this placement is no entry of this document.
+            # Parameters of other placements are not in this document.
             rank=solution.seen.rank - (len(estimate.parameters) - len(model.parameters)),
             scaled_condition_number=solution.seen.scaled_condition_number,
             sigma_pos_mm=_figures(estimate.sigmas.position_m),
@@ -123,7 +123,7 @@ def document_of(
 
 
 def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mapping[str, float]]:
-    """Shares of the variance of what was identified; a corrected length's is mostly its own tolerance."""
+    """Variance shares of the identified parameters, without lengths that are corrected within tolerance."""
     if solution.components is None:
         return {}
     estimate = solution.estimate
@@ -136,14 +136,14 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """The loop that the document describes and its parameters: of several placements that of the last."""
+    """Return the loop that the document describes (of several placements the last) and its parameter columns."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
 
 
 def _last(model: Placements, state: SessionState) -> int:
-    """The placement that the fixture is in, or the last one whose poses count."""
+    """Number of the present placement, or of the last one with used poses."""
     if state.imported:
         return model.numbers[-1]
     return state.placement if state.placement in model.numbers else model.numbers[-1]
@@ -153,26 +153,26 @@ def _several(model: ClosureModel, state: SessionState) -> tuple[DocumentWarning,
     if not isinstance(model, Placements):
         return ()
     text = (
-        f"calibrated in {len(model.numbers)} placements of the fixture; what belongs to its mounting is of "
+        f"calibrated in {len(model.numbers)} placements of the fixture; the fixture entries are those of "
         f"placement {_last(model, state)}, the last"
     )
     return (DocumentWarning(code="PLACEMENTS", text=text),)
 
 
 def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
-    """D-H rows 0..n as found; row 0 is nothing where the fixture is no D-H link.
+    """Identified D-H rows 0..n; row 0 is zero if the fixture is not a D-H link.
 
     Raises
     ------
     SessionError
-        Several placements have no table in common.
+        Several placements have no common table.
     """
     table = model.dh_table(x)
     if table is not None:
         return table
     if not isinstance(model, ArmLoop):
         raise SessionError(
-            f"{kind} fixtures in several placements have no D-H table in common",
+            f"{kind} fixtures in several placements have no common D-H table",
             "export the calibration of one placement",
         )
     rows = model.tables(x)
@@ -180,7 +180,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Put in what the loop measured of joints whose readings took no part, by joint."""
+    """Return the table with the offsets (rad, by joint) that the loop measured for unsensed joints."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset
@@ -204,11 +204,10 @@ def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]
     if solution.accepted:
         return ()
     refused = f"not accepted ({'; '.join(solution.reasons)})"
-    # One line, as every text of the document.
     said = " ".join(reason.split())
     if not said:
         return (DocumentWarning(code=NOT_ACCEPTED, text=refused),)
-    return (DocumentWarning(code=FORCED, text=f"{refused}; used all the same: {said}"),)
+    return (DocumentWarning(code=FORCED, text=f"{refused}; exported because: {said}"),)
 
 
 def _figures(reading: TwoReadings) -> TwoFigures:

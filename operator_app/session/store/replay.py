@@ -1,4 +1,4 @@
-"""How a session's state comes about: a pure fold over the events of its journal. No I/O, no arm."""
+"""Session state from journal events: a pure fold."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hardware.arm import HostLatency
 from operator_app.errors import JournalDamagedError
-from operator_app.session.store.events import joints_told, problem_of
+from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.state import (
     UNSOLVED,
     CampaignLog,
@@ -20,20 +20,20 @@ from operator_app.session.store.state import (
 from solver.arrays import frozen
 
 MOST_ORDER = 2**53
-"""No folder has so many sessions: a journal that says so is not believed."""
+"""Larger order numbers are not credible."""
 
 if TYPE_CHECKING:
     from operator_app.session.store.journal_format import JournalContents
 
 
 def order_of(opened: Mapping[str, Any]) -> int:
-    """Which session of its folder one is, by what it was opened with; 0 where that does not say."""
+    """Return the order number from the data of an `opened` event; 0 if it has none."""
     order = opened.get("order")
     return order if type(order) is int and 0 < order < MOST_ORDER else 0
 
 
 def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
-    """State after one journal event; unknown events (of a newer version) change nothing."""
+    """Return the state after one event; unknown events (of a newer version) change nothing."""
     match name:
         case "opened":
             return replace(
@@ -45,7 +45,6 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 settings=dict(data["settings"]),
             )
         case "resumed":
-            # What was chosen last is what a session goes on with.
             settings = {**state.settings, **data["settings"]}
             return replace(_another_try(state), resumed=True, settings=settings)
         case "imported":
@@ -55,7 +54,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(
                 _another_try(state),
                 serial_number=data["serial_number"],
-                # Those that the poses were taken with.
+                # The nodes that captured the poses stay the reference.
                 node_serials=state.node_serials if state.poses else serials,
                 resumed=state.resumed or bool(state.poses),
             )
@@ -72,7 +71,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
             return replace(
                 state,
                 visited=state.visited | {waypoint},
-                passed_over=state.passed_over | {waypoint},
+                skipped_waypoints=state.skipped_waypoints | {waypoint},
             )
         case "pose":
             pose = CapturedPose(
@@ -81,8 +80,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 mean_rad=frozen(data["mean_rad"]),
                 sd_rad=frozen(data["sd_rad"]),
                 samples=data["samples"],
-                # When a file's poses were read is not when they were taken, and their order there
-                # need not be that in which they were.
+                # Poses from a file: the time of capture is not the time of the import.
                 utc=data.get("taken_utc", utc),
                 note=data.get("note", ""),
                 planned=bool(data.get("planned")),
@@ -111,7 +109,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
 
 
 def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
-    """State after a pose was taken back, or is `back`."""
+    """Return the state after a pose was undone, or restored (`back`)."""
     moved = tuple(p for p in (state.undone if back else state.poses) if p.number == number)
     undone = tuple(p for p in state.undone if p.number != number)
     kept = tuple(p for p in state.poses if p.number != number)
@@ -124,7 +122,7 @@ def _undone(state: SessionState, number: int, *, back: bool) -> SessionState:
 def _apply_planning(
     state: SessionState, name: str, data: Mapping[str, Any], utc: str
 ) -> SessionState:
-    """State after an event of a planned capture, or of another mounting, beside its poses."""
+    """Return the state after an event of a planned capture or of a new placement."""
     match name:
         case "remounting":
             return _elsewhere(state, data["placement"], mounted=False)
@@ -146,7 +144,7 @@ def _apply_planning(
 def _apply_results(
     state: SessionState, name: str, data: Mapping[str, Any], utc: str
 ) -> SessionState:
-    """State after what was made of the poses, or held against it."""
+    """Return the state after a result, a check reading or a fault."""
     match name:
         case "solved":
             summary = {k: v for k, v in data.items() if k != "record"}
@@ -181,17 +179,17 @@ def _apply_results(
                 state,
                 readings=(*state.readings, reading),
                 resumed=False,
-                return_missed="" if back else state.return_missed,
+                missed_repeat="" if back else state.missed_repeat,
             )
         case "return_missed":
-            return replace(state, return_missed=data.get("reason", ""))
+            return replace(state, missed_repeat=data.get("reason", ""))
         case "repaired" if data["lost"]:
-            # A pose, or an exclusion, may be among what is lost: what was concluded may rest on it.
+            # The lost lines may hold poses or exclusions: results no longer count.
             return replace(_with_other_poses(state, state.poses), resumed=True)
         case "sensor_fault" if state.poses:
-            return replace(state, slipped=data["text"], resumed=True)
+            return replace(state, sensor_jump=data["text"], resumed=True)
         case "return_holds":
-            return replace(state, slipped="")
+            return replace(state, sensor_jump="")
         case "verified":
             return replace(state, verifications=state.verifications + 1)
         case _:
@@ -199,12 +197,14 @@ def _apply_results(
 
 
 def _another_try(state: SessionState) -> SessionState:
-    """State in which waypoints that were passed over are tried again."""
-    return replace(state, visited=state.visited - state.passed_over, passed_over=frozenset())
+    """Return the state in which skipped waypoints are tried again."""
+    return replace(
+        state, visited=state.visited - state.skipped_waypoints, skipped_waypoints=frozenset()
+    )
 
 
 def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
-    """State in another mounting of the fixture: what was known of where the arm stands is gone."""
+    """Return the state in a new placement of the fixture: start, home, modes and waypoints are unknown."""
     return replace(
         state,
         placement=placement,
@@ -213,14 +213,14 @@ def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> Session
         home_rad=None,
         modes=(),
         visited=frozenset(),
-        passed_over=frozenset(),
+        skipped_waypoints=frozenset(),
         resumed=False,
-        slipped="",
+        sensor_jump="",
     )
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """State in which other poses count: what was concluded from those before no longer holds."""
+    """Return the state with other poses: results of the earlier ones no longer count."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 
@@ -245,21 +245,21 @@ def _edit(
 
 
 def session_state(contents: JournalContents, *, joint_count: int | None = None) -> SessionState:
-    """State after all events of a journal as read, each looked at before it counts.
+    """Return the state after all events of a journal; checks each event first.
 
     Parameters
     ----------
     joint_count
-        Of the session's arm; None: what the journal says first.
+        Of the session's arm; None: as in the first event with a value for each joint.
 
     Raises
     ------
     JournalDamagedError
-        A line says what no session can mean.
+        The data of a line are not valid.
     """
     state, joints = SessionState(), joint_count
     for event in contents.events:
-        key, problem = problem_of(event.name, event.data, event.utc, joints)
+        key, problem = event_problem(event.name, event.data, event.utc, joints)
         if not problem and event.name == "pose" and event.data["number"] <= state.captured:
             key, problem = (
                 "number",
@@ -274,13 +274,13 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
                 events=event.seq - 1,
                 key=key,
             )
-        joints = joints or joints_told(event.name, event.data)
+        joints = joints or joint_count_in(event.name, event.data)
         state = apply(state, event.name, event.data, event.utc)
     return state
 
 
 def replay(events: Iterable[tuple[str, Mapping[str, Any], str]]) -> SessionState:
-    """State after all events (name, data, utc) of a journal."""
+    """Return the state after these events (name, data, utc)."""
     state = SessionState()
     for name, data, utc in events:
         state = apply(state, name, data, utc)

@@ -1,7 +1,7 @@
-"""Solving in a process of its own: screen and bus keep their interpreter, and an end is an end at once.
+"""Runs a calibration in a separate process, so that bus and screen are not delayed and cancelling is immediate.
 
-The process has neither the bus nor the terminal, and loads no screen; it ends when this one does,
-however this one ends. Knows nothing of what is solved. This module is both ends of the pipe.
+The process has neither bus nor terminal and ends with its parent, however that ends. This module is both ends of
+the pipe.
 """
 
 from __future__ import annotations
@@ -27,17 +27,14 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 LOOK_S = 0.02
-"""How often it is asked whether the work should end."""
+"""Interval of the calls of `go_on`."""
 NICENESS = 5
-"""The screen and the bus come first."""
+"""Added to the niceness of the process: screen and bus have priority."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function that solves something, here or elsewhere.
-
-    `function` is called with the arguments, and with `progress` if there is one.
-    """
+    """Calls a function with these arguments, in this process or another; with `progress` if it is not None."""
 
     def __call__(
         self,
@@ -46,7 +43,7 @@ class Solver(Protocol):
         progress: Progress | None = None,
         **options: object,
     ) -> T:
-        """Return what the function returns."""
+        """Return the result of the function."""
         ...
 
 
@@ -65,7 +62,7 @@ class SolvingProcess:
     Parameters
     ----------
     go_on
-        Called every `LOOK_S` and at each progress; what it raises ends the process and is raised.
+        Called every `LOOK_S` and at each progress report; an exception from it ends the process.
     """
 
     def __init__(self, go_on: Callable[[], None] = lambda: None) -> None:
@@ -80,7 +77,7 @@ class SolvingProcess:
         self.end()
 
     def end(self) -> None:
-        """Kill the process, whatever it does."""
+        """Kill the process."""
         process, self._process = self._process, None
         if process is not None:
             process.kill()
@@ -95,14 +92,14 @@ class SolvingProcess:
         progress: Progress | None = None,
         **options: object,
     ) -> T:
-        """Return what the function returns there.
+        """Return the result of the function.
 
         Raises
         ------
         SolverError
-            What it raised.
+            The function raised it.
         SessionError
-            Anything else that it raised, as what happened and what to do; or the process ended by itself.
+            The function raised another exception, or the process ended by itself.
         """
         connection = self._started()
         try:
@@ -123,8 +120,8 @@ class SolvingProcess:
                     return found
         except (EOFError, OSError) as gone:
             raise SessionError(
-                f"The process that calibrates ended by itself ({self._how_it_ended()})",
-                "All poses are kept: calibrate again. If it happens again, close what else needs memory",
+                f"The solver process ended by itself ({self._how_it_ended()})",
+                "All poses are kept: calibrate again. If it happens again, close programs that use much memory",
             ) from gone
 
     def _started(self) -> Connection:
@@ -133,12 +130,12 @@ class SolvingProcess:
             command = [sys.executable, "-P", "-c", _START, str(there.fileno())]
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
-                # Its end says that this process has ended.
+                # The end of its standard input tells it that this process has ended.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 pass_fds=[there.fileno()],
-                # Neither Ctrl-C nor a closed terminal is meant for it.
+                # Ctrl-C and a closed terminal must not signal it.
                 start_new_session=True,
                 env=os.environ
                 | dict.fromkeys(THREADS, "1")
@@ -161,8 +158,8 @@ _START = "from operator_app.session.store.solver_process import serve; serve()"
 
 
 def serve() -> None:
-    """Solve what comes through the pipe until the other end is gone."""
-    normal_priority()  # whoever keeps the time of an arm may run before others: this is not that one
+    """Run the functions that come through the pipe until its other end closes."""
+    normal_priority()  # drop the real-time priority inherited from the process that drives the arm
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.nice(NICENESS)
     connection: Connection = Connection(int(sys.argv[1]))
@@ -179,24 +176,24 @@ def _answer(
 ) -> tuple[str, object]:
     try:
         return "found", function(*args, **options)
-    except Exception as error:  # noqa: BLE001 - said at the other end
+    except Exception as error:  # noqa: BLE001 - reported at the other end
         from operator_app.messages.errors import EXPECTED, words
         from solver.errors import SolverError
 
-        if isinstance(error, SolverError):  # made to travel
+        if isinstance(error, SolverError):  # can be pickled
             return "refused", error
         if isinstance(error, EXPECTED):
             said = words(error)
             return "refused", (said.happened, said.remedy)
         where = traceback.extract_tb(error.__traceback__)[-1]
         return "refused", (
-            f"A defect of this program: {error!r} in {where.name}, line {where.lineno} of {where.filename}",
+            f"Program error: {error!r} in {where.name}, line {where.lineno} of {where.filename}",
             "All poses are kept in the session's folder: report the defect with that folder",
         )
 
 
 def _end_with_parent() -> None:
-    """Nothing is ever written to standard input: when it ends, the other process has ended."""
+    """End this process when standard input ends: the parent writes nothing there and has ended then."""
     while os.read(0, 1):
         pass
     os._exit(1)

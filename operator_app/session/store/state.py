@@ -1,4 +1,4 @@
-"""What a session amounts to: the immutable state that replaying its journal gives. No I/O, no arm."""
+"""Session state: immutable, made from journal events alone."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturedPose:
-    """One captured pose; `planned` when a plan chose it.
+    """One captured pose.
 
-    `number` counts captures from 1 and is never used twice; `waypoint` is the index in the plan it
-    was taken for, -1 for none; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates. `placement`
-    counts how often the fixture was mounted, from 1; `endpoint` what an instrument measured (m and rad; else empty).
+    `number` counts captures from 1 and is never reused; `waypoint` is its index in the plan, -1 for none;
+    `mean_rad` and `sd_rad` (n,) are in sensor coordinates. `placement` numbers the mountings of the fixture
+    from 1; `endpoint` is the measurement of an instrument (m and rad), or empty; `planned`: a plan chose it.
     """
 
     number: int
@@ -41,10 +41,10 @@ class CapturedPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckReading:
-    """A pose that was read to check the calibration, and is no part of it.
+    """A pose measured to check the calibration, not part of it.
 
-    `kind` is ``verification`` or ``return``: pose number `of` read once more, after `after` captures.
-    `number` counts such readings from 1; `mean_rad` and `sd_rad` have shape (n,), sensor coordinates.
+    `kind` is ``verification`` or ``return``: pose number `of` measured again after `after` captures.
+    `number` counts check readings from 1; `mean_rad` and `sd_rad` (n,) are in sensor coordinates.
     """
 
     kind: str
@@ -61,8 +61,8 @@ class CheckReading:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Return:
-    """A pose that counts, and the reading of it after the arm came back to it."""
+class RepeatedPose:
+    """A used pose and its second measurement."""
 
     first: CapturedPose
     again: CheckReading
@@ -70,10 +70,10 @@ class Return:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignLog:
-    """A planned capture as the journal has it: what it began with and what happened since, in order.
+    """A planned capture as recorded in the journal.
 
-    `begun` is empty before there is one. `steps` are the names and data of the events that the policy
-    was told of; `ended` is the data of its end, empty before.
+    `begun` is its start data, empty before the start; `steps` are name and data of the events reported to the
+    planning policy, in order; `ended` is its end data, empty before the end.
     """
 
     begun: Mapping[str, Any] = field(default_factory=dict)
@@ -92,81 +92,76 @@ UNSOLVED: Mapping[str, Any] = {
     "solved_utc": "",
     "exported": {},
 }
-"""Of other poses nothing was concluded yet."""
+"""Fields without results, for a changed set of poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionState:
-    """Everything that was decided and measured so far.
+    """State of a session.
 
     Attributes
     ----------
     order
-        Which session of its folder it is, from 1; 0 in journals of earlier versions.
+        Order number in its folder, from 1; 0 in journals of earlier versions.
     after
-        In those: folder name of the session begun before this one, where the clock has been set back since; else empty.
+        In those: name of the session opened before this one if the clock was set back in between.
     imported
-        File that the poses were read from; empty where an arm took them.
+        File that the poses were read from; empty if an arm captured them.
     sources
-        The arm, fixture and procedure documents the session was opened with, as text by kind.
+        Text of the arm, fixture and procedure documents at opening, by kind.
     serial_number
         Of the arm; empty until connected.
     node_serials
-        Of its nodes (1018h), by node; those that the poses were taken with.
+        Serial numbers (1018h) by node, of the nodes that captured the poses.
     start_rad
-        Joint angles when the session first took control (n,), or None.
+        Joint angles (n,) when the drives were first enabled, or None.
     home_rad
-        Round where its boxes are (n,): the procedure's home, or, in journals of earlier versions, where
-        it started.
+        Centre of the drive box (n,): the procedure's home; in journals of earlier versions the start.
     modes
-        ``position``/``free`` per joint as last confirmed; empty until set.
+        ``position`` or ``free`` for each joint as last confirmed; empty until set.
     poses
-        All captured poses that were not undone, excluded ones included.
-    undone
-        Those that were, as they were then.
+        Captured poses that were not undone, with the excluded ones.
     visited
-        Waypoints of the plan that are done with: captured, or passed over with a reason.
-    passed_over
-        Those of them that were: what kept the arm from them may have gone when the session is resumed.
+        Waypoints of the plan that were captured or skipped.
+    skipped_waypoints
+        Waypoints that were skipped; tried again when the session is resumed.
     captured
-        How many captures there were, undone ones included: the next pose is number captured + 1.
+        Number of captures, with the undone ones: the next pose has number captured + 1.
     drives, drive_sets
-        Joints chosen to drive, and all sets a plan may change between; empty until chosen.
+        Chosen drive joints, and all sets that a plan may use; empty until chosen.
     readings
-        Poses that were read to check the calibration.
+        Check readings.
     resumed
-        Whether the session was resumed, or the arm found again, since the last of them: something may
-        have slipped meanwhile.
+        Whether the session was resumed or the arm connected again since the last check reading.
     placement
-        Which mounting of the fixture the arm is in, from 1. Where it started, its waypoints and its modes
-        are of this one.
+        Number of the present mounting of the fixture, from 1. Start, waypoints and modes belong to it.
     mounted
-        Whether it is: False from when the fixture was to come off until somebody says that it is mounted.
-    return_missed
-        Why the first pose could not be read once more, since it last was; empty: nobody tried in vain.
-    slipped
-        What a joint's reading did that no motion explains: no pose counts until the first one, read
-        again, reads as it did. Empty: nothing.
+        False between taking the fixture off and the operator's confirmation that it is mounted.
+    missed_repeat
+        Why the last attempt to measure the first pose again failed; empty: no failed attempt.
+    sensor_jump
+        Step of a sensor reading without motion: captures are refused until the first pose, measured again,
+        agrees. Empty: none.
     verifications
-        How many times it was verified with new poses.
+        Number of verifications with new poses.
     campaign
         The planned capture.
     solved, exported
-        Summary data of the solve, and of the export of what was solved; empty until there is one.
+        Summaries of the calibration and of its export; empty until there is one.
     solved_utc
-        When it was solved; empty before.
+        Time of the calibration; empty before.
     solution, checks
-        Records (`operator_app.calibration.serialization`) of the last solve and of the second opinions on
-        it; empty until there is one, and in journals of earlier versions.
+        Records (`operator_app.calibration.serialization`) of the last calibration and of its
+        cross-validation; empty until there is one, and in journals of earlier versions.
     late
-        How late the computer itself was, all connections together.
+        Lateness of the computer over all connections.
     """
 
     opened_utc: str = ""
     order: int = 0
     after: str = ""
     imported: str = ""
-    return_missed: str = ""
+    missed_repeat: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     settings: Mapping[str, Any] = field(default_factory=dict)
     serial_number: str = ""
@@ -177,7 +172,7 @@ class SessionState:
     poses: tuple[CapturedPose, ...] = ()
     undone: tuple[CapturedPose, ...] = ()
     visited: frozenset[int] = frozenset()
-    passed_over: frozenset[int] = frozenset()
+    skipped_waypoints: frozenset[int] = frozenset()
     captured: int = 0
     drives: tuple[int, ...] = ()
     drive_sets: tuple[tuple[int, ...], ...] = ()
@@ -185,7 +180,7 @@ class SessionState:
     resumed: bool = False
     placement: int = 1
     mounted: bool = True
-    slipped: str = ""
+    sensor_jump: str = ""
     verifications: int = 0
     campaign: CampaignLog = field(default_factory=CampaignLog)
     solved: Mapping[str, Any] = field(default_factory=dict)
@@ -202,27 +197,27 @@ class SessionState:
 
     @property
     def next_waypoint(self) -> int:
-        """First waypoint of the plan that has not been visited."""
+        """First waypoint of the plan that was not visited."""
         return next(k for k in range(len(self.visited) + 1) if k not in self.visited)
 
     @property
     def used_poses(self) -> tuple[CapturedPose, ...]:
-        """Poses that count: captured, not undone, not excluded."""
+        """Poses that are neither undone nor excluded."""
         return tuple(p for p in self.poses if not p.excluded)
 
     @property
     def poses_here(self) -> tuple[CapturedPose, ...]:
-        """Those of them that were taken in the present placement of the fixture."""
+        """Used poses of the present placement of the fixture."""
         return tuple(p for p in self.used_poses if p.placement == self.placement)
 
     @property
-    def unseen(self) -> bool:
-        """Whether nothing is known of the present placement but that it was to come."""
+    def unconfirmed_placement(self) -> bool:
+        """Whether this is a later placement without a pose: its mounting is not confirmed by any reading."""
         return self.placement > 1 and not self.poses_here
 
     @property
     def here(self) -> SessionState:
-        """What is known of the present placement alone: the others say nothing of where the arm stands."""
+        """State with the poses and readings of the present placement only."""
         if all(p.placement == self.placement == 1 for p in self.poses):
             return self
         number = self.placement
@@ -231,18 +226,18 @@ class SessionState:
         return replace(self, poses=poses, readings=readings, placement=1, **UNSOLVED)
 
     @property
-    def returns(self) -> tuple[Return, ...]:
-        """Readings of poses that the arm came back to, as far as those still count."""
+    def repeats(self) -> tuple[RepeatedPose, ...]:
+        """Used poses that were measured again."""
         known = {p.number: p for p in self.used_poses}
         return tuple(
-            Return(first=known[r.of], again=r)
+            RepeatedPose(first=known[r.of], again=r)
             for r in self.readings
             if r.kind == "return" and r.of in known
         )
 
     @property
     def rereads(self) -> tuple[Reread, ...]:
-        """The same as a calibration is tested with."""
+        """The same for the diagnosis of a calibration."""
         return tuple(
             Reread(
                 label=str(r.first.number),
@@ -252,28 +247,27 @@ class SessionState:
                 samples=r.first.samples,
                 samples_again=r.again.samples,
             )
-            for r in self.returns
+            for r in self.repeats
         )
 
     def wanted_poses(self, capture: CapturePlan) -> int:
-        """How many poses the procedure asks for; a plan's come beside those of its exploration."""
+        """Number of poses the procedure asks for; planned ones are in addition to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":
-            # As many in every placement.
             return capture.poses + len(used) - len(self.poses_here)
         if self.campaign.ended.get("complete"):
             return len(used)
         return capture.poses + sum(not p.planned for p in used)
 
     def pose_set(self) -> PoseSet:
-        """Return the used poses as the estimators take them."""
+        """Return the used poses for the estimators."""
         used = self.used_poses
         placement = np.array([p.placement for p in used], dtype=np.int64)
         return replace(pose_set_of(used), placement=placement)
 
 
 def pose_set_of(poses: Sequence[CapturedPose | CheckReading]) -> PoseSet:
-    """Return poses as the estimators take them."""
+    """Return these poses for the estimators."""
     joints = len(poses[0].mean_rad) if poses else 1
     measured = {len(p.endpoint) for p in poses} in ({3}, {6})
     return PoseSet(

@@ -1,8 +1,7 @@
-"""The calibration of a session as its journal has it: read back, never solved again without need.
+"""The calibration in the journal of a session.
 
-Journals of earlier versions hold no solution, and a reader may ask for other options than the session
-was solved with: only then the poses are solved, and `Calibrated.solved_again` says why. Knows no arm
-and no renderer.
+The poses are solved again only where the journal holds no solution (earlier versions) or the caller asks for
+other options; `StoredCalibration.recalculated_because` then says why.
 """
 
 from __future__ import annotations
@@ -33,59 +32,59 @@ class StoredCalibration:
     Attributes
     ----------
     checks
-        Second opinions; None where the journal has none for this solution.
+        Cross-validation; None if the journal has none of this solution.
     solved_again
-        Why it was not read from the journal; empty when it was.
+        Why it was not read from the journal; empty if it was.
     """
 
     solution: Solution
     checks: Checks | None
-    solved_again: str
+    recalculated_because: str
 
 
-def calibrated(
+def session_calibration(
     state: SessionState,
     procedure: Procedure,
     *,
     estimator: str | None = None,
     unsensed_joints: tuple[int, ...] | None = None,
 ) -> StoredCalibration:
-    """Return the calibration of the poses that count.
+    """Return the calibration of the used poses.
 
     Parameters
     ----------
     procedure
-        The one the session follows, with the arm that was really there.
+        The session's procedure with the arm that was really there.
     estimator, unsensed_joints
-        None: as the session was solved, or as the procedure says where it was not.
+        None: as in the journal's calibration, else as in the procedure.
 
     Raises
     ------
     SessionError, SolverError, FixtureError
-        There is no pose, or what the poses cannot give has to be solved after all.
+        There is no pose, or solving again fails.
     """
     if not state.used_poses:
-        raise SessionError("this session has no pose that counts", "capture poses first")
-    read = recorded(state)
+        raise SessionError("this session has no used pose", "capture poses first")
+    read = journal_calibration(state)
     if isinstance(read, StoredCalibration):
         then = read.solution.estimate.estimator, read.solution.model.unsensed_joints
         asked = (
             then[0] if estimator is None else estimator,
-            then[1] if unsensed_joints is None else _blind(procedure, unsensed_joints),
+            then[1] if unsensed_joints is None else _all_unsensed(procedure, unsensed_joints),
         )
         if asked == then:
             return read
         why = f"the session was solved by {then[0]}, joints {list(then[1])} unsensed"
     else:
         why = read
-    before = _as_solved(state, procedure)
+    before = _with_recorded_options(state, procedure)
     solution = solve(
         state,
         procedure,
         estimator=estimator or before.estimator,
         unsensed_joints=before.unsensed_joints if unsensed_joints is None else unsensed_joints,
     )
-    return StoredCalibration(solution=solution, checks=None, solved_again=why)
+    return StoredCalibration(solution=solution, checks=None, recalculated_because=why)
 
 
 def solve(
@@ -95,7 +94,7 @@ def solve(
     estimator: str,
     unsensed_joints: tuple[int, ...],
 ) -> Solution:
-    """Calibrate from the poses that count, with the limits and tolerances of the procedure."""
+    """Calibrate from the used poses with the limits and tolerances of the procedure."""
     if unsensed_joints and estimator == "paper":
         raise SessionError(
             "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
@@ -112,23 +111,23 @@ def solve(
         limits=procedure.acceptance,
         rereads=state.rereads,
     )
-    return solution.with_notices(unreturned_notices(state))
+    return solution.with_notices(missing_repeat_notices(state))
 
 
-def checked(
+def with_checks(
     found: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return a calibration that was solved again with second opinions on it; the journal's as it is."""
-    if not found.solved_again:
+    """Return a calibration that was solved again with its cross-validation; the journal's unchanged."""
+    if not found.recalculated_because:
         return found
     fixture = procedure.fixture.fixture
     return replace(found, checks=check(found.solution, procedure.arm, fixture, state.pose_set()))
 
 
-def solved_data(
+def solution_data(
     solution: Solution, state: SessionState, *, length_tolerance_m: float | None
 ) -> dict[str, Any]:
-    """Return what the journal keeps of a solution of the poses that count."""
+    """Return the data of the `solved` event."""
     estimate = solution.estimate
     return {
         "estimator": estimate.estimator,
@@ -146,29 +145,29 @@ def solved_data(
     }
 
 
-def recorded(state: SessionState) -> StoredCalibration | str:
-    """Return what the journal has of the poses that count, or why it has nothing."""
+def journal_calibration(state: SessionState) -> StoredCalibration | str:
+    """Return the journal's calibration of the used poses, or why there is none."""
     if not state.solution:
-        return "its journal holds poses and no solution of them"
+        return "the journal holds poses and no calibration of them"
     try:
         solution = from_dict(Solution, state.solution)
         checks = from_dict(Checks, state.checks) if state.checks else None
     except RecordError:
-        return "the solution in its journal is of another version of this program"
+        return "another version of this program wrote the solution in the journal"
     used = [pose.number for pose in state.used_poses]
     if state.solved.get("poses", used) != used:
-        return "the solution in its journal is of other poses"
+        return "the solution in the journal is of other poses"
     dropped = set(solution.dropped_flipped)
     estimates = (solution.estimate, solution.paper, solution.implicit)
     if not dropped <= set(range(len(used))) or not all(
-        _holds_together(estimate, len(used) - len(dropped)) for estimate in estimates
+        _is_consistent(estimate, len(used) - len(dropped)) for estimate in estimates
     ):
-        return "the figures of the solution in its journal do not go together"
-    return StoredCalibration(solution=solution, checks=checks, solved_again="")
+        return "the solution in the journal is not consistent"
+    return StoredCalibration(solution=solution, checks=checks, recalculated_because="")
 
 
-def _holds_together(estimate: Estimate | None, poses: int) -> bool:
-    """Whether there is a value and a variance for each parameter, and a row for each of so many poses."""
+def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
+    """Whether array shapes match the number of parameters and of poses."""
     if estimate is None:
         return True
     count = len(estimate.parameters)
@@ -181,8 +180,8 @@ def _holds_together(estimate: Estimate | None, poses: int) -> bool:
     )
 
 
-def _as_solved(state: SessionState, procedure: Procedure) -> Procedure:
-    """Return the procedure with the options that the session was solved with, as far as it says."""
+def _with_recorded_options(state: SessionState, procedure: Procedure) -> Procedure:
+    """Return the procedure with the options of the journal's calibration, if it records them."""
     solved: Mapping[str, object] = state.solved
     match solved.get("estimator"):
         case "paper" | "implicit" as estimator:
@@ -193,33 +192,33 @@ def _as_solved(state: SessionState, procedure: Procedure) -> Procedure:
     return procedure
 
 
-def _blind(procedure: Procedure, joints: tuple[int, ...]) -> tuple[int, ...]:
+def _all_unsensed(procedure: Procedure, joints: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(sorted({*joints, *procedure.arm.unsensed_joints}))
 
 
 NO_WAY_BACK = "no way back to it is planned from here"
-"""Why a planned capture does not read its first pose once more: it would say so again at every resume."""
+"""Reason in the journal: a planned capture knows no path to its first pose, and resuming does not change that."""
 
 
-def unreturned_notices(state: SessionState) -> tuple[Finding, ...]:
-    """Say for each placement whether its first pose was read once more after its last; nothing where it was."""
+def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:
+    """Return a finding for each placement whose first pose was not measured again after its last."""
     if state.imported:
-        # Nobody knows what was read again.
+        # A file does not say which poses are repeats.
         return ()
     numbers = dict.fromkeys(p.placement for p in state.used_poses)
     return tuple(
-        notice for k in numbers if (notice := _of_placement(state, k, several=len(numbers) > 1))
+        notice for k in numbers if (notice := _missing_repeat(state, k, several=len(numbers) > 1))
     )
 
 
-def _of_placement(state: SessionState, placement: int, *, several: bool) -> Finding | None:
+def _missing_repeat(state: SessionState, placement: int, *, several: bool) -> Finding | None:
     here = [p.number for p in state.used_poses if p.placement == placement]
-    again = [r for r in state.returns if r.first.placement == placement]
+    again = [r for r in state.repeats if r.first.placement == placement]
     if any(r.again.after >= here[-1] for r in again):
         return None
     why = "the capture ended before that"
-    if placement == state.placement and state.return_missed:
-        why = state.return_missed
+    if placement == state.placement and state.missed_repeat:
+        why = state.missed_repeat
     before = max((r.again.after for r in again), default=0)
     goes_on = placement == state.placement and why != NO_WAY_BACK
     return Finding(
@@ -231,12 +230,12 @@ def _of_placement(state: SessionState, placement: int, *, several: bool) -> Find
 
 
 def versions() -> dict[str, str]:
-    """Return versions by name, as the journal keeps them."""
+    """Return the versions of this program and its numerical libraries by name, for the journal."""
     libraries = {name: version(name) for name in ("sarcal", "numpy", "scipy")}
     return libraries | {"python": platform.python_version()}
 
 
 def software_version() -> str:
-    """Return them as one line: ``0.3.0 (numpy 2.3.5, scipy 1.16.3, python 3.11.2)``."""
+    """Return the versions in one line: ``0.3.0 (numpy 2.3.5, scipy 1.16.3, python 3.11.2)``."""
     own, *others = versions().items()
     return f"{own[1]} ({', '.join(f'{name} {number}' for name, number in others)})"

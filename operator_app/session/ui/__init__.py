@@ -1,1 +1,1 @@
-"""What both user interfaces share: actions, guards, snapshot, runner."""
+"""Shared by all user interfaces: actions, guards, snapshot, runner."""

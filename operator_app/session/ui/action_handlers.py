@@ -1,7 +1,4 @@
-"""What the actions of a session ask of its arm and its solver when their guards hold: hand work over, ask first.
-
-`actions` says which there are. Knows no screen and no terminal.
-"""
+"""The work of the actions: submits tasks to the runner, after a question where one is needed."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui import guards
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
-from operator_app.session.ui.user_interface import Chosen, OneOf, Typed, YesNo
+from operator_app.session.ui.user_interface import ActionContext, OneOf, Typed, YesNo
 from operator_app.session.workflow.placements import remounting_steps
 from operator_app.units.figure import MOVED
 from operator_app.units.numbers import joints_named, names
@@ -24,51 +21,52 @@ from operator_app.units.numbers import joints_named, names
 VERIFY_POSES = 5
 
 
-def task(kind: TaskKind, text: str, work: Callable[[Operations], None]) -> Callable[[Chosen], None]:
-    """Work that is handed over as it is."""
-    return lambda chosen: chosen.hand(kind, text, work)
+def task(
+    kind: TaskKind, text: str, work: Callable[[Operations], None]
+) -> Callable[[ActionContext], None]:
+    """Return a handler that submits `work` without a question."""
+    return lambda context: context.submit(kind, text, work)
 
 
-def connect(chosen: Chosen) -> None:
-    """Connect; in a placement of which nothing is known yet, once somebody says that its fixture is mounted."""
-    state, text = chosen.s.state, "connecting"
-    if not state.unseen:
-        chosen.hand(TaskKind.CONNECT, text, lambda o: o.connect())
-    elif chosen.s.simulated:
-        # Nobody has to do anything.
-        chosen.hand(TaskKind.CONNECT, text, lambda o: o.connect_mounted())
+def connect(context: ActionContext) -> None:
+    """Connect; in a later placement without a pose only after the mounting is confirmed."""
+    state, text = context.s.state, "connecting"
+    if not state.unconfirmed_placement:
+        context.submit(TaskKind.CONNECT, text, lambda o: o.connect())
+    elif context.s.simulated:
+        context.submit(TaskKind.CONNECT, text, lambda o: o.connect_mounted())
     else:
         said = (
-            f"Placement {state.placement} has no pose yet. Is its {chosen.s.procedure.fixture.name} mounted, the "
+            f"Placement {state.placement} has no pose yet. Is the {context.s.procedure.fixture.name} mounted, the "
             "loop closed, and nobody within reach of the arm?"
         )
-        chosen.ask(
+        context.ask(
             YesNo(title="Is the fixture mounted?", text=said, yes="Mounted"),
-            lambda again, _: again.hand(TaskKind.CONNECT, text, lambda o: o.connect_mounted()),
+            lambda again, _: again.submit(TaskKind.CONNECT, text, lambda o: o.connect_mounted()),
         )
 
 
-def manual(chosen: Chosen) -> None:
+def manual(context: ActionContext) -> None:
     """Show a page of the manual, after asking which."""
-    face = chosen.face
-    options = tuple((topic, f"{topic}: {said}") for topic, said in face.topics().items())
-    face.ask(OneOf(title="Manual", text="Which page?", options=options), face.show_page)
+    interface = context.interface
+    options = tuple((topic, f"{topic}: {said}") for topic, said in interface.topics().items())
+    interface.ask(OneOf(title="Manual", text="Which page?", options=options), interface.show_page)
 
 
-def history(chosen: Chosen) -> None:
+def history(context: ActionContext) -> None:
     """Show all calibrations of the connected arm, or of the arm of this session."""
-    chosen.face.show_history(guards.serial_number(chosen.s))
+    context.interface.show_history(guards.serial_number(context.s))
 
 
-def apply_modes(chosen: Chosen) -> None:
-    """Set the modes as marked, after a question."""
-    joints = chosen.s.wanted_joints
-    count = chosen.s.procedure.arm.joint_count
+def apply_modes(context: ActionContext) -> None:
+    """Set the selected modes, after a question."""
+    joints = context.s.wanted_joints
+    count = context.s.procedure.arm.joint_count
     driven = names(f"J{j}" for j in joints)
-    text = f"The drives are enabled; {_modes_words(chosen.s)}. Nothing moves yet. Stand clear of the arm."
-    chosen.ask(
+    text = f"The drives are enabled; {_modes_text(context.s)}. Nothing moves yet. Stand clear of the arm."
+    context.ask(
         YesNo(title="Apply the modes?", text=text, yes="Apply"),
-        lambda again, _: again.hand(
+        lambda again, _: again.submit(
             TaskKind.MODES,
             f"setting {driven} to position mode{and_the_others(len(joints), count)}",
             lambda o: o.set_modes(joints),
@@ -76,162 +74,160 @@ def apply_modes(chosen: Chosen) -> None:
     )
 
 
-def _modes_words(s: SessionSnapshot) -> str:
-    """Say which modes are applied, and what that means for whoever stands there."""
+def _modes_text(s: SessionSnapshot) -> str:
+    """Return which joints get position mode, with the warning about free joints."""
     joints, count = s.wanted_joints, s.procedure.arm.joint_count
-    free = "" if len(joints) == count else ": those give way when pushed"
+    free = "" if len(joints) == count else " (they yield when pushed)"
     driven = names(f"J{j}" for j in joints)
     return f"{driven} in position mode{and_the_others(len(joints), count)}{free}"
 
 
 def standing_alarms(s: SessionSnapshot) -> dict[int, str]:
-    """Return the alarms that can be acknowledged, the newest first."""
-    return {a.number: f"Acknowledge the alarm of {a.time}: it was seen" for a in s.alarms[::-1]}
+    """Return the alarms, the newest first."""
+    return {a.number: f"Acknowledge the alarm of {a.time}" for a in s.alarms[::-1]}
 
 
-def acknowledge(chosen: Chosen) -> None:
-    """Let go of the alarm in sight; where not all its words fit, show them first."""
-    shown = chosen.face.alarm(chosen.s)
-    alarm = next((a for a in chosen.s.alarms if shown and a.number == shown.number), None)
+def acknowledge(context: ActionContext) -> None:
+    """Acknowledge the shown alarm; show its whole text first if it does not fit."""
+    shown = context.interface.alarm(context.s)
+    alarm = next((a for a in context.s.alarms if shown and a.number == shown.number), None)
     if shown is None or alarm is None:
         return
     if shown.whole:
-        chosen.runner.acknowledge(alarm.number)
+        context.runner.acknowledge(alarm.number)
     else:
-        chosen.ask(
+        context.ask(
             YesNo(title=f"Alarm of {alarm.time}", text=alarm.text, yes="Acknowledge"),
             lambda again, _: again.runner.acknowledge(alarm.number),
         )
 
 
-def automatic(chosen: Chosen) -> None:
-    """Take the poses that are left; where drives move a real arm by themselves, after a question."""
+def automatic(context: ActionContext) -> None:
+    """Capture the missing poses; on a real arm with drives after a question."""
 
-    def begin(again: Chosen) -> None:
-        again.hand(
+    def begin(again: ActionContext) -> None:
+        again.submit(
             TaskKind.AUTOMATIC, "moving and capturing automatically", lambda o: o.automatic()
         )
 
-    if not guards.moves_metal(chosen.s):
-        begin(chosen)
+    if not guards.moves_real_arm(context.s):
+        begin(context)
         return
     text = (
-        "The arm moves by itself, pose after pose, until all are captured. Nobody within its reach; "
-        "somebody has a hand on the hardware stop. Any key stops it."
+        "The arm moves by itself from pose to pose until all are captured. Nobody may be within its reach; "
+        "a person keeps a hand on the hardware stop. Any key stops the arm."
     )
-    chosen.ask(
+    context.ask(
         YesNo(title="Capture automatically?", text=text, yes="Move"), lambda again, _: begin(again)
     )
 
 
-def go(chosen: Chosen, waypoint: int | None) -> None:
+def go(context: ActionContext, waypoint: int | None) -> None:
     """Move to a waypoint."""
     text = "moving" if waypoint is None else f"moving to waypoint {waypoint + 1}"
-    chosen.hand(TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
+    context.submit(TaskKind.MOVE, text, lambda o: o.go(waypoint or 0))
 
 
-def home(chosen: Chosen) -> None:
-    """Take the arm home, after a question: nobody has spoken for the places on the way."""
-    s = chosen.s
+def home(context: ActionContext) -> None:
+    """Go home, after a question: the path outside the box is not known to be clear."""
+    s = context.s
     ways = [
         (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)
         for j, mode in enumerate(s.modes, 1)
         if mode is JointMode.POSITION and s.arm is not None
     ]
     text = (
-        "The drive joints go straight home, slowly, the free ones follow: "
+        "The drive joints go straight home at 5 deg/s, the free ones follow: "
         + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
-        + ". Look whether the way is clear, and stand clear of the arm; any key stops it."
+        + ". Check that the path is clear, and stand clear of the arm. Any key stops it."
     )
-    chosen.ask(
+    context.ask(
         YesNo(title="Go home?", text=text, yes="Move"),
-        lambda again, _: again.hand(TaskKind.HOME, "going home", lambda o: o.go_home()),
+        lambda again, _: again.submit(TaskKind.HOME, "going home", lambda o: o.go_home()),
     )
 
 
-def capture(chosen: Chosen) -> None:
+def capture(context: ActionContext) -> None:
     """Capture a pose where the arm is."""
-    at = -1 if chosen.s.at_waypoint is None else chosen.s.at_waypoint
-    chosen.hand(TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
+    at = -1 if context.s.at_waypoint is None else context.s.at_waypoint
+    context.submit(TaskKind.CAPTURE, "capturing", lambda o: o.capture(at))
 
 
-def exclude(chosen: Chosen) -> None:
-    """Exclude the pose that is meant, or let it count again."""
-    number = chosen.face.pose(chosen.s)
+def exclude(context: ActionContext) -> None:
+    """Exclude the selected pose, or include it again."""
+    number = context.interface.pose(context.s)
     if number is not None:
-        chosen.hand(TaskKind.NOTE, "excluding a pose", lambda o: o.exclude(number))
+        context.submit(TaskKind.NOTE, "excluding a pose", lambda o: o.exclude(number))
 
 
-def note(chosen: Chosen) -> None:
-    """Write a note to the pose that is meant."""
-    number = chosen.face.pose(chosen.s)
-    pose = next((p for p in chosen.s.state.poses if p.number == number), None)
+def note(context: ActionContext) -> None:
+    """Write a note to the selected pose."""
+    number = context.interface.pose(context.s)
+    pose = next((p for p in context.s.state.poses if p.number == number), None)
     if pose is None:
         return
-    chosen.ask(
-        Typed(
-            title=f"Note to pose {pose.number}", text="What should be remembered?", value=pose.note
-        ),
-        lambda again, said: again.hand(
+    context.ask(
+        Typed(title=f"Note to pose {pose.number}", text="Text of the note:", value=pose.note),
+        lambda again, said: again.submit(
             TaskKind.NOTE, "noting", lambda o: o.note(pose.number, said)
         ),
     )
 
 
-def calibrate(chosen: Chosen) -> None:
-    """Calibrate as the settings say."""
-    s = chosen.s
-    chosen.hand(
+def calibrate(context: ActionContext) -> None:
+    """Calibrate with the chosen settings."""
+    s = context.s
+    context.submit(
         TaskKind.CALIBRATE,
         "calibrating",
         lambda o: o.results.calibrate(s.estimator, s.unsensed_joints),
     )
 
 
-def upload(chosen: Chosen, forced: str = "") -> None:
-    """Upload, after the arm's serial number was typed."""
-    serial = "" if chosen.s.identity is None else chosen.s.identity.serial_number
-    drives = chosen.s.arm.joints if chosen.s.arm is not None else ()
+def upload(context: ActionContext, forced: str = "") -> None:
+    """Upload, after the operator has typed the arm's serial number."""
+    serial = "" if context.s.identity is None else context.s.identity.serial_number
+    drives = context.s.arm.joints if context.s.arm is not None else ()
     held = any(j.drive is DriveState.OPERATION_ENABLED for j in drives)
     first = "The arm is held" if held else "The drives stay off"
     text = (
         f"{first}, the files are written, and the controller of {serial} takes the new "
         f"parameters. Type the arm's serial number, {serial}, to confirm."
     )
-    chosen.ask(
+    context.ask(
         Typed(title="Upload to the controller?", text=text, expected=serial),
-        lambda again, _: again.hand(
+        lambda again, _: again.submit(
             TaskKind.UPLOAD, "uploading", lambda o: o.results.upload(forced)
         ),
     )
 
 
-def force(chosen: Chosen) -> None:
-    """Upload what was not accepted, after a reason was typed."""
-    why = "; ".join(chosen.s.solution.reasons) if chosen.s.solution is not None else ""
+def force(context: ActionContext) -> None:
+    """Upload a calibration that was not accepted, after the operator has typed a reason."""
+    why = "; ".join(context.s.solution.reasons) if context.s.solution is not None else ""
     text = (
-        f"Not accepted: {why}. Why are these parameters to be used all the same? The reason is kept "
-        "in the journal and in the file."
+        f"Not accepted: {why}. Why should these parameters be used? The reason is kept in the journal and in "
+        "the file."
     )
 
-    def because(again: Chosen, said: str) -> None:
+    def because(again: ActionContext, said: str) -> None:
         if said.strip():
             upload(again, said.strip())
         else:
-            again.face.refuse("nothing was sent: it takes a reason")
+            again.interface.refuse("nothing was uploaded: a reason is required")
 
-    chosen.ask(Typed(title="Upload all the same?", text=text), because)
+    context.ask(Typed(title="Upload without acceptance?", text=text), because)
 
 
-def verify(chosen: Chosen) -> None:
-    """Take new poses, after a question: the arm moves by itself."""
-    joints = () if guards.in_modes(chosen.s) else chosen.s.wanted_joints
-    text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear; any key stops it."
+def verify(context: ActionContext) -> None:
+    """Verify with new poses, after a question: the arm moves by itself."""
+    joints = () if guards.in_modes(context.s) else context.s.wanted_joints
+    text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
-        text = f"The drives are enabled again, {_modes_words(chosen.s)}. {text}"
-    chosen.ask(
+        text = f"The drives are enabled again, {_modes_text(context.s)}. {text}"
+    context.ask(
         YesNo(title="Verify with new poses?", text=text, yes="Move"),
-        lambda again, _: again.hand(
+        lambda again, _: again.submit(
             TaskKind.VERIFY,
             f"moving to {VERIFY_POSES} new poses",
             lambda o: o.verify(VERIFY_POSES, joints),
@@ -239,49 +235,49 @@ def verify(chosen: Chosen) -> None:
     )
 
 
-def report(chosen: Chosen) -> None:
-    """Write the report page, on the worker's thread."""
-    runner = chosen.runner
+def report(context: ActionContext) -> None:
+    """Write the report page, in the worker thread."""
+    runner = context.runner
 
     def work(_: Operations) -> None:
-        target = chosen.face.write_report(runner)
+        target = context.interface.write_report(runner)
         runner.publish(lambda now: replace(now, report=target))
         runner.say(Level.INFO, f"report written: {target}")
 
-    chosen.hand(TaskKind.EXPORT, "writing the report", work)
+    context.submit(TaskKind.EXPORT, "writing the report", work)
 
 
-def hold(chosen: Chosen) -> None:
-    """End what is under way, then hold all joints."""
-    chosen.runner.cancel()
-    chosen.hand(TaskKind.HOLD, "holding all joints", lambda o: o.hold())
+def hold(context: ActionContext) -> None:
+    """Cancel the running task, then hold all joints."""
+    context.runner.cancel()
+    context.submit(TaskKind.HOLD, "holding all joints", lambda o: o.hold())
 
 
 def apply_prompt(s: SessionSnapshot) -> str:
-    """Say which joints would be put into position mode."""
+    """Return the prompt of `apply_modes`."""
     others = and_the_others(len(s.wanted_joints), s.procedure.arm.joint_count)
     return f"Put {joints_named(s.wanted_joints)} into position mode{others}"
 
 
-def resume(chosen: Chosen) -> None:
-    """Take an earlier session, chosen from a list."""
-    face = chosen.face
-    here = chosen.runner.session.journal.path.parent.name
+def resume(context: ActionContext) -> None:
+    """Resume an earlier session, chosen from a list."""
+    interface = context.interface
+    here = context.runner.session.journal.path.parent.name
     options = tuple(
         (e.folder.name, f"{e.folder.name}  {_in_a_line(e)}")
-        for e in face.sessions.sessions()
+        for e in interface.sessions.sessions()
         if e.folder.name != here
     )
     if not options:
-        face.refuse("there is no other session to resume")
+        interface.refuse("there is no other session to resume")
         return
-    text = "Resuming checks the arm, the fixture and the modes again before anything moves."
+    text = "A resumed session checks arm, fixture and modes again before anything moves."
     question = OneOf(title="Open a session", text=text, options=options[:50])
-    face.ask(question, lambda said: face.open(lambda: face.sessions.resumed(said)))
+    interface.ask(question, lambda said: interface.open(lambda: interface.sessions.resumed(said)))
 
 
 def _in_a_line(entry: SessionEntry) -> str:
-    """Say what is in a session; one that cannot be read says why, and what to do once it is chosen."""
+    """Return number of poses and stage of a session, or why its journal cannot be read."""
     if entry.state is None:
         return f"cannot be read: {entry.problem}"
     return f"{len(entry.state.used_poses)} poses, {_stage(entry.state)}"
@@ -293,34 +289,35 @@ def _stage(state: SessionState) -> str:
     return "solved" if state.solved else "captured"
 
 
-def procedure(chosen: Chosen) -> None:
-    """Begin a session with another procedure, chosen from a list."""
-    face = chosen.face
-    options = tuple((p.name, summary(p)) for p in face.sessions.procedures())
-    text = "A new session begins with it; this one is closed and kept, the arm is held."
+def procedure(context: ActionContext) -> None:
+    """Start a session with another procedure, chosen from a list."""
+    interface = context.interface
+    options = tuple((p.name, summary(p)) for p in interface.sessions.procedures())
+    text = "This session is closed and kept, the arm is held, and a new session starts."
     question = OneOf(title="Which procedure?", text=text, options=options)
-    face.ask(question, lambda said: face.open(lambda: face.sessions.new(said)))
+    interface.ask(question, lambda said: interface.open(lambda: interface.sessions.new(said)))
 
 
-def new_session(chosen: Chosen) -> None:
-    """Begin another session, after a question."""
-    face = chosen.face
-    text = "This session is closed and kept; the arm is held. Another one begins at step 1."
-    face.ask(
-        YesNo(title="New session?", text=text, yes="Begin"), lambda _: face.open(face.sessions.new)
+def new_session(context: ActionContext) -> None:
+    """Start another session, after a question."""
+    interface = context.interface
+    text = "This session is closed and kept, the arm is held, and a new session starts at step 1."
+    interface.ask(
+        YesNo(title="New session?", text=text, yes="Start"),
+        lambda _: interface.open(interface.sessions.new),
     )
 
 
-def remount(chosen: Chosen) -> None:
-    """Let go of the arm and go on with the fixture mounted anew, after a question that says what to do."""
-    face = chosen.face
-    steps = " ".join(remounting_steps(chosen.s.procedure))
+def remount(context: ActionContext) -> None:
+    """Release the arm and continue in the next placement, after a question with the operator's steps."""
+    interface = context.interface
+    steps = " ".join(remounting_steps(context.s.procedure))
     text = (
-        f"This session goes on in placement {chosen.s.state.placement + 1}, at step 1, and keeps its poses. "
-        "The drives are still on; let go, and they are off, and nobody commands the arm any more. Leave its "
-        f"controller on: its counters count. {steps} 5. Only then connect."
+        f"This session continues in placement {context.s.state.placement + 1}, at step 1, and keeps its poses. "
+        "The drives are still on. Releasing the arm switches them off, and nothing commands the arm then. Leave "
+        f"its controller on, so that no counter is reset. {steps} 5. Only then connect."
     )
-    face.ask(
-        YesNo(title="Mount the fixture anew?", text=text, yes="Let go of the arm"),
-        lambda _: face.open(face.sessions.remounted),
+    interface.ask(
+        YesNo(title="Remount the fixture?", text=text, yes="Release the arm"),
+        lambda _: interface.open(interface.sessions.remounted),
     )

@@ -1,7 +1,6 @@
-"""Every action there is, once: keys, words, steps, guard and work. Both faces read it.
+"""The table of actions: keys, texts, steps, guard and handler, for the full screen and for plain mode.
 
-Dispatch, footer, help and palette of the screen and the prompts of plain mode are made from this
-table: an action is one entry. Knows no screen and no terminal.
+Key dispatch, footer, help, palette and prompts are made from this table.
 """
 
 from __future__ import annotations
@@ -11,19 +10,19 @@ from functools import partial
 from operator_app.session.ui import action_handlers, guards, selection
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
-from operator_app.session.ui.user_interface import EVERYWHERE, Action, FullScreen, OnScreen
+from operator_app.session.ui.user_interface import EVERYWHERE, Action, FullScreenInterface, OnScreen
 
-MOST_IN_FOOTER = 6
-GIVE_WAY = ("quit", "back")
-"""What the footer leaves out first."""
+MAX_IN_FOOTER = 6
+LEAST_IMPORTANT = ("quit", "back")
+"""Left out of the footer first."""
 
 
 def _at(*steps: Step) -> frozenset[Step]:
     return frozenset(steps)
 
 
-def _go_to(step: Step, face: FullScreen) -> None:
-    face.go(step)
+def _go_to(step: Step, interface: FullScreenInterface) -> None:
+    interface.go(step)
 
 
 ACTIONS: tuple[Action | OnScreen, ...] = (
@@ -31,9 +30,9 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
              help="Software STOP: quick stop to all drives, latched. F8 works everywhere, SPACE "
              "outside of text. It is not an emergency stop: that is the hardware button.",
              footer=EVERYWHERE, work=lambda f: f.stop()),
-    OnScreen(name="primary", keys=("enter",), shown="Enter", label="Next thing",
-             help="Do the next thing of this step, as the line above the footer says; when there is "
-             "none, go on to the next step.", footer=EVERYWHERE, work=lambda f: f.do_next_thing()),
+    OnScreen(name="primary", keys=("enter",), shown="Enter", label="Next action",
+             help="Do what the line above the footer proposes; if there is nothing to do, go on to the next "
+             "step.", footer=EVERYWHERE, work=lambda f: f.do_next_action()),
     Action(name="connect", keys=("c",), shown="c", label="Connect", prompt="Connect",
            help="Find the arm on the bus and check its identity.", steps=_at(Step.CONNECT),
            guard=guards.may_connect, work=action_handlers.connect),
@@ -46,88 +45,88 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Open an earlier session", help="Resume an earlier session.",
            steps=_at(Step.CONNECT, Step.EXPORT), footer=_at(Step.CONNECT), work=action_handlers.resume),
     Action(name="procedure", keys=("p",), shown="p", label="Procedure",
-           prompt="Begin another session with another procedure",
-           help="Take another procedure: fixture, drive joints, how poses are chosen. It begins a "
-           "new session.", steps=_at(Step.CONNECT, Step.FIXTURE), footer=_at(Step.FIXTURE),
+           prompt="Start another session with another procedure",
+           help="Choose another procedure: fixture, drive joints, capture plan. It starts a new "
+           "session.", steps=_at(Step.CONNECT, Step.FIXTURE), footer=_at(Step.FIXTURE),
            work=action_handlers.procedure),
     Action(name="check_fixture", keys=("k",), shown="k", label="Check again",
            prompt="Check the fixture again",
-           help="Judge the fixture's placement again where the arm stands now.",
+           help="Check the placement of the fixture again at the present pose.",
            steps=_at(Step.FIXTURE), guard=guards.may_check_fixture,
            work=action_handlers.task(TaskKind.CHECK, "checking the fixture", lambda o: o.check_fixture())),
     Action(name="confirm", keys=(), shown="Enter", label="Confirm",
-           help="Tick the marked item of the check list, or the next one that is open.",
+           help="Tick the selected item of the check list, or the next open one.",
            steps=_at(Step.FIXTURE), rows=selection.open_items, work=selection.confirm),
     Action(name="confirm_all", keys=(), shown="Enter", label="Tick all",
-           prompt="Tick every item: nothing here is real",
+           prompt="Tick every item (simulated arm)",
            help="Tick the whole check list at once, on a simulated arm.", steps=_at(Step.FIXTURE),
            offered=lambda s: s.simulated and bool(selection.open_items(s)), guard=guards.may_tick_all,
            work=selection.confirm_all),
     OnScreen(name="tick", keys=("x",), shown="x", label="Tick",
-             help="Tick the marked item of the check list, or take its tick away.",
+             help="Tick or untick the selected item of the check list.",
              steps=_at(Step.FIXTURE), work=selection.toggle_item),
     OnScreen(name="toggle_mode", keys=("f",), shown="f", label="Free/Pos",
-             help="Ask for the other mode of the marked joint; nothing happens until it is applied.",
+             help="Select the other mode for the selected joint; it takes effect when applied.",
              steps=_at(Step.MODES), footer=_at(Step.MODES), work=selection.toggle_joint),
     Action(name="suggest", keys=("p",), shown="p", label="Best pair",
-           prompt="Take the best ranked joints", help="Mark the best ranked drive joints instead.",
+           prompt="Select the best ranked joints", help="Select the best ranked drive joints.",
            steps=_at(Step.MODES), footer=_at(Step.MODES), guard=guards.may_suggest,
-           work=lambda chosen: selection.mark(chosen.runner, chosen.s.ranked[0].drives)),
+           work=lambda context: selection.mark(context.runner, context.s.ranked[0].drives)),
     Action(name="joints", keys=("j",), shown="j", label="Joints", prompt="Choose other joints",
-           help="Type which joints drive; nothing happens until they are applied.",
+           help="Type the drive joints; they take effect when applied.",
            steps=_at(Step.MODES), work=selection.other_joints),
     Action(name="apply_modes", keys=("a",), shown="a", label="Apply", prompt=action_handlers.apply_prompt,
-           help="Take control and set the modes as marked, after a question; they are read back.",
+           help="Enable the drives and set the selected modes, after a question; the modes are read back.",
            steps=_at(Step.MODES), guard=guards.may_apply_modes, work=action_handlers.apply_modes),
     Action(name="wiggle", keys=("w",), shown="w", label="Wiggle",
            prompt="Trial wiggle: 2 deg and back",
-           help="Move each drive joint by 2 deg and back, to see what follows. Any key stops.",
+           help="Move each drive joint by 2 deg and back, and show how the others follow. Any key stops.",
            steps=_at(Step.MODES), footer=_at(Step.MODES), guard=guards.may_move,
            work=action_handlers.task(TaskKind.WIGGLE, "trial wiggle", lambda o: o.wiggle())),
     Action(name="automatic", keys=("a",), shown="a", label="Automatic",
-           prompt="Capture all poses that are left, automatically",
-           help="Move, settle and capture, pose after pose, until there are enough; a real arm after a "
-           "question. Any key stops.", steps=_at(Step.CAPTURE),
+           prompt="Capture the remaining poses automatically",
+           help="Move, settle and capture until there are enough poses; on a real arm after a question. Any "
+           "key stops.", steps=_at(Step.CAPTURE),
            guard=guards.may_run_automatically, work=action_handlers.automatic),
     Action(name="go", keys=("g",), shown="g", label="Go", prompt="Move to the next pose",
            help="Move to the next planned pose. Any key stops.", steps=_at(Step.CAPTURE),
            footer=_at(Step.CAPTURE), guard=guards.may_move,
-           work=lambda chosen: action_handlers.go(chosen, chosen.s.next_waypoint)),
+           work=lambda context: action_handlers.go(context, context.s.next_waypoint)),
     Action(name="go_best", keys=("b",), shown="b", label="Go to best",
-           prompt="Go to the pose that would tell most",
-           help="Move to the pose that would tell most. Any key stops.", steps=_at(Step.CAPTURE),
-           guard=guards.may_go_best, work=lambda chosen: action_handlers.go(chosen, chosen.s.best_waypoint)),
-    Action(name="go_home", keys=("h",), shown="h", label="Go home", prompt="Go home, slowly",
-           help="Take the drive joints straight home at 5 deg/s, after a question: for an arm that "
-           "stands outside the box of its procedure. Any key stops.",
+           prompt="Go to the most informative pose",
+           help="Move to the waypoint that adds most information. Any key stops.", steps=_at(Step.CAPTURE),
+           guard=guards.may_go_best, work=lambda context: action_handlers.go(context, context.s.best_waypoint)),
+    Action(name="go_home", keys=("h",), shown="h", label="Go home", prompt="Go home at 5 deg/s",
+           help="Move the drive joints straight home at 5 deg/s, after a question: for an arm outside the "
+           "box of its procedure. Any key stops.",
            steps=_at(Step.MODES, Step.CAPTURE, Step.EXPORT), guard=guards.may_go_home,
            work=action_handlers.home),
     Action(name="capture", keys=("c",), shown="c", label="Capture", prompt="Capture a pose here",
-           help="Let the arm settle and capture a pose where it stands.", steps=_at(Step.CAPTURE),
+           help="Wait for standstill and capture a pose at the present position.", steps=_at(Step.CAPTURE),
            footer=_at(Step.CAPTURE), guard=guards.may_capture, work=action_handlers.capture),
-    Action(name="undo", keys=("u",), shown="u", label="Undo", prompt="Take back what was done last",
-           help="Take back what was done last, an exclusion, a note or a pose; the journal remembers it.",
+    Action(name="undo", keys=("u",), shown="u", label="Undo", prompt="Undo the last exclusion, note or pose",
+           help="Undo the last exclusion, note or pose; it stays in the journal.",
            steps=_at(Step.CAPTURE), footer=_at(Step.CAPTURE), guard=guards.may_edit_pose,
-           work=action_handlers.task(TaskKind.NOTE, "taking back", lambda o: o.undo())),
-    Action(name="redo", keys=("U",), shown="U", label="Redo", prompt="Do again what was taken back last",
-           help="Do again what Undo took back last, unless something else was done since.",
+           work=action_handlers.task(TaskKind.NOTE, "undoing the last change", lambda o: o.undo())),
+    Action(name="redo", keys=("U",), shown="U", label="Redo", prompt="Redo the last undone change",
+           help="Redo the last undone change, unless there was another change since.",
            steps=_at(Step.CAPTURE), guard=guards.idle,
-           work=action_handlers.task(TaskKind.NOTE, "doing it again", lambda o: o.redo())),
+           work=action_handlers.task(TaskKind.NOTE, "redoing a change", lambda o: o.redo())),
     Action(name="note", keys=("n",), shown="n", label="Note", prompt="Note to a pose",
-           help="Write a note to the marked pose.", steps=_at(Step.CAPTURE),
+           help="Write a note to the selected pose.", steps=_at(Step.CAPTURE),
            guard=guards.may_edit_pose, work=action_handlers.note),
     Action(name="exclude", keys=("x",), shown="x", label="Exclude",
-           prompt="Exclude a pose, or let it count again",
-           help="Leave the marked pose out of the calibration, or let it count again.",
+           prompt="Exclude a pose, or include it again",
+           help="Exclude the selected pose from the calibration, or include it again.",
            steps=_at(Step.CAPTURE), guard=guards.may_edit_pose, work=action_handlers.exclude),
-    Action(name="remount", keys=("M",), shown="M", label="Mount anew",
-           prompt="Mount the fixture anew, for poses in another placement",
-           help="Let go of the arm, after a question that says what to do, and go on with this session in "
-           "another placement of its fixture: the arm's offsets are shared.",
+    Action(name="remount", keys=("M",), shown="M", label="Remount",
+           prompt="Remount the fixture, for poses in another placement",
+           help="Release the arm, after a question with the steps, and continue this session in another "
+           "placement of its fixture; the arm's offsets are shared.",
            steps=_at(Step.CAPTURE), guard=guards.may_remount, work=action_handlers.remount),
     Action(name="calibrate", keys=("s",), shown="s", label="Solve",
            prompt=lambda s: f"Calibrate, estimator {s.estimator}",
-           help="Calibrate from the poses that count.", steps=_at(Step.CALIBRATE),
+           help="Calibrate from the poses that are not excluded.", steps=_at(Step.CALIBRATE),
            guard=guards.may_calibrate, work=action_handlers.calibrate),
     Action(name="estimator", keys=("e",), shown="e", label="Estimator",
            prompt=lambda s: f"Use the {selection.other_estimator(s)} estimator",
@@ -139,7 +138,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            steps=_at(Step.CALIBRATE), footer=_at(Step.CALIBRATE), guard=guards.idle,
            work=selection.unsensed),
     OnScreen(name="cancel", keys=("z",), shown="z", label="Cancel",
-             help="End the work in hand; a moving arm comes to rest and holds.",
+             help="Cancel the running task; a moving arm comes to rest and holds.",
              work=lambda f: None if f.runner is None else f.runner.cancel()),
     Action(name="write", keys=("w",), shown="w", label="Write file",
            prompt="Write parameters.yaml and poses.csv",
@@ -149,61 +148,60 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     Action(name="upload", keys=("u",), shown="u", label="Upload", prompt="Upload to the controller",
            help="Upload the parameters to the controller, after typing the arm's serial number; "
            "they are read back.", steps=_at(Step.EXPORT), guard=guards.may_upload, work=action_handlers.upload),
-    Action(name="force", keys=("U",), shown="U", label="Upload all the same",
-           help="Upload a calibration that was not accepted, after typing why and the arm's serial "
+    Action(name="force", keys=("U",), shown="U", label="Force upload",
+           help="Upload a calibration that was not accepted, after typing a reason and the arm's serial "
            "number.", steps=_at(Step.RESULTS), guard=guards.may_force, work=action_handlers.force),
     Action(name="verify", keys=("y",), shown="y", label="Verify",
            prompt=f"Verify with {action_handlers.VERIFY_POSES} new poses",
-           help="Move to new poses and judge them by the parameters found. Any key stops.",
+           help="Capture new poses and compare them with the identified parameters. Any key stops.",
            steps=_at(Step.EXPORT), footer=_at(Step.EXPORT), guard=guards.may_verify, work=action_handlers.verify),
     Action(name="report", keys=("r",), shown="r", label="Report",
            help="Write report.html, one page about this calibration, into the session folder.",
            steps=_at(Step.EXPORT), footer=_at(Step.EXPORT), guard=guards.may_report, work=action_handlers.report),
     Action(name="new_session", keys=("N",), shown="N", label="New session",
-           help="Close this session, leave the arm held, and begin another.",
+           help="Close this session, leave the arm held, and start another.",
            footer=_at(Step.EXPORT), work=action_handlers.new_session),
     OnScreen(name="view", keys=("v",), shown="v", label="View",
              help="Show the next panel or plot of this step.", footer=_at(Step.RESULTS),
-             work=lambda f: f.turn_over()),
+             work=lambda f: f.next_view()),
     OnScreen(name="next", keys=("right_square_bracket",), shown="]", label="Next",
-             help="Go to the next step, if its conditions hold.", work=lambda f: f.go_by(1)),
+             help="Go to the next step, if it is open.", work=lambda f: f.go_by(1)),
     OnScreen(name="back", keys=("left_square_bracket",), shown="[", label="Back",
              help="Go back a step; nothing is lost.", footer=EVERYWHERE - {Step.CONNECT},
              work=lambda f: f.go_by(-1)),
     OnScreen(name="down", keys=("down",), shown="Down", label="Down",
-             help="Mark the next row of the list.", work=lambda f: f.move(1)),
+             help="Select the next row of the list.", work=lambda f: f.move(1)),
     OnScreen(name="up", keys=("up",), shown="Up", label="Up",
-             help="Mark the row before.", work=lambda f: f.move(-1)),
+             help="Select the row before.", work=lambda f: f.move(-1)),
     Action(name="reset", keys=("R",), shown="R", label="Reset STOP",
            prompt="Reset STOP; nothing moves",
            help="Clear a latched STOP or a drive fault. Nothing moves; the drives stay disabled.",
            offered=lambda s: not guards.may_reset(s), guard=guards.may_reset,
            work=action_handlers.task(TaskKind.RESET, "resetting STOP", lambda o: o.reset())),
     Action(name="acknowledge", keys=("A",), shown="A", label="Acknowledge",
-           help="Let the alarm that is shown go out of sight; the one before it shows then. What it is about "
-           "stays as it is.",
+           help="Hide the alarm that is shown; the one before it is shown then. Its cause remains.",
            rows=action_handlers.standing_alarms, offered=lambda s: bool(s.alarms), work=action_handlers.acknowledge),
     OnScreen(name="messages", keys=("l",), shown="l", label="Messages",
-             help="Everything that was said since this session was opened, newest first, in all its words.",
+             help="Show all messages of this session in full, the newest first.",
              work=lambda f: f.show_messages()),
     Action(name="hold", keys=("H",), shown="H", label="Hold all",
-           help="All joints to position mode where they are.", guard=guards.may_use_data,
+           help="Hold all joints in position mode where they are.", guard=guards.may_use_data,
            work=action_handlers.hold),
     OnScreen(name="help", keys=("question_mark", "f1"), shown="?", label="Help",
              help="Explain the focused panel and list the keys.", footer=EVERYWHERE,
-             work=lambda f: f.explain()),
+             work=lambda f: f.show_help()),
     Action(name="history", keys=("i",), shown="i", label="History",
            prompt="History: all calibrations of this arm",
-           help="Show every accepted calibration and verification of this arm, what has shifted, and when the next "
+           help="Show all accepted calibrations and verifications of this arm, what has shifted, and when the next "
            "is due.", guard=guards.may_show_history, work=action_handlers.history),
     Action(name="manual", keys=("m",), shown="m", label="Manual", prompt="Read the manual",
            help="Read a page of the manual. It needs no network.", work=action_handlers.manual),
     OnScreen(name="palette", keys=("ctrl+p", "colon"), shown="Ctrl+P", label="All actions",
-             help="Find any action by name.", work=lambda f: f.find()),
+             help="Find an action by name.", work=lambda f: f.show_palette()),
     OnScreen(name="theme", keys=("T",), shown="T", label="Theme",
-             help="Change between dark, light and no colour.", work=lambda f: f.change_look()),
+             help="Change between dark, light and no colour.", work=lambda f: f.next_theme()),
     OnScreen(name="quit", keys=QUIT_KEYS, shown="q", label="Quit",
-             help="Leave, after a question: the arm is held, the session is kept.",
+             help="Quit, after a question: the arm is held, the session is kept.",
              footer=EVERYWHERE, work=lambda f: f.leave()),
     *(
         OnScreen(name=f"step_{int(step)}", keys=(str(int(step)),), shown=str(int(step)),
@@ -220,21 +218,21 @@ def by_name(name: str) -> Action | OnScreen:
 
 
 def for_key(key: str, step: Step) -> Action | OnScreen | None:
-    """Return what a key does at a step."""
+    """Return the action of a key at a step."""
     return next((a for a in ACTIONS if key in a.keys and step in a.steps), None)
 
 
 def footer(step: Step) -> tuple[Action | OnScreen, ...]:
-    """Return what the footer of a step shows, at most six; everything else is in palette and help."""
+    """Return the actions in the footer of a step, at most six."""
     shown = [a for a in ACTIONS if step in a.steps & a.footer]
-    for name in GIVE_WAY:
-        if len(shown) > MOST_IN_FOOTER:
+    for name in LEAST_IMPORTANT:
+        if len(shown) > MAX_IN_FOOTER:
             shown = [a for a in shown if a.name != name]
-    return tuple(shown[:MOST_IN_FOOTER])
+    return tuple(shown[:MAX_IN_FOOTER])
 
 
 def prompts(step: Step) -> tuple[list[Action], list[Action]]:
-    """Return what plain mode lists: the actions of a step, and those of every step."""
+    """Return what plain mode lists: the actions of one step, and those of all steps."""
     here = [a for a in ACTIONS if isinstance(a, Action) and step in a.steps]
     common = [a for a in here if a.steps == EVERYWHERE]
     return [a for a in here if a not in common], common

@@ -1,7 +1,4 @@
-"""The calibration in hand: solved, checked, compared with the controller's, written, uploaded, verified.
-
-Every function runs on the worker's thread and may block. Knows no thread and no screen.
-"""
+"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify. Run in the worker thread, and may block."""
 
 from __future__ import annotations
 
@@ -15,7 +12,14 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.solver_process import Solver, SolvingProcess
-from operator_app.session.ui.snapshot import DiffRow, Iteration, Level, Publisher, Verified, Written
+from operator_app.session.ui.snapshot import (
+    DiffRow,
+    Iteration,
+    Level,
+    Publisher,
+    VerificationSummary,
+    WrittenFiles,
+)
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener
@@ -24,18 +28,18 @@ from operator_app.units.figure import SIGMA_POS
 from solver.chain.parameters import DhEntry
 
 
-class Results:
-    """What is concluded from a session's poses.
+class CalibrationOperations:
+    """The calibration of a session.
 
     Parameters
     ----------
     refresh
-        Publishes the session's state and what its poses are worth.
+        Publishes the session's state and the quality of its poses.
 
     Attributes
     ----------
     solution
-        The last calibration, None where there is none of these poses.
+        The calibration of these poses; None before.
     """
 
     def __init__(
@@ -49,17 +53,17 @@ class Results:
         self._refresh = refresh
         self.solution: Solution | None = None
 
-    def show_what_is_known(self) -> None:
-        """Show the calibration of a resumed session, which is not solved again."""
-        known = self._session.calibrated()
+    def show_recorded_calibration(self) -> None:
+        """Show the recorded calibration of a resumed session."""
+        known = self._session.recorded_calibration()
         if self.solution is None and known is not None:
             self.solution = known.solution
-            self._publisher.publish(lambda s: replace(s, checks_of_it=known.checks))
+            self._publisher.publish(lambda s: replace(s, cross_checks=known.checks))
             if known.solution.accepted:
                 self._compare()
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
-        """Calibrate, in a process of its own; each iteration is published, and cancelling ends it at once."""
+        """Calibrate in a separate process; publishes each iteration; cancelling ends it at once."""
         self._publisher.publish(lambda s: replace(s, iterations=()))
         with SolvingProcess(self._go_on) as process:
             self._calibrate(process, estimator, unsensed_joints)
@@ -79,10 +83,10 @@ class Results:
             progress, estimator=estimator, unsensed_joints=unsensed_joints, solver=solver
         )
         self.solution = solution
-        # All at once, and only now: what was said of an earlier calibration does not hold for this one.
+        # In one step, so that no result of an earlier calibration is shown beside this one.
         self._publisher.publish(
             lambda s: replace(
-                s, solution=solution, checks_of_it=None, written=None, diff=(), receipt=None,
+                s, solution=solution, cross_checks=None, written=None, diff=(), receipt=None,
                 verification=None, report=None,
             )
         )  # fmt: skip
@@ -92,38 +96,37 @@ class Results:
             Level.INFO if solution.accepted else Level.WARNING,
             f"calibrated from {solution.poses} poses: {verdict}",
         )
-        # Five smaller calibrations and one per pose: seconds, so the verdict is shown before.
+        # The cross-validation takes seconds: the verdict is shown first.
         found = self._session.check(solution, solver)
-        self._publisher.publish(lambda s: replace(s, checks_of_it=found))
+        self._publisher.publish(lambda s: replace(s, cross_checks=found))
         if solution.accepted:
             self._compare()
 
     def _compare(self) -> None:
-        """Compare what would be written with what is active on the controller."""
-        session, solution = self._session, self._in_hand()
+        """Publish the differences from the active parameters of the controller."""
+        session, solution = self._session, self._current_solution()
         active_bytes = session.arm.active_parameters() if session.identity is not None else b""
         active = parse_parameters(active_bytes, "active parameters") if active_bytes else None
         rows = diff_rows(session.document(solution), active)
         self._publisher.publish(lambda s: replace(s, diff=rows))
 
     def write(self) -> None:
-        """Write the session's files."""
+        """Write parameters.yaml and poses.csv."""
         self._export(upload_too=False)
 
     def upload(self, forced: str = "") -> None:
-        """Write the files, hold the arm, upload, read back; `forced` says why, if it was not accepted.
-
-        Drives that are off stay so: it is a file transfer.
-        """
+        """Hold the arm, write the files, upload, read back; `forced` is the reason without acceptance."""
         session = self._session
         if any(j.drive is DriveState.OPERATION_ENABLED for j in session.arm.snapshot().joints):
             session.hold()
         self._export(upload_too=True, forced=forced)
 
     def _export(self, *, upload_too: bool, forced: str = "") -> None:
-        exported = export(self._session, self._in_hand(), upload_too=upload_too, forced=forced)
+        exported = export(
+            self._session, self._current_solution(), upload_too=upload_too, forced=forced
+        )
         digest = hashlib.sha256(exported.parameters.read_bytes()).hexdigest()
-        written = Written(
+        written = WrittenFiles(
             folder=exported.folder,
             parameters=exported.parameters,
             poses=exported.poses,
@@ -143,11 +146,11 @@ class Results:
             )
 
     def verify(self, poses: int) -> None:
-        """Take new poses elsewhere and judge them by the parameters as they are; any key ends it."""
-        verdict, _ = verify(self._session, self._in_hand(), poses, self._listener)
+        """Capture new poses and judge them by the present calibration."""
+        verdict, _ = verify(self._session, self._current_solution(), poses, self._listener)
         judged = verdict.verification
         turned = judged.sigmas.orientation_rad
-        found = Verified(
+        found = VerificationSummary(
             poses=verdict.poses,
             position_m=judged.sigmas.position_m.rms,
             orientation_rad=None if turned is None else turned.rms,
@@ -159,17 +162,17 @@ class Results:
         self._publisher.publish(lambda s: replace(s, verification=found))
         self._publisher.say(
             Level.INFO if found.holds else Level.WARNING,
-            f"{found.poses} new poses, {found.verdict}: {SIGMA_POS(found.position_m).with_unit} rms",
+            f"{found.poses} new poses {found.verdict}: {SIGMA_POS(found.position_m).with_unit} rms",
         )
 
-    def _in_hand(self) -> Solution:
+    def _current_solution(self) -> Solution:
         if self.solution is None:
             raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
         return self.solution
 
 
 def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
-    """Every calibrated entry: what is active (None: nothing), what would be; rad and m."""
+    """Return active (None: none) and new value of each calibrated entry, rad and m."""
     now, before = new.table.stacked(), None if active is None else active.table.stacked()
     return tuple(
         DiffRow(

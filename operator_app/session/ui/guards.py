@@ -1,7 +1,6 @@
-"""What has to hold before a step opens or an action starts: pure functions that say what is missing.
+"""Guards of steps and actions: pure functions from a snapshot to what is missing, () for nothing.
 
-Each takes a snapshot and returns sentences, none when nothing is missing. Both faces ask them; the
-workflow checks again what could do harm.
+The workflow checks again whatever could do harm.
 """
 
 from __future__ import annotations
@@ -13,37 +12,43 @@ from hardware.arm import DriveState, JointMode
 from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.messages.errors import drive_words
 from operator_app.planning import mode_rule
-from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot, TaskKind, Work
+from operator_app.session.ui.snapshot import (
+    STALE_S,
+    DataState,
+    RunningTask,
+    SessionSnapshot,
+    TaskKind,
+)
 from operator_app.session.ui.steps import Step
 from operator_app.units.figure import DATA_AGE, SILENCE
 from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]
 
-UNSEEN = "what slipped while the session was interrupted is not known"
-
 
 def missing_for(step: Step, s: SessionSnapshot) -> Missing:
-    """Sentences saying what keeps a step closed."""
+    """Return what keeps a step closed."""
     return () if step is Step.CONNECT else _STEPS[step](s)
 
 
 def first_closed(s: SessionSnapshot) -> Step | None:
-    """First step that is not open."""
+    """Return the first step that is not open."""
     return next((step for step in Step if missing_for(step, s)), None)
 
 
 def fixture_ready(s: SessionSnapshot) -> Missing:
-    """Fixture needs an arm that was checked, and the hardware stop tested on a real one."""
+    """Fixture needs a connected arm, and on a real one a tested hardware stop."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if not s.simulated and not s.stop_tested:
-        return ("the hardware stop is not tested: press it, see the drives drop out, confirm",)
+        return (
+            "the hardware stop is not tested: press it, check that all drives drop out, confirm",
+        )
     return ()
 
 
 def modes_ready(s: SessionSnapshot) -> Missing:
-    """Modes need a placement that no check refuses and a check list that is ticked."""
+    """Modes need a fixture without refused checks and a complete check list."""
     before = fixture_ready(s)
     if before:
         return before
@@ -57,7 +62,7 @@ def modes_ready(s: SessionSnapshot) -> Missing:
 
 
 def capture_ready(s: SessionSnapshot) -> Missing:
-    """Capture needs drives that are enabled in the modes that were confirmed."""
+    """Capture needs drives that are enabled in their confirmed modes."""
     before = modes_ready(s)
     if before:
         return before
@@ -73,7 +78,7 @@ def capture_ready(s: SessionSnapshot) -> Missing:
 
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
-    """Calibrate needs enough poses to leave a degree of freedom."""
+    """Calibrate needs more equations than parameters."""
     used, needed = len(s.state.used_poses), poses_for(s)
     if used < needed:
         return (f"{used} of at least {needed} poses captured (step 4)",)
@@ -81,14 +86,14 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """Results need a calibration of the poses as they are."""
+    """Results need a calibration of the present poses."""
     if s.solution is None:
         return ("there is no calibration of these poses yet (step 5)",)
     return ()
 
 
 def export_ready(s: SessionSnapshot) -> Missing:
-    """Export needs a calibration that was accepted."""
+    """Export needs an accepted calibration."""
     before = results_ready(s)
     if before:
         return before
@@ -108,7 +113,7 @@ _STEPS: Mapping[Step, Callable[[SessionSnapshot], Missing]] = {
 
 
 def poses_for(s: SessionSnapshot) -> int:
-    """Fewest poses that can be solved as the next calibration is set up."""
+    """Return the smallest number of poses for the next calibration."""
     model = s.procedure.fixture.fixture.model(s.procedure.arm, unsensed_joints=s.unsensed_joints)
     return poses_needed(len(model.parameters), model.equations_per_pose)
 
@@ -117,32 +122,32 @@ def poses_for(s: SessionSnapshot) -> int:
 
 
 def idle(s: SessionSnapshot) -> Missing:
-    """One thing at a time."""
+    """No other task may run."""
     return () if s.task is None else (f"wait: {s.task.text}",)
 
 
 def may_connect(s: SessionSnapshot) -> Missing:
-    """Connect once; again when the data are lost, or an alarm stands that this may resolve."""
-    asked = any(TaskKind.CONNECT in alarm.until for alarm in s.alarms)
+    """Connect if not connected, if data are lost, or if an alarm asks for it."""
+    asked = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not asked:
-        return ("the arm is connected already",)
+        return ("the arm is already connected",)
     return idle(s)
 
 
 def may_use_data(s: SessionSnapshot) -> Missing:
-    """Readings must be fresh and nothing may be latched."""
+    """Data must be fresh, and STOP not latched."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if s.stopped:
         return ("STOP is latched: reset it first (R)",)
     if s.data is DataState.LOST:
         return (
-            f"no data for {SILENCE(s.oldest_s).with_unit}: look at bus and controller, then connect again (step 1, c)",
+            f"no data for {SILENCE(s.oldest_s).with_unit}: check bus and controller, then connect again (step 1, c)",
         )
     if s.data is DataState.STALE:
         joints = ", ".join(f"J{j}" for j in s.stale_joints)
         ours = s.arm is not None and s.oldest_s - s.arm.late_s <= STALE_S
-        why = " as this computer is late" if ours else ""
+        why = " because this computer is late" if ours else ""
         return (
             f"the data of {joints} are {DATA_AGE(s.oldest_s).with_unit} old{why}: wait for fresh ones",
         )
@@ -150,27 +155,27 @@ def may_use_data(s: SessionSnapshot) -> Missing:
 
 
 def may_check_fixture(s: SessionSnapshot) -> Missing:
-    """Judging the placement needs to see where the arm stands."""
+    """The fixture checks need fresh data."""
     return idle(s) or may_use_data(s)
 
 
 def may_tick_all(s: SessionSnapshot) -> Missing:
-    """On a real arm somebody looks at each item."""
-    return () if s.simulated else ("on a real arm each item is looked at and ticked by itself",)
+    """On a real arm each item is checked by itself."""
+    return () if s.simulated else ("on a real arm each item is checked and ticked by itself",)
 
 
 def may_suggest(s: SessionSnapshot) -> Missing:
-    """The best pair is known when the arm has been seen."""
+    """The ranking needs a connected arm."""
     return () if s.ranked else ("no ranking yet: connect first (step 1)",)
 
 
 def may_apply_modes(s: SessionSnapshot) -> Missing:
-    """Exactly as many joints in position mode as the chain has freedoms."""
+    """The selected joints have to match the freedoms of the chain."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
-    """Too few or too many joints in position mode, with the reason."""
+    """Return why this number of joints in position mode is wrong."""
     problem = mode_rule.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,
@@ -181,43 +186,42 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missi
 
 
 def may_move(s: SessionSnapshot) -> Missing:
-    """Moving needs the Capture step open, fresh data and a waypoint that is left."""
+    """Moving needs the Capture step, fresh data and an unvisited waypoint."""
     missing = idle(s) or capture_ready(s) or may_use_data(s)
     if missing:
         return missing
     if s.next_waypoint is None:
-        return ("every waypoint of the plan was visited",)
+        return ("all waypoints of the plan are visited",)
     return ()
 
 
 def may_go_home(s: SessionSnapshot) -> Missing:
-    """Going home needs drives in their modes and fresh data."""
+    """Going home needs the Capture step and fresh data."""
     return idle(s) or capture_ready(s) or may_use_data(s)
 
 
 def may_go_best(s: SessionSnapshot) -> Missing:
-    """The pose that would tell most is known when there is an estimate."""
+    """The most informative pose needs an estimate."""
     if s.best_waypoint is None:
         return ("no best pose yet: it needs an estimate from a few poses",)
     return may_move(s)
 
 
 def may_capture(s: SessionSnapshot) -> Missing:
-    """Capturing by hand needs the Capture step open, fresh data, and nothing that may have slipped."""
+    """Capturing needs the Capture step, fresh data, and no pending drift check."""
     missing = idle(s) or capture_ready(s) or may_use_data(s)
     if missing:
         return missing
-    if s.state.slipped:
-        return (s.state.slipped,)
+    if s.state.sensor_jump:
+        return (s.state.sensor_jump,)
     if s.state.resumed and s.state.poses_here:
-        return (
-            f"{UNSEEN}: automatic capture reads pose {s.state.poses_here[0].number} again first",
-        )
+        first = s.state.poses_here[0].number
+        return (f"a drift check is due: the automatic capture measures pose {first} again first",)
     return ()
 
 
 def may_run_automatically(s: SessionSnapshot) -> Missing:
-    """Automatic capture also needs poses that are still wanted."""
+    """Automatic capture also needs missing poses."""
     missing = may_move(s)
     if missing:
         return missing
@@ -226,24 +230,24 @@ def may_run_automatically(s: SessionSnapshot) -> Missing:
     return ()
 
 
-def moves_metal(s: SessionSnapshot) -> bool:
-    """Whether drives move a real arm: neither a simulated one nor one that a person moves."""
+def moves_real_arm(s: SessionSnapshot) -> bool:
+    """Whether drives move a real arm, not a simulated one or one moved by hand."""
     return not s.simulated and not (s.identity is not None and s.identity.by_hand)
 
 
 def may_remount(s: SessionSnapshot) -> Missing:
-    """Mounting the fixture anew needs a fixture, and all poses of the placement it is in."""
+    """Remounting needs a fixture and all poses of the present placement."""
     missing = idle(s)
     if missing:
         return missing
     if not s.procedure.fixture.fixture.holds_hand:
-        return ("nothing holds the hand: there is no fixture to mount anew",)
+        return ("there is no fixture to remount: an instrument measures the tool",)
     if s.procedure.capture.strategy == "planned":
-        return ("a plan is made for one placement of the fixture",)
+        return ("a planned capture has one placement of the fixture",)
     if s.state.placement >= MOST_PLACEMENTS:
-        return (f"there are {MOST_PLACEMENTS} placements already",)
-    if s.state.slipped:
-        return (s.state.slipped,)
+        return (f"{MOST_PLACEMENTS} placements is the limit",)
+    if s.state.sensor_jump:
+        return (s.state.sensor_jump,)
     left = s.procedure.capture.poses - len(s.state.poses_here)
     if left > 0:
         return (f"{left} poses of this placement are still to be captured",)
@@ -256,7 +260,7 @@ def may_edit_pose(s: SessionSnapshot) -> Missing:
 
 
 def may_calibrate(s: SessionSnapshot) -> Missing:
-    """Calibrating needs enough poses and an estimator that can do without unsensed joints."""
+    """Calibrating needs enough poses; the paper's estimator all joints sensed."""
     missing = idle(s) or calibrate_ready(s)
     if missing:
         return missing
@@ -276,49 +280,49 @@ def may_report(s: SessionSnapshot) -> Missing:
 
 
 def may_upload(s: SessionSnapshot) -> Missing:
-    """Uploading needs an accepted calibration and an arm; a file is transferred with drives on or off."""
+    """Uploading needs an accepted calibration and fresh data; the drives may be on or off."""
     return may_write(s) or _may_send(s)
 
 
 def may_force(s: SessionSnapshot) -> Missing:
-    """Uploading for a reason is for a calibration that was not accepted."""
+    """Forced upload needs a calibration that was not accepted."""
     missing = idle(s) or results_ready(s)
     if missing:
         return missing
     if s.solution is not None and s.solution.accepted:
-        return ("the calibration was accepted: upload it in step 7, no reason is needed",)
+        return ("the calibration is accepted: upload it in step 7, without a reason",)
     return _may_send(s)
 
 
 def _may_send(s: SessionSnapshot) -> Missing:
     if s.identity is not None and not s.identity.keeps_parameters:
-        return ("this arm keeps no parameters: they are in the session's folder",)
+        return ("this arm stores no parameters: they are in the session folder",)
     return may_use_data(s)
 
 
 def serial_number(s: SessionSnapshot) -> str:
-    """Of the connected arm, or of the one that the session was taken with; empty before there is one."""
+    """Return the serial number of the connected arm, else of the session's arm; "" for none."""
     return s.state.serial_number if s.identity is None else s.identity.serial_number
 
 
 def may_show_history(s: SessionSnapshot) -> Missing:
-    """A history is that of one arm."""
-    return () if serial_number(s) else ("of which arm? connect first (step 1)",)
+    """The history needs the serial number of an arm."""
+    return () if serial_number(s) else ("the arm is not known: connect first (step 1)",)
 
 
 def may_verify(s: SessionSnapshot) -> Missing:
-    """Verifying needs a calibration to judge by, and modes that are set or may be."""
+    """Verifying needs a calibration, and modes that are set or can be."""
     missing = idle(s) or results_ready(s) or may_use_data(s)
     return missing or (() if in_modes(s) else may_apply_modes(s))
 
 
 def in_modes(s: SessionSnapshot) -> bool:
-    """Whether the drives are enabled in modes in which the arm can move."""
+    """Whether the drives are enabled, as many in position mode as the chain has freedoms."""
     return s.drives_ready and sum(m is JointMode.POSITION for m in s.modes) == s.mobility
 
 
 def may_reset(s: SessionSnapshot) -> Missing:
-    """Only a latched STOP can be reset, or a drive that tripped, or is off though it was told to be enabled."""
+    """Reset needs a latched STOP or a drive fault."""
     arm = s.arm
     tripped = arm is not None and any(j.drive is DriveState.FAULT for j in arm.joints)
     if s.stopped or tripped or (arm is not None and arm.faults):
@@ -326,13 +330,13 @@ def may_reset(s: SessionSnapshot) -> Missing:
     return ("STOP is not latched",)
 
 
-def ends_with_any_key(task: Work | None) -> bool:
-    """Hold-to-run: whether any key ends what the arm is doing."""
+def stops_on_any_key(task: RunningTask | None) -> bool:
+    """Whether any key cancels this task."""
     return task is not None and task.moves
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Which drive is not as confirmed, in words."""
+    """Return which drive is not in its confirmed state."""
     if s.arm is None:
         return "there is no data from the drives"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):

@@ -1,7 +1,6 @@
-"""What the operator was told, line by line, and which alarms stand. Pure: knows no thread and no screen.
+"""Messages and alarms of a snapshot, as pure functions.
 
-An alarm stands until the work that it hinders has been done, or the operator acknowledges it: no message
-that comes later takes it out of sight.
+An alarm stays until a task that resolves it has succeeded, or until the operator acknowledges it.
 """
 
 from __future__ import annotations
@@ -22,10 +21,10 @@ from hardware.errors import (
 from operator_app.errors import ConnectAgainError
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot, TaskKind
 
-MESSAGES_KEPT: Final = 100
+MAX_MESSAGES: Final = 100
 
-ARM_AGAIN: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
-"""What resolves an alarm about the arm."""
+ARM_RECOVERY: Final = frozenset({TaskKind.RESET, TaskKind.CONNECT})
+"""Tasks that resolve an alarm about the arm."""
 
 
 CONNECT_AGAIN: Final = (
@@ -36,57 +35,60 @@ CONNECT_AGAIN: Final = (
     NodeRestarted,
     DuplicateNodeId,
 )
-"""What the arm goes on refusing for until it is connected again."""
+"""Errors that persist until the arm is connected again."""
 
 
-def until(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
-    """Return the work that resolves the alarm about an error of such work."""
-    # A reading that jumped stays in doubt; of a sensor that stands still only the poses are that read so.
+def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
+    """Return the tasks that resolve the alarm about an error of a task."""
+    # After a jump all later readings are in doubt; with a stuck sensor only the excluded poses are.
     jumped = isinstance(error, SensorFault) and not (
         isinstance(error, DriveDiverged) or error.stuck
     )
     if jumped or isinstance(error, CONNECT_AGAIN):
         return frozenset({TaskKind.CONNECT, kind})
-    return (ARM_AGAIN if isinstance(error, HardwareError) else frozenset()) | {kind}
+    return (ARM_RECOVERY if isinstance(error, HardwareError) else frozenset()) | {kind}
 
 
-def asks_to_connect_again(s: SessionSnapshot) -> bool:
-    """Whether an alarm stands that only connecting again resolves."""
+def needs_reconnect(s: SessionSnapshot) -> bool:
+    """Whether there is an alarm that only a new connection resolves."""
     return any(
-        TaskKind.CONNECT in alarm.until and TaskKind.RESET not in alarm.until for alarm in s.alarms
+        TaskKind.CONNECT in alarm.resolving_tasks and TaskKind.RESET not in alarm.resolving_tasks
+        for alarm in s.alarms
     )
 
 
-def told(
+def add_message(
     s: SessionSnapshot,
     level: Level,
     text: str,
     *,
     time: str,
-    until: frozenset[TaskKind] = frozenset(),
+    resolving_tasks: frozenset[TaskKind] = frozenset(),
 ) -> SessionSnapshot:
-    """Add a message; an alarm that stands already is not said twice, but is the newest then.
+    """Add a message; an alarm with the text of an existing one replaces it.
 
-    `until` is the work that resolves an alarm when it is done; without any, only the operator does.
+    `resolving_tasks` resolve an alarm when they succeed; without any, only the operator acknowledges it.
     """
     number = s.messages[-1].number + 1 if s.messages else 1
-    message = Message(number=number, time=time, level=level, text=text, until=until)
+    message = Message(
+        number=number, time=time, level=level, text=text, resolving_tasks=resolving_tasks
+    )
     if level is not Level.ALARM:
-        return replace(s, messages=(*s.messages, message)[-MESSAGES_KEPT:])
+        return replace(s, messages=(*s.messages, message)[-MAX_MESSAGES:])
     said = {standing.number for standing in s.alarms if standing.text == text}
     messages, alarms = (
-        (*(m for m in before if m.number not in said), message)[-MESSAGES_KEPT:]
+        (*(m for m in before if m.number not in said), message)[-MAX_MESSAGES:]
         for before in (s.messages, s.alarms)
     )
     return replace(s, messages=messages, alarms=alarms)
 
 
-def resolved_by(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
-    """Let go of the alarms that such work resolves, now that it is done."""
-    standing = tuple(alarm for alarm in s.alarms if kind not in alarm.until)
+def without_resolved(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
+    """Remove the alarms that a task of this kind resolves."""
+    standing = tuple(alarm for alarm in s.alarms if kind not in alarm.resolving_tasks)
     return s if len(standing) == len(s.alarms) else replace(s, alarms=standing)
 
 
-def acknowledged(s: SessionSnapshot, number: int) -> SessionSnapshot:
-    """Let go of the alarm of this number: the operator has seen it; what it is about stays as it is."""
+def without_acknowledged(s: SessionSnapshot, number: int) -> SessionSnapshot:
+    """Remove the alarm with this number; its cause may remain."""
     return replace(s, alarms=tuple(alarm for alarm in s.alarms if alarm.number != number))

@@ -1,7 +1,4 @@
-"""What the worker does for the operator: each step's work on a session, publishing what it found.
-
-Every function runs on the worker's thread and may block. Knows no thread and no screen.
-"""
+"""Operations of steps 1 to 4, which publish their results. Run in the worker thread, and may block."""
 
 from __future__ import annotations
 
@@ -14,10 +11,10 @@ from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.store.state import CapturedPose, SessionState
-from operator_app.session.ui.calibration_operations import Results
-from operator_app.session.ui.pose_quality import Appraisal
+from operator_app.session.ui.calibration_operations import CalibrationOperations
+from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
-from operator_app.session.workflow.capture import doubt, take_poses
+from operator_app.session.workflow.capture import outlier_warning, take_poses
 from operator_app.session.workflow.drive_box import go_home, waypoints_from, waypoints_of
 from operator_app.session.workflow.drive_selection import choose_by_prediction
 from operator_app.session.workflow.exploration import visit
@@ -35,44 +32,43 @@ WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose before it was edited or taken back, and how many there were then: a capture since comes first."""
+    """A pose before an edit or its removal, and the number of captures then."""
 
     before: CapturedPose
     captured: int
-    taken_back: bool = False
+    removed: bool = False
 
 
 class Operations:
-    """The work of the seven steps.
+    """The operations of the seven steps.
 
     Attributes
     ----------
     results
-        Of steps 5 to 7.
+        Operations of steps 5 to 7.
     """
 
     def __init__(self, session: Session, publisher: Publisher) -> None:
         self._session = session
         self._publisher = publisher
-        self._listener = _Publishing(self, publisher)
+        self._listener = _PublishingListener(self, publisher)
         session.cancelled = publisher.cancelled
-        session.told = lambda text: publisher.say(Level.INFO, text)
-        self._appraisal = Appraisal(session)
+        session.instruct = lambda text: publisher.say(Level.INFO, text)
+        self._pose_quality = PoseQuality(session)
         self._edits: list[_Edit] = []
         self._undone: list[_Edit] = []
-        self.results = Results(session, publisher, self._listener, self.refresh)
+        self.results = CalibrationOperations(session, publisher, self._listener, self.refresh)
 
     # -- 1 Connect, 2 Fixture ----------------------------------------------------------------------
 
     def connect_mounted(self) -> None:
-        """Keep that the fixture is mounted, as somebody said, then connect."""
+        """Record the operator's confirmation that the fixture is mounted, then connect."""
         self._session.mounted()
         self.connect()
 
     def connect(self) -> None:
-        """Find the arm, or find it again; check it, and judge the fixture where the arm stands."""
+        """Connect to the arm, check it, and check the fixture at the present pose."""
         self._session.let_go()
-        # What was seen of it before is not so any more, whether it is found again or not.
         self._publisher.publish(lambda s: replace(s, identity=None))
         try:
             identity = self._session.connect()
@@ -80,10 +76,10 @@ class Operations:
             self._publisher.publish(lambda s: replace(s, identity=self._session.identity))
         self._publisher.publish(lambda s: replace(s, stop=None, at_waypoint=None))
         if identity.simulated:
-            # On whatever bus: these nodes say themselves that nothing real moves.
+            # The nodes themselves report that they are simulated, on whatever bus.
             self._publisher.publish(lambda s: replace(s, simulated=True))
         if identity.by_hand:
-            # Nothing that a hardware stop could stop: whoever moves it lets go.
+            # A person moves this arm: there is no hardware stop to test.
             self._publisher.publish(lambda s: replace(s, stop_tested=True))
         self._publisher.say(
             Level.INFO,
@@ -94,11 +90,11 @@ class Operations:
             self._publisher.say(Level.INFO, words)
         if words := unwatching_words(identity):
             self._publisher.say(Level.WARNING, words)
-        self.results.show_what_is_known()
+        self.results.show_recorded_calibration()
         self.check_fixture()
 
     def check_fixture(self) -> None:
-        """Judge the placement, rank the drive joints, predict the plan."""
+        """Check the fixture, rank the drive joints, predict the plan."""
         session = self._session
         checks = session.check_fixture()
         here = session.arm.snapshot().positions_rad
@@ -106,7 +102,6 @@ class Operations:
         joints = session.procedure.position_joints
         ranked: tuple[RankedDrives, ...] = ()
         if not session.fixture.holds_hand:
-            # Nothing to choose: every joint is driven.
             joints = tuple(range(1, session.model.joint_count + 1))
         else:
             ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
@@ -121,20 +116,20 @@ class Operations:
         )
         start = session.state.start_rad
         if start is not None and len(session.position_joints) == session.mobility:
-            # The plan that is followed, not one that would begin here.
-            self._foresee(waypoints_of(session), start)
+            # The plan of the session, not one that would start here.
+            self._set_plan(waypoints_of(session), start)
         elif len(joints) == session.mobility:
-            self._foresee(waypoints_from(session, here, joints), here)
+            self._set_plan(waypoints_from(session, here, joints), here)
         self.refresh()
 
     def confirm(self, item: str, text: str) -> None:
-        """Record what the operator has confirmed."""
+        """Record a confirmation of the operator."""
         self._session.record("confirmed", {"item": item, "text": text})
 
     # -- 3 Modes -----------------------------------------------------------------------------------
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Take control, set the modes, read them back, and lay out the plan."""
+        """Enable the drives, set the modes, read them back, and predict the plan."""
         session = self._session
         session.set_modes(position_joints)
         driven = names(f"J{j}" for j in position_joints)
@@ -142,11 +137,11 @@ class Operations:
         self._publisher.say(Level.INFO, f"{driven} in position mode{others}: read back")
         start = session.state.start_rad
         if start is not None:
-            self._foresee(waypoints_of(session), start)
+            self._set_plan(waypoints_of(session), start)
         self.refresh()
 
     def wiggle(self) -> None:
-        """Move each drive joint a little, there and back, and say what followed."""
+        """Move each drive joint by 2 deg and back; report how the other joints follow."""
         self._at(None)
         session, said = self._session, []
         for joint in session.position_joints:
@@ -157,7 +152,7 @@ class Operations:
             if not (away.reached and back.reached):
                 raise GuardError(
                     f"The trial wiggle of J{joint} was stopped: {away.reason or back.reason}",
-                    "Look at what is in the way before anything else moves",
+                    "Check what is in the way before anything else moves",
                 )
             moved = [MOVED(v) for v in (there - before).tolist()]
             followed = ", ".join(f"J{j} {m.shown}" for j, m in enumerate(moved, 1) if j != joint)
@@ -167,7 +162,7 @@ class Operations:
         self._publisher.say(Level.INFO, "trial wiggle done: " + "; ".join(said))
 
     def go_home(self) -> None:
-        """Take the drive joints home, slowly; any key ends it."""
+        """Move the drive joints home at 5 deg/s."""
         self._at(None)
         said = go_home(self._session)
         self.refresh()
@@ -176,37 +171,39 @@ class Operations:
     # -- 4 Capture ---------------------------------------------------------------------------------
 
     def go(self, waypoint: int) -> None:
-        """Move to a waypoint; any key ends it."""
+        """Move to a waypoint."""
         self._at(None)
         reached = visit(self._session, waypoint)
         self._at(waypoint if reached else None)
         if reached:
-            self._publisher.say(Level.INFO, f"at waypoint {waypoint + 1}: capture when still")
+            self._publisher.say(Level.INFO, f"at waypoint {waypoint + 1}: capture at standstill")
         else:
             self._publisher.say(
-                Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was passed over"
+                Level.WARNING, f"waypoint {waypoint + 1} cannot be reached and was skipped"
             )
         self.refresh()
 
     def capture(self, waypoint: int) -> None:
-        """Settle, read, keep."""
+        """Capture a pose at the present position."""
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
-        if doubted := doubt(self._session):
-            # Nothing moves that nobody asked for; a plan that begins anew knows no way back.
+        if suspect := outlier_warning(self._session):
+            # A new plan knows no path back to the first pose.
             if self._session.procedure.capture.strategy != "planned":
                 first = self._session.state.poses_here[0].number
-                doubted += f" Automatic capture reads pose {first} again first, which tells."
-            self._publisher.say(Level.WARNING, doubted)
+                suspect += (
+                    f" The automatic capture measures pose {first} again first (drift check)."
+                )
+            self._publisher.say(Level.WARNING, suspect)
 
     def captured(self, pose: CapturedPose) -> None:
-        """Say what there is now."""
+        """Publish and report a captured pose."""
         self.refresh()
         noise = READING_SD(float(pose.sd_rad.max())).with_unit
         self._publisher.say(Level.INFO, f"pose {pose.number} captured (noise up to {noise})")
 
     def automatic(self) -> None:
-        """Take the poses that are left, as they come or by a plan; any key ends it."""
+        """Capture the missing poses, explored or planned."""
         try:
             end = take_poses(self._session, self._listener)
         finally:
@@ -222,43 +219,43 @@ class Operations:
             )
 
     def undo(self) -> None:
-        """Take back what was done last: an exclusion, a note, else the last pose."""
+        """Undo the last exclusion or note, else remove the last pose."""
         if self._edits and self._edits[-1].captured == self._session.state.captured:
             pose = self._edits.pop().before
-            self._keep_for(self._undone, pose.number)
-            self._as_before(pose)
+            self._save_before_edit(self._undone, pose.number)
+            self._restore(pose)
             self.refresh()
-            self._publisher.say(Level.INFO, f"the last change of pose {pose.number} taken back")
+            self._publisher.say(Level.INFO, f"the last change of pose {pose.number} is undone")
             return
         self._edits.clear()
         pose = self._session.undo()
-        self._undone.append(
-            _Edit(before=pose, captured=self._session.state.captured, taken_back=True)
-        )
+        self._undone.append(_Edit(before=pose, captured=self._session.state.captured, removed=True))
         self.refresh()
-        self._publisher.say(Level.INFO, f"pose {pose.number} taken back")
+        self._publisher.say(Level.INFO, f"pose {pose.number} is removed")
 
     def redo(self) -> None:
-        """Do again what was taken back last, unless something else was done since."""
+        """Redo the last undone change, unless there was another change since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
-            raise GuardError("Nothing was taken back since the last change", "u takes back")
+            raise GuardError(
+                "There is no undone change since the last change", "Undo a change first (u)"
+            )
         last = self._undone.pop()
         number = last.before.number
-        if last.taken_back:
+        if last.removed:
             self._session.restore(number)
         else:
-            self._keep_for(self._edits, number)
-            self._as_before(last.before)
+            self._save_before_edit(self._edits, number)
+            self._restore(last.before)
         self.refresh()
-        self._publisher.say(Level.INFO, f"pose {number} is again as it was")
+        self._publisher.say(Level.INFO, f"the change of pose {number} is redone")
 
     def exclude(self, number: int) -> None:
-        """Exclude a pose, or let it count again."""
+        """Exclude a pose, or include it again."""
         self._undone.clear()
-        pose = self._keep_for(self._edits, number)
+        pose = self._save_before_edit(self._edits, number)
         if pose is not None and pose.excluded:
             self._session.include(number)
-            self._publisher.say(Level.INFO, f"pose {number} counts again")
+            self._publisher.say(Level.INFO, f"pose {number} is included again")
         else:
             self._session.exclude(number, "by the operator")
             self._publisher.say(Level.INFO, f"pose {number} excluded: it stays in the journal")
@@ -267,19 +264,19 @@ class Operations:
     def note(self, number: int, text: str) -> None:
         """Attach a note."""
         self._undone.clear()
-        self._keep_for(self._edits, number)
+        self._save_before_edit(self._edits, number)
         self._session.note(number, text)
         self.refresh()
 
-    def _keep_for(self, edits: list[_Edit], number: int) -> CapturedPose | None:
-        """Remember what a pose is like before it is edited."""
+    def _save_before_edit(self, edits: list[_Edit], number: int) -> CapturedPose | None:
+        """Save a pose before an edit."""
         state = self._session.state
         pose = next((p for p in state.poses if p.number == number), None)
         if pose is not None:
             edits.append(_Edit(before=pose, captured=state.captured))
         return pose
 
-    def _as_before(self, pose: CapturedPose) -> None:
+    def _restore(self, pose: CapturedPose) -> None:
         now = next((p for p in self._session.state.poses if p.number == pose.number), pose)
         if now.note != pose.note:
             self._session.note(pose.number, pose.note)
@@ -291,7 +288,7 @@ class Operations:
     # -- 7 Export ----------------------------------------------------------------------------------
 
     def verify(self, poses: int, joints: tuple[int, ...]) -> None:
-        """Verify with new poses, after setting the modes where `joints` says so; any key ends it."""
+        """Verify with new poses; set these joints to position mode first, if there are any."""
         if joints:
             self.set_modes(joints)
         self.results.verify(poses)
@@ -306,21 +303,21 @@ class Operations:
         self._publisher.publish(lambda s: replace(s, stop=None))
         self._publisher.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
 
-    def heed(self) -> None:
-        """Keep in the journal what the arm was stopped for while nothing was asked of it."""
-        self._session.heed()
+    def record_stop_cause(self) -> None:
+        """Record why the arm stopped by itself while idle."""
+        self._session.record_stop_cause()
 
     def hold(self) -> None:
-        """All joints to position mode where they are."""
+        """Hold all joints in position mode where they are."""
         self._at(None)
         self._session.hold()
         self.refresh()
 
     def refresh(self) -> None:
-        """Publish the session's state and what its poses are worth."""
+        """Publish the session's state and the quality of its poses."""
         session = self._session
         state = session.state
-        now = self._appraisal.of(state)
+        now = self._pose_quality.evaluate(state)
         if not state.solved:
             self.results.solution = None
         self._publisher.publish(
@@ -336,17 +333,19 @@ class Operations:
 
     # -- inside ------------------------------------------------------------------------------------
 
-    def _foresee(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        self._appraisal.foresee(plan, start_rad)
-        self._publisher.publish(lambda s: replace(s, plan=plan, forecast=self._appraisal.forecast))
+    def _set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
+        self._pose_quality.set_plan(plan, start_rad)
+        self._publisher.publish(
+            lambda s: replace(s, plan=plan, forecast=self._pose_quality.forecast)
+        )
 
     def _at(self, waypoint: int | None) -> None:
-        """Say at which waypoint the arm is; None before it moves."""
+        """Publish at which waypoint the arm is; None: at none."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
 
-class _Publishing(Listener):
-    """Shows how a capture goes on."""
+class _PublishingListener(Listener):
+    """Publishes the progress of a capture."""
 
     def __init__(self, operations: Operations, publisher: Publisher) -> None:
         self._operations, self._publisher = operations, publisher
@@ -360,5 +359,5 @@ class _Publishing(Listener):
     def pose_captured(self, state: SessionState, wanted: int) -> None:
         self._operations.captured(state.poses[-1])
 
-    def told(self, text: str) -> None:
+    def report(self, text: str) -> None:
         self._publisher.say(Level.INFO, text)

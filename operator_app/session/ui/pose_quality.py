@@ -1,4 +1,4 @@
-"""What the poses taken so far are worth, and what those still to come would bring. Knows no thread and no screen."""
+"""Quality of the captured poses, and prediction of the remaining ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
-from operator_app.planning.forecast import Forecast, most_telling, predict
+from operator_app.planning.forecast import Forecast, most_informative, predict
 from operator_app.planning.live import LiveQuality, live_quality
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.session import Session
@@ -20,17 +20,17 @@ from solver.loops.closure import ClosureModel, poses_needed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Worth:
-    """What the poses of a capture are worth, and which would be the next.
+class PoseQualityResult:
+    """Quality of the captured poses and the next waypoints.
 
     Attributes
     ----------
     live
-        What the poses in use determine; None without any.
+        Quality of the used poses; None without any.
     next_waypoint
-        The first of the plan that was not visited; None after the last.
+        First waypoint of the plan that was not visited; None after the last.
     best_waypoint
-        The one that would tell most; None where that is not known.
+        The most informative waypoint; None if not known.
     """
 
     live: LiveQuality | None
@@ -38,8 +38,8 @@ class Worth:
     best_waypoint: int | None
 
 
-class Appraisal:
-    """Appraises a session's poses; keeps the last result, from which the next one is found sooner."""
+class PoseQuality:
+    """Evaluates the poses of a session; reuses the last result."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -48,8 +48,8 @@ class Appraisal:
         self._placed: Fixture | None = None
         self._live: LiveQuality | None = None
 
-    def foresee(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
-        """Take `plan`, begun at `start_rad` (n,), as what is to come, and predict its poses."""
+    def set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
+        """Set the plan, which starts at `start_rad` (n,), and predict its poses."""
         session, model = self._session, self._nominal_loop
         self.plan = plan
         self.forecast = predict(
@@ -61,8 +61,8 @@ class Appraisal:
             poses=session.procedure.capture.poses,
         )
 
-    def of(self, state: SessionState) -> Worth:
-        """What the poses of `state` are worth."""
+    def evaluate(self, state: SessionState) -> PoseQualityResult:
+        """Return the quality of the poses of `state`."""
         session, used = self._session, state.used_poses
         if not used:
             self._live = self._placed = None
@@ -72,18 +72,18 @@ class Appraisal:
             loop = self._loop_of(state)
             self._live = live_quality(session.model, loop, q_rad, numbers, earlier=self._live)
         left = [k for k in range(len(self.plan)) if k not in state.visited]
-        return Worth(
+        return PoseQualityResult(
             live=self._live,
             next_waypoint=left[0] if left else None,
-            best_waypoint=self._most_telling(state, left),
+            best_waypoint=self._most_informative_waypoint(state, left),
         )
 
-    def _most_telling(self, state: SessionState, left: list[int]) -> int | None:
+    def _most_informative_waypoint(self, state: SessionState, left: list[int]) -> int | None:
         if self._live is None or self.forecast is None or not left:
             return None
         if not self._session.fixture.holds_hand:
             return None
-        return most_telling(
+        return most_informative(
             self._session.model,
             self._nominal_loop,
             self._live.x,
@@ -93,7 +93,7 @@ class Appraisal:
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """The loop of all poses; an instrument's place is found once, when there are poses enough."""
+        """The loop of all poses; an instrument is registered once, with enough poses."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

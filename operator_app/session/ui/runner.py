@@ -1,8 +1,7 @@
-"""Runs a session for a face: commands go in, snapshots come out, nothing waits.
+"""Runs a session for a user interface: tasks in, snapshots out, no call blocks.
 
-One worker thread owns every blocking call. STOP does not go through it: `stop` calls the arm from
-whichever thread asks. A watchman looks at the age of the data whether or not a screen does. Knows no
-Textual and prints nothing.
+One worker thread makes all blocking calls. `stop` calls the arm directly from the calling thread. A second thread
+supervises the age of the data, whether or not a screen polls.
 """
 
 from __future__ import annotations
@@ -20,9 +19,15 @@ from hardware.arm import ArmSnapshot
 from hardware.errors import HardwareError, StopLatched
 from operator_app.errors import Cancelled
 from operator_app.messages.errors import EXPECTED, words
-from operator_app.session.safety.joint_motion import MotionWatch
+from operator_app.session.safety.joint_motion import MotionMonitor
 from operator_app.session.store.journal import Clock, utc_now
-from operator_app.session.ui.message_log import ARM_AGAIN, acknowledged, resolved_by, told, until
+from operator_app.session.ui.message_log import (
+    ARM_RECOVERY,
+    add_message,
+    resolving_tasks,
+    without_acknowledged,
+    without_resolved,
+)
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import (
     HUNG_S,
@@ -31,19 +36,19 @@ from operator_app.session.ui.snapshot import (
     Change,
     DataState,
     Level,
+    RunningTask,
     SessionSnapshot,
     StopReport,
     TaskKind,
-    Work,
 )
-from operator_app.session.ui.supervisor import Watchman
+from operator_app.session.ui.supervisor import Supervisor
 from operator_app.session.workflow.session import Session
 
 WATCH_PERIOD_S = 0.05
 MOVING = frozenset(
     {TaskKind.MOVE, TaskKind.AUTOMATIC, TaskKind.WIGGLE, TaskKind.HOME, TaskKind.VERIFY}
 )
-"""Tasks that any key ends."""
+"""Tasks that any key cancels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,22 +57,22 @@ class _Job:
     text: str
     work: Callable[[], None]
     cancel: threading.Event
-    in_any_case: bool
+    uncancellable: bool
 
 
 class Runner:
-    """Runs a session for a screen.
+    """Runs a session for a user interface.
 
     Parameters
     ----------
     session
-        Its calls are made by the worker only, but for `Arm.stop` and `Arm.snapshot`.
+        Called by the worker thread only, except `Arm.stop` and `Arm.snapshot`.
     simulated, bus
-        Whether nothing real can move, and the bus in words.
+        Whether no real arm can move; the bus, for messages.
     recording_ended
-        How a recording of the bus ended early; "" while it goes on, or where there is none.
+        Returns why a recording of the bus ended early, "" otherwise.
     monotonic, clock
-        Seconds for ages, UTC for messages.
+        Clocks for ages (s) and for messages (UTC).
     """
 
     def __init__(
@@ -84,15 +89,15 @@ class Runner:
         self._monotonic, self._clock = monotonic, clock
         self._operations = Operations(session, self)
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
-        self._hand: deque[_Job] = deque()
-        # The screen hands work in, and the watchman does: never taken where STOP has to get through.
-        self._handing_in = threading.Lock()
+        self._waiting_jobs: deque[_Job] = deque()
+        # For `submit` from several threads; `stop` never takes it.
+        self._submitting = threading.Lock()
         self._current: _Job | None = None
         self._closing = threading.Event()
         self._publishing = threading.Lock()
-        motion = MotionWatch(session.model, session.procedure.capture)
-        self._watchman = Watchman(self, motion, recording_ended, monotonic)
-        self._seen_s = self._looked_s = monotonic()
+        motion = MotionMonitor(session.model, session.procedure.capture)
+        self._supervisor = Supervisor(self, motion, recording_ended, monotonic)
+        self._data_at_s = self._polled_s = monotonic()
         self.defect: BaseException | None = None
         self._base = SessionSnapshot(
             now_s=monotonic(),
@@ -122,45 +127,49 @@ class Runner:
     # -- publishing ----------------------------------------------------------------------------------
 
     def publish(self, change: Change) -> None:
-        """Put the changed snapshot in the place of the present one, from any thread."""
+        """Replace the snapshot by the changed one; from any thread."""
         with self._publishing:
             self._base = change(self._base)
 
-    def say(self, level: Level, text: str, until: frozenset[TaskKind] = frozenset()) -> None:
-        """Add a message, from any thread; `until` is the work that resolves an alarm."""
+    def say(
+        self, level: Level, text: str, resolving_tasks: frozenset[TaskKind] = frozenset()
+    ) -> None:
+        """Add a message; `resolving_tasks` resolve an alarm. From any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
-        self.publish(lambda s: told(s, level, text, time=time_utc, until=until))
+        self.publish(
+            lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)
+        )
 
     def acknowledge(self, number: int) -> None:
-        """Let the alarm of this number stand no more: the operator has seen it."""
-        self.publish(lambda s: acknowledged(s, number))
+        """Remove the alarm with this number."""
+        self.publish(lambda s: without_acknowledged(s, number))
 
     def cancelled(self) -> bool:
-        """Whether the work in hand should end."""
+        """Whether the running task is cancelled."""
         job = self._current
         return job is not None and job.cancel.is_set()
 
-    # -- looking -----------------------------------------------------------------------------------
+    # -- snapshot ----------------------------------------------------------------------------------
 
     def snapshot(self) -> SessionSnapshot:
-        """Return the latest picture, to somebody who looks at it; never blocks."""
-        self._looked_s = self._monotonic()
-        return self._picture()
+        """Return the latest snapshot to a user interface; never blocks."""
+        self._polled_s = self._monotonic()
+        return self._current_snapshot()
 
-    def _picture(self) -> SessionSnapshot:
+    def _current_snapshot(self) -> SessionSnapshot:
         base, now = self._base, self._monotonic()
         if base.identity is None:
             return replace(base, now_s=now)
         arm = self._arm_snapshot()
         if arm is None:
-            # There was an arm: that there is none now is as bad as silence.
-            return replace(base, now_s=now, data=DataState.LOST, oldest_s=now - self._seen_s)
+            # The connection is lost: the same as silence.
+            return replace(base, now_s=now, data=DataState.LOST, oldest_s=now - self._data_at_s)
         ages = [joint.age_s for joint in arm.joints]
         oldest = max(ages, default=0.0)
-        self._seen_s = now - oldest
+        self._data_at_s = now - oldest
         state = DataState.FRESH
         if oldest > STALE_S:
-            # Our own lateness is not the arm's silence; but a loop that hangs for good is found as well.
+            # Host latency is excluded from the receive timeout, up to `HUNG_S`.
             silent = oldest - arm.late_s > LOST_S or oldest > HUNG_S
             state = DataState.LOST if silent else DataState.STALE
         return replace(
@@ -176,12 +185,12 @@ class Runner:
         try:
             return self.session.arm.snapshot()
         except HardwareError:
-            # The link went down between two looks; the watchman says so once.
+            # The connection went down since the last call; the supervisor reports it once.
             return None
 
     @property
     def connected(self) -> bool:
-        """Whether there is an arm to stop: also one that is being connected to."""
+        """Whether there is an arm to stop, connected or being connected."""
         return self.session.identity is not None or self.connecting
 
     @property
@@ -194,38 +203,35 @@ class Runner:
 
     @property
     def operations(self) -> Operations:
-        """What can be handed to `submit`."""
+        """The operations for `submit`."""
         return self._operations
 
     def submit(
-        self, kind: TaskKind, text: str, work: Callable[[], None], *, in_any_case: bool = False
+        self, kind: TaskKind, text: str, work: Callable[[], None], *, uncancellable: bool = False
     ) -> None:
-        """Queue work for the worker; returns at once.
-
-        What is done `in_any_case` no key ends: it is short, and moves nothing.
-        """
-        job = _Job(kind, text, work, threading.Event(), in_any_case)
-        with self._handing_in:
+        """Queue a task for the worker; returns at once. An `uncancellable` one is short and moves nothing."""
+        job = _Job(kind, text, work, threading.Event(), uncancellable)
+        with self._submitting:
             if self._closing.is_set():
                 return
-            self._hand.append(job)
-            # Shown before the worker has it: shown after, it could be over already, and stay.
+            self._waiting_jobs.append(job)
+            # Published before the worker gets it: afterwards it might have ended already.
             if self._base.task is None:
                 self._show_task(kind, text)
             self._jobs.put(job)
 
     def cancel(self) -> None:
-        """End the work in hand and what waits behind it; a moving arm comes to rest and holds."""
-        for job in tuple(self._hand):
-            if not job.in_any_case:
+        """Cancel the running task and the queue; a moving arm comes to rest and holds."""
+        for job in tuple(self._waiting_jobs):
+            if not job.uncancellable:
                 job.cancel.set()
 
     def stop(self) -> None:
-        """Software STOP, from the calling thread: waits for no queue, no lock, no work."""
+        """Software STOP in the calling thread: waits for no queue, lock or task."""
         asked = self._monotonic()
         problem = ""
         before = self._base.stop
-        again = (before is not None and not before.problem) or bool(self._watchman.told_of_stop)
+        again = (before is not None and not before.problem) or bool(self._supervisor.reported_stop)
         try:
             self.session.arm.stop()
         except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
@@ -242,18 +248,18 @@ class Runner:
         self.publish(lambda s: replace(s, stop=report))
         if problem:
             problem = f"STOP could not be sent: {problem}. Use the hardware stop"
-            self.say(Level.ALARM, problem, ARM_AGAIN)
+            self.say(Level.ALARM, problem, ARM_RECOVERY)
         elif not again:
-            # Said once, and not over why the arm was stopped before.
+            # Reported once, and not again after a stop by the arm itself.
             said = "software STOP sent to all drives; it is latched (R resets)"
             self.say(Level.ALARM, said, frozenset({TaskKind.RESET}))
 
     def close(self, reason: str) -> None:
-        """End the work in hand, leave the arm held and the journal whole. Safe to call twice."""
-        with self._handing_in:
+        """Cancel the running task, leave the arm held and close the journal. Safe to call twice."""
+        with self._submitting:
             if self._closing.is_set():
                 return
-            # Nothing comes behind it; and what came before it is ended, or done in any case.
+            # The last job; those before it are cancelled or uncancellable.
             self._closing.set()
             self._jobs.put(None)
         self.cancel()
@@ -264,23 +270,23 @@ class Runner:
     # -- threads -----------------------------------------------------------------------------------
 
     def _show_task(self, kind: TaskKind, text: str) -> None:
-        task = Work(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
+        task = RunningTask(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
         self.publish(lambda s: replace(s, task=task))
 
     def _work(self) -> None:
         with self._supervised():
-            self._work_off()
+            self._run_jobs()
 
     @contextmanager
     def _supervised(self) -> Iterator[None]:
-        """A thread that ends by a defect stops the arm and tells the screen."""
+        """Stop the arm if the thread ends by an unexpected exception; the screen raises it."""
         try:
             yield
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
             self.stop_quietly()
 
-    def _work_off(self) -> None:
+    def _run_jobs(self) -> None:
         while True:
             job = self._jobs.get()
             if job is None:
@@ -290,8 +296,8 @@ class Runner:
                 self._show_task(job.kind, job.text)
                 self._do(job)
             elif not self._closing.is_set():
-                self.say(Level.INFO, f"{job.text}: ended by the operator before it began")
-            self._hand.remove(job)
+                self.say(Level.INFO, f"{job.text}: cancelled by the operator before it started")
+            self._waiting_jobs.remove(job)
             self._current = None
             self.publish(lambda s: replace(s, task=None))
 
@@ -302,23 +308,25 @@ class Runner:
             self.say(Level.INFO, f"{job.text}: {ended.happened.lower()}; {ended.remedy.lower()}")
             self._recover()
         except StopLatched as error:
-            # Whoever latched it has said so: no second alarm about it.
+            # The STOP itself has an alarm already.
             self.say(Level.INFO, f"{job.text}: {error}")
             self._recover()
         except EXPECTED as error:
             said = words(error)
-            self.say(Level.ALARM, f"{said.happened}. {said.remedy}", until(error, job.kind))
+            self.say(
+                Level.ALARM, f"{said.happened}. {said.remedy}", resolving_tasks(error, job.kind)
+            )
             self._recover()
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
             self.defect = error
-            self.say(Level.ALARM, f"a defect of this program: {error!r}")
+            self.say(Level.ALARM, f"program error: {error!r}")
         else:
-            self.publish(lambda s: resolved_by(s, job.kind))
+            self.publish(lambda s: without_resolved(s, job.kind))
         finally:
             self.publish(lambda s: replace(s, task=None))
 
     def _recover(self) -> None:
-        """Publish what counts after something was cut short."""
+        """Publish the state after a task that did not succeed."""
         try:
             self._operations.refresh()
         except EXPECTED as error:
@@ -326,28 +334,28 @@ class Runner:
 
     def _watch(self) -> None:
         with self._supervised():
-            self._keep_watch()
+            self._watch_loop()
 
-    def _keep_watch(self) -> None:
+    def _watch_loop(self) -> None:
         while not self._closing.wait(WATCH_PERIOD_S):
-            now = self._picture()
-            self._watchman.look(now, unseen_s=now.now_s - self._looked_s)
+            now = self._current_snapshot()
+            self._supervisor.check(now, unseen_s=now.now_s - self._polled_s)
 
-    def recording_news(self) -> str:
-        """How a recording of the bus ended early, in words; "" when that was told already, or it did not."""
-        return self._watchman.recording_news()
+    def recording_problem(self) -> str:
+        """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
+        return self._supervisor.recording_problem()
 
-    def note_why_stopped(self) -> None:
-        """Have it kept in the journal why the arm was stopped, whatever else is ended meanwhile."""
+    def record_why_stopped(self) -> None:
+        """Record in the journal why the arm was stopped; not cancelled with other tasks."""
         self.submit(
             TaskKind.NOTE,
-            "noting why the arm was stopped",
-            self._operations.heed,
-            in_any_case=True,
+            "recording why the arm was stopped",
+            self._operations.record_stop_cause,
+            uncancellable=True,
         )
 
     def stop_quietly(self) -> bool:
-        """Quick stop; whether it could be sent."""
+        """Send a quick stop; return whether it was sent."""
         self.cancel()
         try:
             self.session.arm.stop()

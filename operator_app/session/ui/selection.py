@@ -1,4 +1,4 @@
-"""What an operator ticks, marks and chooses before anything is asked of the arm. Knows no screen and no terminal."""
+"""Actions that only change settings: ticks, selected joints, estimator."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from dataclasses import replace
 from operator_app.session.ui import guards
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
-from operator_app.session.ui.user_interface import Chosen, FullScreen, Typed
+from operator_app.session.ui.user_interface import ActionContext, FullScreenInterface, Typed
 from solver.chain.sensors import Rvdt
 
 
-def _note_down(runner: Runner, item: str, text: str) -> None:
+def _record_confirmation(runner: Runner, item: str, text: str) -> None:
     runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
 
 
-def stop_tested(chosen: Chosen) -> None:
-    """Remember that the hardware stop works, and record it."""
-    chosen.runner.publish(lambda s: replace(s, stop_tested=True))
-    _note_down(chosen.runner, "hardware stop", "tested")
+def stop_tested(context: ActionContext) -> None:
+    """Record that the hardware stop was tested."""
+    context.runner.publish(lambda s: replace(s, stop_tested=True))
+    _record_confirmation(context.runner, "hardware stop", "tested")
 
 
 def open_items(s: SessionSnapshot) -> dict[int, str]:
@@ -31,58 +31,58 @@ def _tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
     runner.publish(lambda now: replace(now, ticked=ticked))
     items = s.procedure.fixture.checklist
     for k in sorted(ticked - s.ticked):
-        _note_down(runner, f"check list {k + 1}", items[k])
+        _record_confirmation(runner, f"check list {k + 1}", items[k])
 
 
-def confirm(chosen: Chosen) -> None:
-    """Tick the item that is meant."""
-    item = chosen.face.item(chosen.s)
+def confirm(context: ActionContext) -> None:
+    """Tick the selected item."""
+    item = context.interface.item(context.s)
     if item is not None:
-        _tick(chosen.runner, chosen.s, chosen.s.ticked | {item})
+        _tick(context.runner, context.s, context.s.ticked | {item})
 
 
-def confirm_all(chosen: Chosen) -> None:
+def confirm_all(context: ActionContext) -> None:
     """Tick every item."""
-    _tick(chosen.runner, chosen.s, chosen.s.ticked | frozenset(open_items(chosen.s)))
+    _tick(context.runner, context.s, context.s.ticked | frozenset(open_items(context.s)))
 
 
-def toggle_item(face: FullScreen) -> None:
-    """Tick the marked item, or take its tick away."""
-    s, runner = face.look(), face.runner
+def toggle_item(interface: FullScreenInterface) -> None:
+    """Tick or untick the selected item."""
+    s, runner = interface.snapshot(), interface.runner
     if s is not None and runner is not None and s.procedure.fixture.checklist:
-        _tick(runner, s, s.ticked ^ {face.marked_item()})
+        _tick(runner, s, s.ticked ^ {interface.marked_item()})
 
 
-def toggle_joint(face: FullScreen) -> None:
-    """Ask for the other mode of the marked joint."""
-    s, runner = face.look(), face.runner
+def toggle_joint(interface: FullScreenInterface) -> None:
+    """Select the other mode for the selected joint."""
+    s, runner = interface.snapshot(), interface.runner
     if s is not None and runner is not None:
-        mark(runner, tuple(sorted({*s.wanted_joints} ^ {face.joint()})))
+        mark(runner, tuple(sorted({*s.wanted_joints} ^ {interface.joint()})))
 
 
 def mark(runner: Runner, joints: tuple[int, ...]) -> None:
-    """Ask for these joints in position mode."""
+    """Select these joints for position mode."""
     runner.publish(lambda s: replace(s, wanted_joints=joints))
 
 
-def other_joints(chosen: Chosen) -> None:
-    """Ask which joints should drive."""
+def other_joints(context: ActionContext) -> None:
+    """Ask for the drive joints."""
 
-    def take(again: Chosen, said: str) -> None:
+    def take(again: ActionContext, said: str) -> None:
         words = said.replace(",", " ").split()
         if not words or not all(word.isdecimal() for word in words):
-            again.face.refuse("type joint numbers, e.g. 1 5")
+            again.interface.refuse("type joint numbers, e.g. 1 5")
             return
         joints = tuple(sorted({int(word) for word in words}))
         problem = guards.modes_problem(again.s, joints)
         if problem:
-            again.face.refuse(problem[0])
+            again.interface.refuse(problem[0])
         else:
             mark(again.runner, joints)
 
-    text = "Joints for position mode, e.g. 1 5; nothing happens until they are applied:"
-    value = " ".join(map(str, chosen.s.wanted_joints))
-    chosen.ask(Typed(title="Which joints drive?", text=text, value=value), take)
+    text = "Joints for position mode, e.g. 1 5 (they take effect when applied):"
+    value = " ".join(map(str, context.s.wanted_joints))
+    context.ask(Typed(title="Which joints drive?", text=text, value=value), take)
 
 
 def other_estimator(s: SessionSnapshot) -> str:
@@ -90,13 +90,13 @@ def other_estimator(s: SessionSnapshot) -> str:
     return "paper" if s.estimator == "implicit" else "implicit"
 
 
-def estimator(chosen: Chosen) -> None:
+def estimator(context: ActionContext) -> None:
     """Choose the other estimator."""
-    chosen.runner.publish(lambda s: replace(s, estimator=other_estimator(s)))
+    context.runner.publish(lambda s: replace(s, estimator=other_estimator(s)))
 
 
 def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
-    """None, each RVDT joint, all of them, and round again."""
+    """Return the next of: no joint, each RVDT joint, all of them."""
     bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
     choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
     if len(bent) > 1:
@@ -105,6 +105,6 @@ def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
     return choices[(at + 1) % len(choices)]
 
 
-def unsensed(chosen: Chosen) -> None:
+def unsensed(context: ActionContext) -> None:
     """Choose the next set of unsensed joints."""
-    chosen.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))
+    context.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))

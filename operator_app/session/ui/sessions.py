@@ -1,4 +1,4 @@
-"""The sessions a face can open, one runner at a time. Knows no screen; which arm there is, `join` decides."""
+"""Opens and closes sessions for a user interface, one runner at a time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from operator_app.session.workflow.opening import (
     remove_if_empty,
     resume,
 )
-from operator_app.session.workflow.placements import keep_remounting
+from operator_app.session.workflow.placements import record_remounting
 
 
 class Sessions:
@@ -33,26 +33,26 @@ class Sessions:
     procedure
         Built-in name or path.
     choices
-        What the command line says beside it.
+        Options of the command line.
     root
-        Folder of session folders.
+        Folder of the session folders.
     join
-        Joins the arm that an opening asks for.
+        Opens the arm of an opening.
     warning
-        What the operator is to know from the beginning; "" for nothing.
+        First message to the operator; "" for none.
 
     Attributes
     ----------
     last
-        Folder of the session closed last; None when it held nothing.
+        Folder of the last closed session; None if it was removed as empty.
     held
-        Whether its arm answered as it was let go; None where none was connected.
+        Whether its arm confirmed that it is held; None if none was connected.
     exported
         Whether its parameters were written.
     lost
-        How its journal was taken away, if it was.
+        The error of its lost journal, if it was lost.
     not_held
-        Why nobody may say that the arm it was let go of is held, if nobody may.
+        The error of an arm that is not known to be held, if there is one.
     """
 
     def __init__(
@@ -75,39 +75,36 @@ class Sessions:
         self.not_held: NotLetGoError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
-        """Begin a session; a procedure that is named stays chosen."""
+        """Start a session; a named procedure becomes the default."""
         named = procedure or self._procedure
         runner = self._open(
-            begin(named, self._choices, root=self.root), "another session was begun"
+            begin(named, self._choices, root=self.root), "another session was started"
         )
         self._procedure = named
         return runner
 
     def procedures(self) -> tuple[Procedure, ...]:
-        """The packaged procedures, one of which a session can follow."""
+        """The packaged procedures."""
         return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Runner:
-        """Go on with a session, named by its folder."""
+        """Resume a session, named by its folder."""
         opening = resume(reference, self._choices, root=self.root)
         return self._open(opening, "another session was resumed")
 
     def remounted(self) -> Runner:
-        """Go on with the session that is open in another placement of its fixture; it is closed for that.
-
-        The drives are off before it counts; nothing is connected before somebody says that it is mounted.
-        """
+        """Close the open session and resume it in the next placement; raises unless the drives are off."""
         if self._runner is None:
-            raise SessionError("no session is open", "begin one, or resume one")
+            raise SessionError("no session is open", "start or resume one")
         session = self._runner.session
         folder, number = session.journal.path.parent, session.state.placement + 1
-        self.close("the fixture is mounted anew")
+        self.close("the fixture is remounted")
         session.require_let_go()
-        keep_remounting(folder, number)
+        record_remounting(folder, number)
         runner = self.resumed(str(folder))
         runner.say(
             Level.WARNING,
-            f"The drives are off. Secure the arm, mount the {session.procedure.fixture.name} anew, close the "
+            f"The drives are off. Secure the arm, remount the {session.procedure.fixture.name}, close the "
             "loop; only then connect.",
         )
         return runner
@@ -118,11 +115,11 @@ class Sessions:
         return self._runner is not None
 
     def sessions(self) -> tuple[SessionEntry, ...]:
-        """All sessions there are, newest first."""
+        """All sessions, newest first."""
         return list_sessions(self.root)[::-1]
 
     def close(self, reason: str) -> None:
-        """Close the runner that is open: arm held, journal whole. Safe to call twice."""
+        """Close the open runner. Safe to call twice."""
         runner, self._runner = self._runner, None
         if runner is not None:
             session = runner.session
@@ -133,14 +130,14 @@ class Sessions:
                 self._stack.close()
                 self.held = session.held if connected else None
                 self.exported = bool(session.state.exported)
-                self.last = None if remove_if_empty(session) else session.journal.kept_in
+                self.last = None if remove_if_empty(session) else session.journal.kept_folder
                 self.lost = session.journal.loss
                 self.not_held = session.not_held
-                # What was still to be written then: said with the next session.
-                self._warning = runner.recording_news()
+                # Reported in the next session.
+                self._warning = runner.recording_problem()
 
     def _open(self, opening: Opening, farewell: str) -> Runner:
-        """Open a session; the one that was open is closed when nothing can go wrong any more."""
+        """Open a session; close the previous one when this has succeeded."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)

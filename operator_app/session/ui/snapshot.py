@@ -1,7 +1,4 @@
-"""What the session publishes for a screen: one immutable picture of arm, decisions and work in hand.
-
-Polled, never awaited. Knows no thread, no screen and no bus.
-"""
+"""The snapshot that a session publishes for user interfaces: state of arm, session and running task."""
 
 from __future__ import annotations
 
@@ -24,15 +21,15 @@ from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives
 
 STALE_S = 0.1
-"""Older data are marked, what is derived from them is blanked, and nothing is captured."""
+"""Older data are marked as stale and not used."""
 LOST_S = 1.0
-"""Silence of the arm for longer is an alarm: the arm is stopped."""
+"""After a longer silence of the arm there is an alarm, and the arm is stopped."""
 HUNG_S = 10.0
-"""So are data this old although it is we who are late."""
+"""The same limit where the host is late."""
 
 
 class DataState(Enum):
-    """How old the oldest joint's answer is."""
+    """Age of the oldest joint data."""
 
     NONE = "no data"
     FRESH = "ok"
@@ -41,7 +38,7 @@ class DataState(Enum):
 
 
 class Level(Enum):
-    """How much a message matters."""
+    """Severity of a message."""
 
     INFO = "info"
     WARNING = "warning"
@@ -49,7 +46,7 @@ class Level(Enum):
 
 
 class TaskKind(Enum):
-    """What the worker is doing."""
+    """Kinds of tasks."""
 
     CONNECT = "connecting"
     CHECK = "checking the fixture"
@@ -70,21 +67,18 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """Something that happened. `time` is UTC, HH:MM:SS; `number` counts from 1.
-
-    `until`: work that resolves an alarm when it is done.
-    """
+    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks` resolve an alarm."""
 
     number: int
     time: str
     level: Level
     text: str
-    until: frozenset[TaskKind] = frozenset()
+    resolving_tasks: frozenset[TaskKind] = frozenset()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Work:
-    """Work in hand. `moves`: the arm may move, and any key ends it."""
+class RunningTask:
+    """The running task. `moves`: the arm may move, and any key cancels it."""
 
     kind: TaskKind
     text: str
@@ -96,8 +90,8 @@ class Work:
 class StopReport:
     """A software STOP.
 
-    When it was asked for (monotonic), how long sending took, after how long no drive was in operation
-    any more (None: not yet), how many are not, and why it could not be sent ("" if it was).
+    Time of the request (monotonic, s), duration of sending, time until no drive was in operation (None: not yet),
+    number of drives out of operation, and why it could not be sent ("" if it was).
     """
 
     asked_s: float
@@ -109,15 +103,15 @@ class StopReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Iteration:
-    """One step of an estimator."""
+    """One iteration of an estimator."""
 
     number: int
     cost: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Written:
-    """Where this calibration was written."""
+class WrittenFiles:
+    """Files of a written calibration."""
 
     folder: Path
     parameters: Path
@@ -127,7 +121,7 @@ class Written:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffRow:
-    """One parameter, rad or m: the controller's active value (None: none there) and the new one."""
+    """A parameter (rad or m): active value on the controller (None: none) and new value."""
 
     name: str
     is_angle: bool
@@ -136,11 +130,11 @@ class DiffRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verified:
-    """New poses judged by parameters that were fixed before.
+class VerificationSummary:
+    """Result of a verification with new poses.
 
-    rms of the closure at the readings (of its orientation None where only positions close), chi2/dof,
-    whether the parameters predict as well as they claim to, and what is named as the reason where they do not.
+    rms of the position and orientation closure (None: position only), chi2/dof, whether the prediction errors agree
+    with their uncertainty, and the reason if they do not.
     """
 
     poses: int
@@ -152,7 +146,7 @@ class Verified:
 
     @property
     def verdict(self) -> str:
-        """Whether they do, in words."""
+        """The result as text."""
         if self.holds:
             return "as expected"
         return "worse than expected" + (f" ({self.why})" if self.why else "")
@@ -160,31 +154,30 @@ class Verified:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSnapshot:
-    """Everything a screen shows.
+    """Everything a user interface shows.
 
     Attributes
     ----------
     arm
-        Latest state of the arm; None before there is one.
+        Latest snapshot of the arm; None before there is one.
     data, oldest_s, stale_joints
-        Age of the data: verdict, age of the oldest joint's answer, joints older than `STALE_S`.
+        Age of the data: state, age of the oldest joint data (s), joints older than `STALE_S`.
     motion
-        How the joints moved lately; None without fresh data.
+        Motion of the joints; None without fresh data.
     simulated, bus
-        Whether nothing real can move, and which bus this is, in words.
+        Whether no real arm can move; the bus, for messages.
     stop_tested, ticked
-        What the operator has confirmed in this run: the hardware stop, the fixture's check list.
+        Confirmed by the operator in this run: hardware stop, items of the check list.
     wanted_joints
-        Joints marked for position mode, ascending; the others are to be free.
+        Joints selected for position mode, ascending; the others become free.
     plan, forecast, next_waypoint, best_waypoint, at_waypoint
-        Waypoints, what the model says of them; the one that is next, that would tell most, that the
-        arm is at.
+        Waypoints and their prediction; the next one, the most informative one, the one the arm is at.
     heading
-        Where a planned capture takes the arm now, with the poses predicted on the way; else None.
+        Present move of a planned capture; else None.
     estimator, unsensed_joints
-        How the next calibration will be made.
+        Options of the next calibration.
     messages, alarms
-        What was said, oldest first, and what of it stands: neither resolved nor acknowledged.
+        Messages, oldest first, and the alarms that are neither resolved nor acknowledged.
     """
 
     now_s: float
@@ -217,25 +210,25 @@ class SessionSnapshot:
     live: LiveQuality | None = None
     iterations: tuple[Iteration, ...] = ()
     solution: Solution | None = None
-    checks_of_it: Checks | None = None
-    written: Written | None = None
+    cross_checks: Checks | None = None
+    written: WrittenFiles | None = None
     diff: tuple[DiffRow, ...] = ()
     receipt: UploadReceipt | None = None
     report: Path | None = None
-    verification: Verified | None = None
+    verification: VerificationSummary | None = None
     stop: StopReport | None = None
-    task: Work | None = None
+    task: RunningTask | None = None
     messages: tuple[Message, ...] = field(default=())
     alarms: tuple[Message, ...] = ()
 
     @property
     def connected(self) -> bool:
-        """Whether an arm has answered and was checked."""
+        """Whether an arm is connected and checked."""
         return self.identity is not None
 
     @property
     def sync_rate_hz(self) -> float:
-        """SYNC messages a second; 0 without fresh data."""
+        """SYNC messages per second; 0 without fresh data."""
         return 0.0 if self.motion is None else self.motion.sync_rate_hz
 
     @property
@@ -245,27 +238,27 @@ class SessionSnapshot:
 
     @property
     def stopped_for(self) -> str:
-        """Why the arm was stopped by itself, in words; "" where it was not, or STOP was pressed."""
+        """Why the arm stopped by itself; "" if it did not, or STOP was pressed."""
         return "" if self.arm is None else self.arm.stopped_for
 
     @property
     def wanted_poses(self) -> int:
-        """How many poses the procedure asks for."""
+        """Number of poses the procedure asks for."""
         return self.state.wanted_poses(self.procedure.capture)
 
     @property
     def modes(self) -> tuple[JointMode, ...]:
-        """Modes as last confirmed; empty before."""
+        """Last confirmed modes; empty before."""
         return tuple(JointMode(m) for m in self.state.modes)
 
     @property
     def position_joints(self) -> tuple[int, ...]:
-        """Joints in position mode as last confirmed."""
+        """Joints in the last confirmed position mode."""
         return tuple(k for k, m in enumerate(self.modes, 1) if m is JointMode.POSITION)
 
     @property
     def drives_ready(self) -> bool:
-        """Whether every drive is enabled and in the mode that was confirmed."""
+        """Whether every drive is enabled and in its confirmed mode."""
         return (
             self.arm is not None
             and len(self.modes) == len(self.arm.joints)
@@ -277,20 +270,20 @@ class SessionSnapshot:
 
 
 Change = Callable[[SessionSnapshot], SessionSnapshot]
-"""How something is published: ``lambda s: replace(s, field=value)``, whose fields the type checker knows."""
+"""A change of the snapshot: ``lambda s: replace(s, field=value)``."""
 
 
 class Publisher(Protocol):
-    """Where operations put what they found, and hear that they should end."""
+    """Receives the results of operations, and tells them when to end."""
 
     def publish(self, change: Change) -> None:
-        """Put the changed snapshot in the place of the present one."""
+        """Replace the snapshot by the changed one."""
         ...
 
     def say(self, level: Level, text: str) -> None:
-        """Tell the operator."""
+        """Add a message to the operator."""
         ...
 
     def cancelled(self) -> bool:
-        """Whether the operator wants this ended."""
+        """Whether the operator has cancelled the task."""
         ...

@@ -1,4 +1,4 @@
-"""The seven steps of a calibration by name and number. Knows nothing else."""
+"""The seven steps of a calibration, and the keys that work before the app is loaded. Imports no other module."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class Step(IntEnum):
-    """Steps in the order in which they open."""
+    """Steps in order."""
 
     CONNECT = 1
     FIXTURE = 2
@@ -18,7 +18,7 @@ class Step(IntEnum):
 
     @property
     def title(self) -> str:
-        """What the operator reads."""
+        """Name on the screen."""
         return self.name.capitalize()
 
 

@@ -1,7 +1,7 @@
-"""What is said and done at every look at the arm, whether or not a screen looks. Knows no thread and no screen.
+"""Supervision of the arm, every 50 ms, whether or not a screen polls.
 
-The age of the data, what the joints do, why the arm was stopped, how late this computer was, and whether anybody
-sees what moves.
+Checks the age of the data, the joint motion, stops of the arm, host latency, and whether a screen polls while the arm
+moves.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 from hardware.arm import DriveState
 from operator_app.messages.errors import stopped_words
-from operator_app.session.safety.joint_motion import MotionWatch
-from operator_app.session.safety.latency import LatenessNews
-from operator_app.session.ui.message_log import ARM_AGAIN
+from operator_app.session.safety.joint_motion import MotionMonitor
+from operator_app.session.safety.latency import LatenessReporter
+from operator_app.session.ui.message_log import ARM_RECOVERY
 from operator_app.session.ui.snapshot import (
     LOST_S,
     DataState,
@@ -26,101 +26,98 @@ from operator_app.session.ui.snapshot import (
 if TYPE_CHECKING:
     from operator_app.session.ui.runner import Runner
 
-UNSEEN_S = 1.5
-"""A motion that nobody has looked at for so long is ended: any key ends a motion, if it is read."""
+UNWATCHED_S = 1.5
+"""A motion is ended when no screen has polled for this long: no key could stop it."""
 
 
-class Watchman:
-    """Looks at one snapshot after the other.
+class Supervisor:
+    """Checks one snapshot after the other.
 
     Attributes
     ----------
     told_of_stop
-        What the arm was stopped for by itself, as was said last; "" where it is not.
+        Last reported reason why the arm stopped by itself; "" if it is not stopped.
     """
 
     def __init__(
         self,
         runner: Runner,
-        motion: MotionWatch,
+        motion: MotionMonitor,
         recording_ended: Callable[[], str],
         monotonic: Callable[[], float],
     ) -> None:
         self._runner, self._motion, self._monotonic = runner, motion, monotonic
         self._recording_ended, self._told_of_recording = recording_ended, ""
-        self._lateness = LatenessNews()
+        self._lateness = LatenessReporter()
         self._lost = False
-        self.told_of_stop = ""
+        self.reported_stop = ""
 
-    def look(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Lost data end the work and stop the arm, and so does nobody looking while it moves."""
-        self._end_what_nobody_sees(now, unseen_s)
-        self._look_why_stopped(now)
-        self._look_at_motion(now)
-        if news := self.recording_news():
+    def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
+        """Check a snapshot: lost data stop the arm; `unseen_s` without a poll ends a motion."""
+        self._end_unwatched_motion(now, unseen_s)
+        self._report_stop(now)
+        self._update_motion(now)
+        if news := self.recording_problem():
             self._runner.say(Level.WARNING, news)
         if now.arm is None:
-            self._lateness = LatenessNews()  # the next connection counts anew
-        elif late := self._lateness.since(now.arm.lateness, now.now_s):
+            self._lateness = LatenessReporter()
+        elif late := self._lateness.new_text(now.arm.lateness, now.now_s):
             self._runner.say(Level.WARNING, late)
         if now.arm is not None and now.stop is not None:
             self._count_stopped(now, now.stop)
         if now.identity is None:
             self._lost = False
-        # While connecting anew there are none yet, and a STOP would end it.
+        # While connecting there are no data yet, and a STOP would end it.
         if now.data is DataState.LOST and not self._lost and not self._runner.connecting:
             self._lost = True
             sent = "quick stop sent" if self._runner.stop_quietly() else "quick stop NOT sent"
-            who = "no data from the arm", "Look at the bus and the controller"
+            who = "no data from the arm", "Check the bus and the controller"
             if now.arm is not None and now.oldest_s - now.arm.late_s <= LOST_S:
-                who = "this program did not listen to the arm", "End other programs"
+                who = "this program did not read the bus", "End other programs"
             self._runner.say(
                 Level.ALARM,
                 f"{who[0]} for {now.oldest_s:.1f} s: {sent}, the drives hold by themselves. {who[1]}",
-                ARM_AGAIN,
+                ARM_RECOVERY,
             )
-        elif self._lost and _all_is_heard(now):
+        elif self._lost and _all_data_fresh(now):
             self._lost = False
             self._runner.say(Level.INFO, "the data are back: reset STOP (R) when it is safe")
 
-    def _look_why_stopped(self, now: SessionSnapshot) -> None:
-        """An arm may be stopped by itself while nothing is asked of it: say so at once, then keep it."""
-        why, before = now.stopped_for, self.told_of_stop
-        self.told_of_stop = why
+    def _report_stop(self, now: SessionSnapshot) -> None:
+        """Report and record why the arm stopped by itself."""
+        why, before = now.stopped_for, self.reported_stop
+        self.reported_stop = why
         if why and why != before:
-            self._runner.say(Level.ALARM, stopped_words(why), ARM_AGAIN)
-            self._runner.note_why_stopped()
+            self._runner.say(Level.ALARM, stopped_words(why), ARM_RECOVERY)
+            self._runner.record_why_stopped()
 
-    def _look_at_motion(self, now: SessionSnapshot) -> None:
+    def _update_motion(self, now: SessionSnapshot) -> None:
         if now.arm is not None and now.data is DataState.FRESH:
-            motion = self._motion.see(now.now_s, now.arm)
+            motion = self._motion.update(now.now_s, now.arm)
             self._runner.publish(lambda s: replace(s, motion=motion))
         elif now.motion is not None:
-            self._motion.forget()
+            self._motion.reset()
             self._runner.publish(lambda s: replace(s, motion=None))
 
-    def recording_news(self) -> str:
-        """How a recording of the bus ended early, in words; "" when that was told already, or it did not.
-
-        A full disk ends a recording, and nothing else: the session goes on without it.
-        """
-        words, told = self._recording_ended(), self._told_of_recording
+    def recording_problem(self) -> str:
+        """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
+        words, add_message = self._recording_ended(), self._told_of_recording
         self._told_of_recording = words
-        return "" if words == told else words[:1].upper() + words[1:]
+        return "" if words == add_message else words[:1].upper() + words[1:]
 
-    def _end_what_nobody_sees(self, now: SessionSnapshot, unseen_s: float) -> None:
-        """A screen that hangs, on a terminal that is not read any more, takes no key that stops."""
+    def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
+        """End a motion when no screen polls: a key could not stop it."""
         if (
             now.task is not None
             and now.task.moves
-            and unseen_s > UNSEEN_S
+            and unseen_s > UNWATCHED_S
             and not self._runner.cancelled()
         ):
             self._runner.cancel()
             self._runner.say(
                 Level.ALARM,
-                f"the screen did not answer for {unseen_s:.1f} s while the arm moved: the motion was "
-                "ended. Look at the terminal and its connection",
+                f"the screen did not respond for {unseen_s:.1f} s while the arm moved: the motion was "
+                "ended. Check the terminal and its connection",
             )
 
     def _count_stopped(self, now: SessionSnapshot, report: StopReport) -> None:
@@ -133,12 +130,12 @@ class Watchman:
             drives_stopped=resting,
             acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
         )
-        # A newer STOP, or a reset, may have been said meanwhile: that stands.
+        # A newer STOP or a reset may have replaced the report meanwhile.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
 
 
-def _all_is_heard(s: SessionSnapshot) -> bool:
-    """Whether every joint answers and every node's heartbeat is back: a reset needs both."""
+def _all_data_fresh(s: SessionSnapshot) -> bool:
+    """Whether all joint data and heartbeats are fresh: a reset needs both."""
     return (
         s.data is DataState.FRESH
         and s.arm is not None

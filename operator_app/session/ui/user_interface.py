@@ -1,7 +1,6 @@
-"""What an action is, and what it may ask of the face it was chosen in: full screen or prompts. Knows neither.
+"""Actions, and what they may ask of a user interface: full screen or plain mode.
 
-A face answers questions and moves from step to step; it decides nothing. Guards are asked when an
-action is chosen, and again when a question about it has been answered.
+The guard of an action is checked when it is chosen, and again when its question is answered.
 """
 
 from __future__ import annotations
@@ -18,15 +17,15 @@ from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 
-LOOKS = 4
-"""A busy machine shows data for a moment as older than they may be: no reason to have a key pressed twice."""
+SNAPSHOTS_TRIED = 4
+"""Snapshots tried before an action is refused for stale data: on a busy computer data are late for a moment."""
 
 # -- questions -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YesNo:
-    """Whether to go on; `yes` is the word for it."""
+    """A confirmation; `yes` is the label of the button."""
 
     title: str
     text: str
@@ -35,7 +34,7 @@ class YesNo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Typed:
-    """A line of text, `value` to begin with; with `expected`, only that text is taken."""
+    """A line of text, initially `value`; with `expected`, only that text is accepted."""
 
     title: str
     text: str
@@ -45,7 +44,7 @@ class Typed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OneOf:
-    """One of several: names and how they read."""
+    """A choice: names and labels."""
 
     title: str
     text: str
@@ -57,66 +56,66 @@ Question = YesNo | Typed | OneOf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownAlarm:
-    """Number of an alarm that the operator has before him, and whether all its words are."""
+    """Number of the alarm shown, and whether its whole text is visible."""
 
     number: int
     whole: bool
 
 
-# -- faces -----------------------------------------------------------------------------------------
+# -- user interfaces -------------------------------------------------------------------------------
 
 
-class Face(Protocol):
-    """Where an operator chooses actions."""
+class UserInterface(Protocol):
+    """A user interface."""
 
     @property
     def runner(self) -> Runner | None:
-        """What runs the session; None before there is one."""
+        """The runner of the open session; None before."""
         ...
 
     @property
     def sessions(self) -> Sessions:
-        """The sessions there are."""
+        """The sessions."""
         ...
 
-    def look(self) -> SessionSnapshot | None:
-        """Take a fresh picture: a decision is never made on an old one."""
+    def snapshot(self) -> SessionSnapshot | None:
+        """Return a fresh snapshot."""
         ...
 
-    def soon(self, work: Callable[[], None]) -> None:
-        """Do it when data that are late may have come: a SYNC or some later."""
+    def retry_soon(self, work: Callable[[], None]) -> None:
+        """Call `work` a few SYNC periods later."""
         ...
 
     def refuse(self, why: str) -> None:
-        """Say why something is not done."""
+        """Show why an action is refused."""
         ...
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask; `then` gets the answer, and is not called when there is none."""
+        """Ask a question; call `then` with the answer, if there is one."""
         ...
 
     def pose(self, s: SessionSnapshot) -> int | None:
-        """Number of the pose that is meant."""
+        """Number of the selected pose."""
         ...
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """Item of the check list that is meant, from 0."""
+        """Selected open item of the check list, from 0."""
         ...
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The alarm that is meant: one that the operator can see."""
+        """The alarm that is shown."""
         ...
 
     def open(self, make: Callable[[], Runner]) -> None:
-        """Take another session; the one before is closed, the arm held."""
+        """Open another session with `make`."""
         ...
 
     def write_report(self, runner: Runner) -> Path:
-        """Write the report page; on the worker's thread."""
+        """Write the report page; called in the worker thread."""
         ...
 
     def topics(self) -> Mapping[str, str]:
-        """Pages of the manual, and what each is in a line."""
+        """Topics and summaries of the manual."""
         ...
 
     def show_page(self, topic: str) -> None:
@@ -124,19 +123,19 @@ class Face(Protocol):
         ...
 
     def show_history(self, serial: str) -> None:
-        """Show what is known of an arm over the years."""
+        """Show the history of an arm."""
         ...
 
 
-class FullScreen(Face, Protocol):
-    """A face with a screen: something is focused, something is marked."""
+class FullScreenInterface(UserInterface, Protocol):
+    """A user interface with a screen: focus and selection."""
 
     def stop(self) -> None:
-        """Software STOP, from the calling thread, at once."""
+        """Software STOP, at once, in the calling thread."""
         ...
 
-    def do_next_thing(self) -> None:
-        """Do what the line above the footer says."""
+    def do_next_action(self) -> None:
+        """Do what the line above the footer proposes."""
         ...
 
     def go(self, step: Step) -> bool:
@@ -144,43 +143,43 @@ class FullScreen(Face, Protocol):
         ...
 
     def go_by(self, steps: int) -> None:
-        """Show the step before or after."""
+        """Show another step, relative to this one."""
         ...
 
     def move(self, by: int) -> None:
-        """Move the mark of the list."""
+        """Move the selection of the list."""
         ...
 
     def joint(self) -> int:
-        """Number of the marked joint."""
+        """Number of the selected joint."""
         ...
 
     def marked_item(self) -> int:
-        """Marked item of the check list, from 0, ticked or not."""
+        """Selected item of the check list, from 0, ticked or not."""
         ...
 
-    def turn_over(self) -> None:
+    def next_view(self) -> None:
         """Show the next panel or plot."""
         ...
 
-    def explain(self) -> None:
-        """Explain the focused panel and list the keys."""
+    def show_help(self) -> None:
+        """Show the help on the focused panel, and the keys."""
         ...
 
-    def find(self) -> None:
-        """Find an action by name."""
+    def show_palette(self) -> None:
+        """Show the palette of actions."""
         ...
 
     def show_messages(self) -> None:
-        """Show all that was said, each message whole."""
+        """Show all messages in full."""
         ...
 
-    def change_look(self) -> None:
-        """Take the next theme."""
+    def next_theme(self) -> None:
+        """Use the next theme."""
         ...
 
     def leave(self) -> None:
-        """Leave, after a question if an arm is connected."""
+        """Quit, after a question if an arm is connected."""
         ...
 
 
@@ -190,27 +189,27 @@ EVERYWHERE = frozenset(Step)
 
 
 def always(s: SessionSnapshot) -> Missing:
-    """Nothing is missing, ever."""
+    """Guard of an action that is always allowed."""
     del s
     return ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """What every action has.
+    """Common fields of all actions.
 
     Attributes
     ----------
     name
-        What code calls it.
+        Name in the code.
     keys, shown
-        Key names as a terminal gives them, and how they are printed.
+        Key names of the terminal, and how they are displayed.
     label, help
         One or two words for the footer; a sentence for palette and help.
     steps, footer
-        Where its keys work; where the footer shows them.
+        Steps where its keys work, and where the footer shows them.
     offered
-        Whether it means anything now: what is not offered is not shown, what is closed says why.
+        Whether it is shown; an action whose guard fails is shown with the reason.
     """
 
     name: str
@@ -225,77 +224,79 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnScreen(Entry):
-    """Something that only a screen has: marks, views, themes, and going from step to step by keys."""
+    """An action of the full screen only: selection, views, themes, steps."""
 
-    work: Callable[[FullScreen], None]
+    work: Callable[[FullScreenInterface], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Action(Entry):
-    """Something the operator can do to the session, in both faces.
+    """An action on the session, in all user interfaces.
 
     Attributes
     ----------
     guard
-        Sentences saying what is missing; asked again after every question.
+        Returns what is missing; checked again after every question.
     work
-        Hands work to the worker, changes a setting, or takes another session.
+        Submits a task, changes a setting, or opens another session.
     prompt
-        What plain mode lists; by default label and help.
+        Text in plain mode; by default label and help.
     rows
-        Plain mode lists it once for each of these rows, which is then the one that is meant.
+        Plain mode lists the action once for each of these rows.
     """
 
-    work: Callable[[Chosen], None]
+    work: Callable[[ActionContext], None]
     guard: Callable[[SessionSnapshot], Missing] = always
     prompt: str | Callable[[SessionSnapshot], str] = ""
     rows: Callable[[SessionSnapshot], Mapping[int, str]] | None = None
 
     def words(self, s: SessionSnapshot) -> str:
-        """What plain mode lists."""
+        """Text in plain mode."""
         if callable(self.prompt):
             return self.prompt(s)
         return self.prompt or f"{self.label}: {self.help.rstrip('.')}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Chosen:
-    """An action that was chosen and whose guard holds: where, and on which picture."""
+class ActionContext:
+    """A chosen action whose guard holds, with its user interface, runner and snapshot."""
 
     action: Action
-    face: Face
+    interface: UserInterface
     runner: Runner
     s: SessionSnapshot
 
-    def hand(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:
-        """Give work to the worker; returns at once."""
+    def submit(self, kind: TaskKind, text: str, work: Callable[[Operations], None]) -> None:
+        """Submit a task to the runner; returns at once."""
         self.runner.submit(kind, text, lambda: work(self.runner.operations))
 
-    def ask(self, question: Question, then: Callable[[Chosen, str], None]) -> None:
-        """Ask first; the guard must hold when the answer comes, too."""
-        self.face.ask(
+    def ask(self, question: Question, then: Callable[[ActionContext, str], None]) -> None:
+        """Ask a question; `then` is called only if the guard still holds."""
+        self.interface.ask(
             question,
-            lambda said: perform(self.action, self.face, lambda chosen: then(chosen, said)),
+            lambda said: perform_action(
+                self.action, self.interface, lambda chosen: then(chosen, said)
+            ),
         )
 
 
-def perform(
+def perform_action(
     action: Action,
-    face: Face,
-    work: Callable[[Chosen], None] | None = None,
+    interface: UserInterface,
+    work: Callable[[ActionContext], None] | None = None,
     *,
-    looks: int = LOOKS,
+    tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or say what is missing; what only waits for fresh data is looked at `looks` times."""
-    s, runner = face.look(), face.runner
+    """Do an action, or show what is missing; tries up to `tries` snapshots if only the data are stale."""
+    s, runner = interface.snapshot(), interface.runner
     if s is None or runner is None:
         return
     missing = action.guard(s)
     late = s.data is DataState.STALE and not action.guard(replace(s, data=DataState.FRESH))
-    if missing and late and looks > 1:
-        face.soon(lambda: perform(action, face, work, looks=looks - 1))
+    if missing and late and tries > 1:
+        interface.retry_soon(lambda: perform_action(action, interface, work, tries=tries - 1))
         return
     if missing:
-        face.refuse(missing[0])
+        interface.refuse(missing[0])
     else:
-        (work or action.work)(Chosen(action=action, face=face, runner=runner, s=s))
+        (work or action.work)(ActionContext(action=action, interface=interface, runner=runner, s=s))

@@ -1,7 +1,4 @@
-"""A campaign made again from the journal: the same reports to the same policy give the same decisions.
-
-Knows the session's state and the policy; no arm, and it writes nothing.
-"""
+"""Rebuilds a planning campaign from the journal: the policy is deterministic."""
 
 from __future__ import annotations
 
@@ -19,18 +16,18 @@ from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign import Campaign
 from solver.design.campaign_settings import CampaignSettings
 
-THERE_RAD = float(np.deg2rad(1.5))
-"""An arm whose joints are this close to where the journal left them has not been moved."""
-SAME_RAD = 1e-6
-"""Targets of a replayed decision may differ by this much."""
+SAME_POSITION_RAD = float(np.deg2rad(1.5))
+"""An arm this close to its last position in the journal was not moved meanwhile."""
+SAME_TARGET_RAD = 1e-6
+"""Largest difference between targets of a replayed decision."""
 
 
-class DivergedError(Exception):
-    """The journal's decisions are not those this program makes from the same readings."""
+class ReplayDivergedError(Exception):
+    """The policy decides otherwise than recorded in the journal."""
 
 
-def built(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
-    """Return the campaign as the journal says it began."""
+def campaign_from_log(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
+    """Return the campaign at its start."""
     begun = state.campaign.begun
     known = {p.number: p for p in state.used_poses}
     captured = [known[number] for number in begun["captured"]]
@@ -52,8 +49,8 @@ def built(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
     )
 
 
-def still_fits(state: SessionState, wanted: Mapping[str, Any]) -> bool:
-    """Whether what the campaign was told still counts, and what it began with is still wanted."""
+def log_is_current(state: SessionState, wanted: Mapping[str, Any]) -> bool:
+    """Whether the used poses and the settings of the campaign are unchanged."""
     log = state.campaign
     told = set(log.begun["captured"]) | {
         data["number"] for name, data in log.steps if name == "pose"
@@ -62,19 +59,19 @@ def still_fits(state: SessionState, wanted: Mapping[str, Any]) -> bool:
     return told == counting and all(log.begun.get(key) == value for key, value in wanted.items())
 
 
-def replayed(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
-    """Tell a new campaign everything the journal holds.
+def replay_campaign(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
+    """Return a campaign after all recorded steps.
 
     Raises
     ------
     DivergedError
-        It does not decide what the journal says was done.
+        It decides otherwise than recorded.
     """
-    campaign = built(arm, fixture, state)
+    campaign = campaign_from_log(arm, fixture, state)
     readings = {p.number: p.mean_rad for p in state.used_poses}
     for name, data in state.campaign.steps:
-        if not same(campaign.propose(), name, data):
-            raise DivergedError
+        if not is_same_action(campaign.propose(), name, data):
+            raise ReplayDivergedError
         if name == "pose":
             campaign.captured(readings[data["number"]])
         else:
@@ -82,13 +79,13 @@ def replayed(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
     return campaign
 
 
-def same(action: Action, name: str, data: Mapping[str, Any]) -> bool:
-    """Whether a proposal is the one the journal says was carried out."""
+def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
+    """Whether a proposal is the recorded action."""
     match action, name:
         case GoTo(), "campaign_move":
             then = {int(j): v for j, v in data["targets_rad"].items()}
             return then.keys() == action.targets_rad.keys() and all(
-                abs(then[j] - v) <= SAME_RAD for j, v in action.targets_rad.items()
+                abs(then[j] - v) <= SAME_TARGET_RAD for j, v in action.targets_rad.items()
             )
         case ChangeDrives(), "campaign_drives":
             return action.drives == tuple(data["drives"])
@@ -97,18 +94,18 @@ def same(action: Action, name: str, data: Mapping[str, Any]) -> bool:
     return False
 
 
-def is_on_the_way(action: Action, last: FloatArray, here: FloatArray) -> bool:
-    """Whether an arm `here` can go on with `action`, left at `last`: there, or on the way."""
-    if float(np.abs(here - last).max()) <= THERE_RAD or isinstance(action, Finished):
+def can_continue_from(action: Action, last: FloatArray, here: FloatArray) -> bool:
+    """Whether an arm at `here` can go on with `action`: at its `last` position, or on the path of the action."""
+    if float(np.abs(here - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):
         return False
     if action.trace_rad is not None:
-        return float(np.abs(action.trace_rad - here).max(axis=-1).min()) <= THERE_RAD
+        return float(np.abs(action.trace_rad - here).max(axis=-1).min()) <= SAME_POSITION_RAD
     columns = [j - 1 for j in action.targets_rad]
     goal = np.array(list(action.targets_rad.values()))
     step = goal - last[columns]
     length = max(float(step @ step), 1e-12)
     along = float(np.clip((here[columns] - last[columns]) @ step / length, 0.0, 1.0))
     off = np.abs(here[columns] - last[columns] - along * step)
-    return float(off.max()) <= THERE_RAD
+    return float(off.max()) <= SAME_POSITION_RAD

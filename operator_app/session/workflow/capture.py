@@ -1,6 +1,6 @@
-"""What is done with a session, whichever face asks: the one capture loop, the one verification.
+"""Workflow of a session for all user interfaces: connect, capture the missing poses, verify.
 
-Everything here may be ended by the operator between two deeds and gone on with. Prints nothing.
+The operator may cancel at any time and resume.
 """
 
 from __future__ import annotations
@@ -23,52 +23,51 @@ from operator_app.calibration.verification import (
 )
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
-from operator_app.planning.forecast import is_clear
+from operator_app.planning.forecast import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
-from operator_app.session.safety.return_check import check_return, return_words
+from operator_app.session.safety.return_check import check_repeat, repeat_text
 from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
 from operator_app.session.workflow.drive_box import (
-    SLOWLY_RAD_PER_S,
-    away_from_box,
+    HOMING_SPEED_RAD_PER_S,
     go_home,
+    joints_outside_box,
     require_in_box,
     verification_waypoints,
 )
 from operator_app.session.workflow.exploration import explore, reach
 from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture, Stop
+from operator_app.session.workflow.planned_capture import CampaignEnd, MoveStart, PlannedCapture
 from operator_app.session.workflow.session import Session
 from operator_app.units.figure import REACH
 from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 
-MANY_PLACES = 4
-"""Times as many places are looked at as where every way is known to be clear."""
+CANDIDATES_PER_POSE = 4
+"""Candidates for each pose, where straight moves have to be checked for obstacles first."""
 
 
 def connect(session: Session, listener: Listener) -> ArmIdentity:
-    """Find the arm; what an operator who was killed or frozen left behind is cleared and said."""
-    session.told = listener.told
+    """Connect to the arm; clear drive faults caused by a lost heartbeat of an earlier program."""
+    session.instruct = listener.report
     identity = session.connect()
     listener.connected(identity)
     if words := configured_words(identity):
-        listener.told(f"{words}.")
+        listener.report(f"{words}.")
     if words := unwatching_words(identity):
-        listener.told(f"{words}.")
+        listener.report(f"{words}.")
     if _clear_lost_heartbeat(session):
-        listener.told(
-            "The drives had tripped because an operator's heartbeat was lost (8130h), as after a "
-            "program was killed or frozen: reset. Nothing has moved."
+        listener.report(
+            "The drives had tripped on a lost operator heartbeat (8130h), as after a killed program: reset. "
+            "Nothing has moved."
         )
     return identity
 
 
 def _clear_lost_heartbeat(session: Session) -> bool:
-    """Reset drives that tripped for nothing but the loss of an operator's heartbeat; whether any had.
+    """Reset drives that tripped on a lost operator heartbeat; return whether any had. They stay disabled.
 
-    Such a trip says that a program ended or froze, not that the arm met anything. The drives stay
-    disabled. With any other trip among them, nothing is reset.
+    Resets nothing if any drive has another fault: that one may concern the arm.
     """
     faults = session.arm.snapshot().faults
     if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
@@ -86,24 +85,23 @@ def take_poses(
     *,
     homing: bool = False,
 ) -> CampaignEnd | None:
-    """Take the poses that are still wanted, as the procedure says; goes on where the journal ends.
+    """Capture the missing poses of the procedure; continues where the journal ends.
 
     Parameters
     ----------
     drives
-        Joints to put into position mode first; None leaves the modes as they are, but for a plan
-        under way that drives others.
+        Joints to put into position mode first; None: leave the modes, unless a plan in progress drives others.
     homing
-        The operator agrees that an arm outside its box goes home by itself.
+        The operator agrees that an arm outside its box goes home.
 
     Returns
     -------
-    How a planned capture ended; None for an explored one.
+    The end of a planned capture; None for an explored one.
 
     Raises
     ------
     Cancelled
-        The operator ended it.
+        The operator ended the capture.
     """
     wanted = session.position_joints if drives is None else drives
     planned = None
@@ -113,44 +111,44 @@ def take_poses(
     if drives is not None or wanted != session.position_joints:
         session.set_modes(wanted)
         listener.modes_set(wanted)
-    if homing and (planned is None or not planned.goes_on_from_here):
-        home_if_away(session, listener)
-    if session.state.resumed and session.state.poses_here and _is_going_on(session, planned):
+    if homing and (planned is None or not planned.continues_in_place):
+        go_home_if_outside(session, listener)
+    if session.state.resumed and session.state.poses_here and _poses_are_missing(session, planned):
         if planned is None:
-            _show_unseen(session, listener)
-        if session.state.resumed:  # no old pose was read again yet
-            _there_and_back(session, listener, planned)
+            _check_unresolved_joints(session, listener)
+        if session.state.resumed:  # no pose was repeated yet
+            _repeat_first_pose_and_come_back(session, listener, planned)
     end = None
     if planned is None:
-        if not _has_returned(session.state):
-            # Of a pose taken by hand it was said, and nothing moved for it.
-            _doubt_the_last(session, listener, None)
-        explore(session, listener, lambda: _doubt_the_last(session, listener, None))
+        if not _first_pose_repeated(session.state):
+            # The last pose may have been captured by hand, without this check.
+            _check_last_pose(session, listener, None)
+        explore(session, listener, lambda: _check_last_pose(session, listener, None))
     else:
-        end = planned.run(lambda: _doubt_the_last(session, listener, planned))
-    if session.state.poses_here and not _has_returned(session.state):
-        _return_to_first(session, listener, planned)
+        end = planned.run(lambda: _check_last_pose(session, listener, planned))
+    if session.state.poses_here and not _first_pose_repeated(session.state):
+        _repeat_first_pose(session, listener, planned)
     return end
 
 
-def home_if_away(session: Session, listener: Listener) -> None:
-    """Go home, which the operator has agreed to, where it takes that."""
-    away = away_from_box(session)
+def go_home_if_outside(session: Session, listener: Listener) -> None:
+    """Go home if a drive joint is outside its box; the operator has agreed."""
+    away = joints_outside_box(session)
     if away:
-        listener.told(f"Going home, slowly: {away}.")
+        listener.report(f"Going home at 5 deg/s: {away}.")
         listener.going(None)
-        listener.told(f"{go_home(session)}.")
+        listener.report(f"{go_home(session)}.")
 
 
-def _show_unseen(session: Session, listener: Listener) -> None:
-    """Read the nearest pose again, going there slowly, if a joint's shift may not show where the arm stands.
+def _check_unresolved_joints(session: Session, listener: Listener) -> None:
+    """Repeat the nearest pose, moving at 5 deg/s, if a joint's shift might not show at the present pose.
 
     Raises
     ------
     GuardError
-        The arm stands outside its box, or something has shifted.
+        The arm is outside its box, or a joint or the fixture has shifted.
     """
-    if not session.unseen or not session.fixture.holds_hand:
+    if not session.unresolved_joints or not session.fixture.holds_hand:
         return
     require_in_box(session)
     here, drives = session.arm.snapshot().positions_rad, session.position_joints
@@ -159,31 +157,28 @@ def _show_unseen(session: Session, listener: Listener) -> None:
         return max(abs(float(pose.mean_rad[j - 1] - here[j - 1])) for j in drives)
 
     nearest = min(session.state.poses_here, key=away_rad)
-    joints = " or ".join(map(str, session.unseen))
-    listener.told(
-        f"Going {REACH(away_rad(nearest)).with_unit} to pose {nearest.number}, slowly, before anything else: where the "
-        f"arm stands, joint {joints} may have shifted by {REACH(SHIFT_RAD).with_unit} and not show it."
+    joints = " or ".join(map(str, session.unresolved_joints))
+    listener.report(
+        f"Moving {REACH(away_rad(nearest)).with_unit} to pose {nearest.number} at 5 deg/s first: at the present pose a "
+        f"shift of joint {joints} by {REACH(SHIFT_RAD).with_unit} would not show."
     )
-    _read_once_more(session, listener, nearest, None, speed_rad_per_s=SLOWLY_RAD_PER_S)
+    _repeat_pose(session, listener, nearest, None, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
 
 
-def _is_going_on(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still to come: what slips after the last one has no part in a calibration."""
+def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
+    """Whether poses are still missing: a step change after the last one does not affect the calibration."""
     if planned is not None:
         return not planned.complete
     return len(session.state.poses_here) < session.procedure.capture.poses
 
 
-def _has_returned(state: SessionState) -> bool:
-    """Whether an old pose was read once more since the last one was captured."""
-    return any(r.again.after == state.captured for r in state.returns)
+def _first_pose_repeated(state: SessionState) -> bool:
+    """Whether a pose was repeated since the last capture."""
+    return any(r.again.after == state.captured for r in state.repeats)
 
 
-def doubt(session: Session) -> str:
-    """Say that the last pose is not where those before it have it; "" where it is, or no more are wanted.
-
-    What slips after the last one has no part in a calibration.
-    """
+def outlier_warning(session: Session) -> str:
+    """Return a warning if the last pose does not fit the poses before it; "" if it fits or is the last wanted one."""
     state, unsensed = session.state, session.procedure.unsensed_joints
     if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
         return ""
@@ -191,71 +186,67 @@ def doubt(session: Session) -> str:
     if not is_unpredicted(session.model, session.fixture, poses, unsensed_joints=unsensed):
         return ""
     return (
-        f"Pose {state.poses_here[-1].number} is not where the poses before it have it: something may have slipped "
-        "on the way there."
+        f"Pose {state.poses_here[-1].number} does not fit the poses before it: a joint or the fixture may have "
+        "shifted."
     )
 
 
-def _doubt_the_last(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
-    """Read the first pose again at once where the last one is not where those before it have it.
-
-    What slipped is told then, and not when all poses are taken; a pose that is odd by itself costs the way.
+def _check_last_pose(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
+    """Repeat the first pose at once if the last one does not fit the poses before it.
 
     Raises
     ------
     GuardError
-        Something slipped: named with its size.
+        A joint or the fixture has shifted.
     """
-    doubted, state = doubt(session), session.state
-    if not doubted:
+    suspect, state = outlier_warning(session), session.state
+    if not suspect:
         return
-    listener.told(doubted)
-    number, before = state.poses_here[-1].number, len(state.returns)
-    _there_and_back(session, listener, planned, doubted=True)
-    if len(session.state.returns) > before:
-        listener.told(
-            f"Nothing slipped that pose {state.poses_here[0].number} tells of: the calibration judges pose {number}."
+    listener.report(suspect)
+    number, before = state.poses_here[-1].number, len(state.repeats)
+    _repeat_first_pose_and_come_back(session, listener, planned, suspect=True)
+    if len(session.state.repeats) > before:
+        listener.report(
+            f"Pose {state.poses_here[0].number} is unchanged; the calibration decides about pose {number}."
         )
 
 
-def _return_to_first(
-    session: Session, listener: Listener, planned: PlannedCapture | None, *, doubted: bool = False
-) -> tuple[Stop, ...]:
-    """Read the first pose that counts once more: what slipped since shows in it, whatever the model.
+def _repeat_first_pose(
+    session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
+) -> tuple[MoveStart, ...]:
+    """Repeat the first used pose: the difference shows step changes independently of the model.
 
-    An explored session's poses lie in a box that the drives cross straight; a planned one's may have a
-    fold between them, so that its plan has to know the way. From outside the box, where somebody moved the
-    arm meanwhile, nobody has spoken for the way: that takes an agreement. A pose that cannot be reached is
-    said and recorded; the capture goes on without.
+    An explored capture moves straight within its box; a planned one needs a path from its plan. A pose that cannot
+    be reached is recorded, and the capture goes on without it.
 
     Returns
     -------
-    The way a planned session came.
+    The moves of a planned capture, to go back.
 
     Raises
     ------
     GuardError
-        An explored session's arm stands outside its box, or pose and reading tell that something slipped.
+        The arm of an explored capture is outside its box, or a joint or the fixture has shifted.
     """
     if planned is None:
         require_in_box(session)
     first = session.state.poses_here[0]
-    listener.told(f"Back to pose {first.number}: to read it once more shows what slipped since.")
-    return _read_once_more(session, listener, first, planned, doubted=doubted)
+    listener.report(f"Re-measuring pose {first.number} (drift check).")
+    return _repeat_pose(session, listener, first, planned, suspect=suspect)
 
 
-def _read_once_more(
+def _repeat_pose(
     session: Session,
     listener: Listener,
     first: CapturedPose,
     planned: PlannedCapture | None,
     *,
-    doubted: bool = False,
+    suspect: bool = False,
     speed_rad_per_s: float | None = None,
-) -> tuple[Stop, ...]:
-    """Go to a pose, which is the first one where there is a plan, read it again and judge the difference."""
+) -> tuple[MoveStart, ...]:
+    """Move to a pose (the first one if there is a plan), measure it again and compare."""
     listener.going(None)
-    way: tuple[Stop, ...] = ()
+    way: tuple[MoveStart, ...] = ()
     if planned is None:
         targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
         missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason
@@ -263,37 +254,37 @@ def _read_once_more(
         missed, way = planned.to_first()
     if missed:
         session.record("return_missed", {"of": first.number, "reason": missed})
-        listener.told(f"Pose {first.number} could not be read once more: {missed}.")
+        listener.report(f"Pose {first.number} could not be measured again: {missed}.")
     else:
         resumed = session.state.resumed
         try:
-            session.look_again("return", of=first.number)
+            session.take_check_reading("return", of=first.number)
         except TargetLostError as lost:
             session.record("return_missed", {"of": first.number, "reason": lost.happened})
-            listener.told(f"Pose {first.number} could not be read once more: {lost.happened}.")
+            listener.report(f"Pose {first.number} could not be measured again: {lost.happened}.")
             return way
-        if resumed or doubted:
-            told = _require_same_return(session)
+        if resumed or suspect:
+            told = _require_repeat_agrees(session)
         else:
-            told = return_words(session.state, session.procedure)
+            told = repeat_text(session.state, session.procedure)
         if told:
-            listener.told(told)
+            listener.report(told)
     return way
 
 
-def _require_same_return(session: Session) -> str:
-    """Refuse to go on when the pose that was read again does not read as it did; what else it says."""
-    told = check_return(session.state, session.procedure)
-    session.record("return_holds", {"of": session.state.returns[-1].first.number, "told": told})
+def _require_repeat_agrees(session: Session) -> str:
+    """Raise GuardError if the repeated pose shows a shift; else return the message of the comparison."""
+    told = check_repeat(session.state, session.procedure)
+    session.record("return_holds", {"of": session.state.repeats[-1].first.number, "told": told})
     return told
 
 
-def _there_and_back(
-    session: Session, listener: Listener, planned: PlannedCapture | None, *, doubted: bool = False
+def _repeat_first_pose_and_come_back(
+    session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> None:
-    """Read the first pose once more and come back: a plan under way goes on from where the arm was."""
+    """Repeat the first pose, then return to the present position."""
     before = session.arm.snapshot().positions_rad
-    way = _return_to_first(session, listener, planned, doubted=doubted)
+    way = _repeat_first_pose(session, listener, planned, suspect=suspect)
     if planned is not None:
         planned.retrace(way)
         return
@@ -301,33 +292,32 @@ def _there_and_back(
     back = session.go_to({j: float(before[j - 1]) for j in session.position_joints})
     if not back.reached:
         raise GuardError(
-            f"the arm does not come back to where it was before: {back.reason}",
-            "look at what is in the way, then go on with this session",
+            f"the arm does not reach its position before the drift check: {back.reason}",
+            "check what is in the way, then go on with this session",
         )
 
 
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Take new poses, elsewhere than the session did, and judge them by a calibration as it is.
+    """Capture new poses at other positions and judge them by a fixed calibration.
 
-    The modes are set. Readings and verdict are in the journal; the poses are no part of the
-    calibration.
+    The modes are set. Readings and verdict go into the journal; the poses are not part of the calibration.
     """
     if not session.state.poses_here:
         raise GuardError(
-            f"the fixture was mounted anew since: of placement {session.state.placement} no pose was calibrated",
+            f"the fixture was remounted since: the calibration has no pose of placement {session.state.placement}",
             "go on with the session (sarcal run --resume), then verify",
         )
     require_in_box(session)
     before = len(session.state.readings)
-    for target in _new_places(session, solution, poses):
+    for target in _new_targets(session, solution, poses):
         listener.going(None)
         if reach(session, target).reached:
             try:
-                session.look_again("verification")
+                session.take_check_reading("verification")
             except TargetLostError as lost:
-                listener.told(f"Passed over: {lost.happened}.")
+                listener.report(f"Skipped: {lost.happened}.")
         if len(session.state.readings) == before + poses:
             break
     else:
@@ -341,15 +331,14 @@ def verify(
     here = fixed_calibration(solution, session.state.placement)
     made = MadeFrom(solution=solution, poses=session.state.pose_set())
     verdict = verify_poses(session.model, fixture, taken, here, made=made)
-    session.record("verified", _summary(verdict, taken))
+    session.record("verified", _verification_data(verdict, taken))
     return verdict, taken
 
 
-def _new_places(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
-    """Where to take new poses, elsewhere than the session did.
+def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
+    """Yield targets of new poses, different from the session's.
 
-    Drives of which the procedure does not say where they may go are taken only where the calibrated loop
-    leaves the way clear, of many places more.
+    For drives without a box in the procedure, only targets with a clear straight path by the calibrated loop.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
     model, x = solution.model, solution.estimate.x
@@ -359,13 +348,13 @@ def _new_places(session: Session, solution: Solution, poses: int) -> Iterator[Ma
     if known >= set(session.position_joints):
         yield from verification_waypoints(session, poses)
         return
-    for target in verification_waypoints(session, MANY_PLACES * poses):
+    for target in verification_waypoints(session, CANDIDATES_PER_POSE * poses):
         here = session.arm.snapshot().positions_rad
-        if is_clear(session.model, model, x, here, target):
+        if is_path_clear(session.model, model, x, here, target):
             yield target
 
 
-def _summary(verdict: VerificationResult, taken: PoseSet) -> Mapping[str, object]:
+def _verification_data(verdict: VerificationResult, taken: PoseSet) -> Mapping[str, object]:
     found = verdict.verification
     turned = found.sigmas.orientation_rad
     return {

@@ -1,7 +1,4 @@
-"""Choosing the drive joints of a session: predicted, or tried by small wiggles on the arm itself.
-
-Every choice goes into the journal with its reasons. Prints nothing.
-"""
+"""Selection of the drive joints: by prediction, or by trial motions of the arm; recorded with reasons."""
 
 from __future__ import annotations
 
@@ -15,7 +12,7 @@ from operator_app.planning.drives import (
     DrivePrediction,
     choose_drives,
     predict_drives,
-    worth_trying,
+    sets_to_try,
 )
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
@@ -24,11 +21,11 @@ from solver.design.drive_joints import RankedDrives, TrialWiggles
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 KEPT = 6
-"""How many of a ranking the journal keeps."""
+"""Number of ranked sets recorded in the journal."""
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the joints that drive: the procedure's, else those chosen before, else choose now."""
+    """Return the drive joints: of the procedure, else those chosen before, else choose now."""
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -41,20 +38,20 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 
 
 def choose(session: Session) -> DriveChoice:
-    """Rank the sets of drive joints where the arm stands, take the best usable one and record why.
+    """Rank the sets of drive joints at the present pose and record the best usable one.
 
-    With `trial` in the procedure the best ones are wiggled first, which enables the drives.
+    With `trial` in the procedure, the best ones are moved by 1.5 deg first, which enables the drives.
     """
     prediction = _predicted(session)
     trials: tuple[TrialWiggles, ...] = ()
     if session.procedure.trial:
-        tried = worth_trying(prediction, session.procedure.unsensed_joints)
+        tried = sets_to_try(prediction, session.procedure.unsensed_joints)
         trials = tuple(wiggle(session, drives) for drives in tried)
     return _recorded(session, prediction, trials)
 
 
 def choose_by_prediction(session: Session) -> DriveChoice:
-    """Like `choose`, without a trial whatever the procedure says: nothing moves."""
+    """Like `choose`, but always without a trial: nothing moves."""
     return _recorded(session, _predicted(session), ())
 
 
@@ -86,7 +83,7 @@ def _recorded(
 
 
 def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
-    """Move each drive joint a little, there and back, to either side, and measure what follows."""
+    """Move each drive joint by 1.5 deg to either side and back, and measure the motion of all joints."""
     session.set_modes(drives)
     start = session.read().mean_rad
     commanded, moved, stopped = [], [], ""
@@ -102,7 +99,7 @@ def wiggle(session: Session, drives: tuple[int, ...]) -> TrialWiggles:
             session.go_to({joint: float(start[joint - 1])})
     measured = np.linalg.matrix_rank(np.array(commanded)) if commanded else 0
     if measured < len(drives):
-        # Not even a wiggle each: nothing was measured that could be judged.
+        # Too few moves were completed to measure anything.
         commanded, moved = (
             list(WIGGLE_RAD * np.eye(len(drives))),
             [np.zeros(len(start))] * len(drives),

@@ -1,7 +1,4 @@
-"""Taking an arm from waypoint to waypoint: what cannot be reached is left the way it came, and passed over.
-
-Knows no screen.
-"""
+"""Explored capture: moves from waypoint to waypoint; returns from one that cannot be reached, and skips it."""
 
 from __future__ import annotations
 
@@ -19,13 +16,13 @@ from operator_app.session.workflow.session import Session
 
 STARTING_SYNCS = 20
 STANDS_STILL_RAD = float(np.deg2rad(0.2))
-"""A move that ends within a fifth of a second, this near to where it began, has not begun."""
+"""A move that ends within `STARTING_SYNCS` this close to its start has not started."""
 
 
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Go there; what stops the arm lies ahead, so that it goes back the way it came."""
+    """Move to these angles; if the move is stopped, go back the same way."""
     before = session.arm.snapshot().positions_rad
     moved = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not moved.reached:
@@ -35,17 +32,16 @@ def reach(
         still = float(np.abs(back.positions_rad - before).max()) < STANDS_STILL_RAD
         loaded = overload(session.model, session.arm.snapshot())
         if loaded and still and not back.reached and moved.syncs <= STARTING_SYNCS:
-            # Not this target's affair: no other could be reached either.
             raise GuardError(
-                f"the arm cannot begin to move: {moved.reason}",
-                "look at what holds or pushes it, and at that joint's drive; no waypoint was "
-                "passed over: go on with this session then",
+                f"the arm cannot start to move: {moved.reason}",
+                "check what holds or pushes it, and the drive of that joint; no waypoint was skipped: then go on "
+                "with this session",
             )
     return moved
 
 
 def visit(session: Session, index: int) -> bool:
-    """Go to a waypoint; one that cannot be reached is passed over (False)."""
+    """Move to a waypoint; record it as skipped and return False if it cannot be reached."""
     require_in_box(session)
     moved = reach(session, waypoints_of(session)[index])
     if not moved.reached:
@@ -53,8 +49,8 @@ def visit(session: Session, index: int) -> bool:
     return moved.reached
 
 
-def explore(session: Session, listener: Listener, taken_one: Callable[[], None]) -> None:
-    """Visit waypoints in turn until there are enough poses; `taken_one` is called after each."""
+def explore(session: Session, listener: Listener, after_pose: Callable[[], None]) -> None:
+    """Capture poses at the waypoints until there are enough; calls `after_pose` after each."""
     plan, wanted = waypoints_of(session), session.procedure.capture.poses
     while (taken := len(session.state.poses_here)) < wanted:
         waypoint = session.state.next_waypoint
@@ -62,7 +58,7 @@ def explore(session: Session, listener: Listener, taken_one: Callable[[], None])
             raise GuardError(
                 f"only {taken} of {wanted} poses could be reached",
                 "drive another pair of joints, widen the span, mount the hinge elsewhere, or "
-                "calibrate from what there is",
+                "calibrate from these poses",
             )
         listener.going(None)
         if visit(session, waypoint):
@@ -71,9 +67,9 @@ def explore(session: Session, listener: Listener, taken_one: Callable[[], None])
                 session.capture(waypoint)
             except TargetLostError as lost:
                 session.record("waypoint_skipped", {"waypoint": waypoint, "reason": lost.happened})
-                listener.told(f"Passed over: {lost.happened}.")
+                listener.report(f"Skipped: {lost.happened}.")
                 continue
             listener.pose_captured(
                 session.state, session.state.wanted_poses(session.procedure.capture)
             )
-            taken_one()
+            after_pose()

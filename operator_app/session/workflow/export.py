@@ -1,7 +1,4 @@
-"""From a judged calibration to the session's files and the controller.
-
-Everything written here can be made again from the journal. Prints nothing.
-"""
+"""Export of a calibration: the session's files, and the upload to the controller."""
 
 from __future__ import annotations
 
@@ -20,13 +17,13 @@ from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
-from operator_app.session.store.parameters import why_used
+from operator_app.session.store.parameters import export_reason
 from operator_app.session.workflow.session import Session
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """Where everything is. `receipt` is None when nothing was uploaded."""
+    """The written files. `receipt` is None without an upload."""
 
     folder: Path
     parameters: Path
@@ -37,23 +34,22 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and upload the parameters, unless the procedure says not to.
+    """Write the session's files and upload the parameters, unless the procedure excludes uploading.
 
-    A calibration that was not accepted is refused, but for a reason: `forced`. It is kept in the
-    journal and in the file, for whoever finds these parameters on the controller one day.
+    A calibration that was not accepted needs a reason, `forced`, which is kept in the journal and in the file.
 
     Raises
     ------
     UploadUnknown, SessionError
-        The controller may have the parameters, whole or not: the journal says so.
+        The controller may hold all or part of the parameters: recorded in the journal.
     JournalLostError
-        The journal is not what was written; nothing was exported.
+        The journal was changed; nothing was exported.
     JournalError
-        The journal could not be written; says what the controller was given.
+        The journal cannot be written; the message says what was uploaded.
     """
-    forced = why_used(solution, forced, say_it_by="--force REASON")
+    forced = export_reason(solution, forced, say_it_by="--force REASON")
     if to_dict(solution) != session.state.solution:
-        # Made otherwise than the journal's: whoever reads it later finds what was exported.
+        # Made with other options than the recorded one: record what is exported.
         session.record_solution(solution)
     session.require_journal(unchanged=True)
     poses = session.state.pose_set()
@@ -88,7 +84,7 @@ def export(
 
 
 def _keep(session: Session, exported: Mapping[str, Any], *, told: str) -> None:
-    """Record it. Where that fails, `told` of what the controller was given is said all the same."""
+    """Record the export; if that fails, the error begins with `told`, the state of the upload."""
     try:
         session.record("exported", exported)
     except JournalError as error:
@@ -98,33 +94,33 @@ def _keep(session: Session, exported: Mapping[str, Any], *, told: str) -> None:
 
 
 def _upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:
-    """Upload a document and insist that the controller holds it byte for byte.
+    """Upload a document and compare what the controller holds, byte for byte.
 
     Raises
     ------
     SessionError
-        What was read back is not what was sent.
+        The document read back differs.
     UploadUnknown
-        It could not be read back.
+        The document could not be read back.
     """
     receipt = arm.upload_parameters(document)
     try:
         active = arm.active_parameters()
     except HardwareError as error:
         raise UploadUnknown(
-            f"the parameters were uploaded to slot {receipt.slot}, and could not be read back: {error}"
+            f"the parameters were uploaded to slot {receipt.slot} and could not be read back: {error}"
         ) from error
     if active != document:
         raise SessionError(
-            "the controller's active parameters are not the ones that were uploaded",
-            "upload again; if it happens twice, do not move the arm and look at the supervisor",
+            "the active parameters of the controller differ from the uploaded ones",
+            "upload again; if it happens twice, do not move the arm and check the supervisor",
         )
     for joint, (wanted, found) in enumerate(
         zip(expected_counts, receipt.home_offset_counts, strict=True), 1
     ):
         if wanted is not None and wanted != found:
             raise SessionError(
-                f"joint {joint} holds home offset {found} counts where {wanted} were uploaded",
-                "upload again; if it happens twice, do not move the arm and look at that drive",
+                f"joint {joint} holds home offset {found} counts, {wanted} were uploaded",
+                "upload again; if it happens twice, do not move the arm and check that drive",
             )
     return receipt

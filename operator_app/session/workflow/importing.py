@@ -1,7 +1,6 @@
-"""A session made of poses that no arm of ours took: a file's, an array's. Knows no arm and no renderer.
+"""Sessions made from poses of a file or array, without an arm.
 
-Its journal holds what one of an arm holds, the documents and every pose, so that report, compare, verify
-and export work on it; only to go on with an arm is refused.
+Report, compare, verify and export work on them; only resuming with an arm is refused.
 """
 
 from __future__ import annotations
@@ -26,25 +25,25 @@ from operator_app.config.yaml_writer import dump_strict
 from operator_app.errors import JournalError
 from operator_app.session.store.folders import new_folder, next_order
 from operator_app.session.store.journal import Clock, lock, read_journal, utc_now
-from operator_app.session.store.journal_files import write_new
-from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent, line_of
+from operator_app.session.store.journal_files import write_new_file
+from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent, format_line
 from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
-from operator_app.session.store.stored_calibration import solve, solved_data
+from operator_app.session.store.stored_calibration import solution_data, solve
 from operator_app.session.workflow.opening import KINDS
 from operator_app.units.numbers import plural
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 
-UNSTATED = "unstated"
-"""Serial number of an arm that nobody named."""
+UNKNOWN_SERIAL_NUMBER = "unstated"
+"""Serial number of an imported session without one."""
 
 SPEED_DEG_PER_S = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class How:
-    """How imported poses are calibrated, where it differs from the defaults."""
+class CalibrationOptions:
+    """Options of the calibration of imported poses."""
 
     estimator: str = "implicit"
     unsensed_joints: tuple[int, ...] = ()
@@ -53,21 +52,21 @@ class How:
 
 
 class ImportedSession:
-    """A session in the making: what its journal will hold, in memory until it is written.
+    """A session in memory, until `write`.
 
     Parameters
     ----------
     arm, fixture
-        The documents, as found.
+        The documents.
     file
-        Where the poses come from, in words.
+        Source of the poses, for messages.
     name
-        Of the procedure, and so of the folder.
+        Name of the procedure and of the folder.
 
     Raises
     ------
     ConfigError
-        The documents are wrong.
+        A document is not valid.
     """
 
     def __init__(
@@ -78,26 +77,26 @@ class ImportedSession:
         fixture: Resource,
         file: str,
         name: str,
-        serial_number: str = UNSTATED,
-        how: How | None = None,
+        serial_number: str = UNKNOWN_SERIAL_NUMBER,
+        options: CalibrationOptions | None = None,
         clock: Clock = utc_now,
     ) -> None:
-        how = How() if how is None else how
-        poses = _as_kept(poses)
+        options = CalibrationOptions() if options is None else options
+        poses = _numbered(poses)
         slowest = min(j.max_speed_rad_per_s for j in parse_arm(arm.data, arm.file).joints)
-        data = _procedure(_plain(name), math.degrees(slowest), len(poses), how)
+        data = _procedure(_procedure_name(name), math.degrees(slowest), len(poses), options)
         procedure = parse_procedure(
             Resource(file="import", folder=None, data=data),
             snapshot={"arm": arm, "fixture": fixture},
         )
-        self.procedure = replace(procedure, length_tolerance_m=how.length_tolerance_m)
+        self.procedure = replace(procedure, length_tolerance_m=options.length_tolerance_m)
         self.state = SessionState()
         self._clock = clock
         self._events: list[JournalEvent] = []
         sources = zip(KINDS, procedure.sources, strict=True)
         settings = {
-            "length_tolerance_m": how.length_tolerance_m,
-            "drop_unidentifiable": how.drop_unidentifiable or None,
+            "length_tolerance_m": options.length_tolerance_m,
+            "drop_unidentifiable": options.drop_unidentifiable or None,
         }
         opened = {
             "sources": {kind: source.data.decode() for kind, source in sources},
@@ -110,7 +109,7 @@ class ImportedSession:
 
     @property
     def model(self) -> ClosureModel:
-        """The loops of its poses."""
+        """The closed loops of its poses."""
         own = self.procedure
         return loop_of_poses(
             own.arm,
@@ -120,7 +119,7 @@ class ImportedSession:
         )
 
     def calibrate(self) -> tuple[Solution, Checks]:
-        """Solve the poses, and ask for second opinions; raises SolverError, FixtureError."""
+        """Calibrate and cross-validate; raises SolverError, FixtureError."""
         own = self.procedure
         found = solve(self.state, own, estimator=own.estimator, unsensed_joints=own.unsensed_joints)
         checks = check(found, own.arm, own.fixture.fixture, self.state.pose_set())
@@ -128,9 +127,9 @@ class ImportedSession:
         return found, checks
 
     def add(self, solution: Solution, checks: Checks | None) -> None:
-        """Keep a solution of these poses."""
+        """Record a solution of these poses."""
         tolerance = self.procedure.length_tolerance_m
-        self._record("solved", solved_data(solution, self.state, length_tolerance_m=tolerance))
+        self._record("solved", solution_data(solution, self.state, length_tolerance_m=tolerance))
         if checks is not None:
             self._record("checked", {"record": to_dict(checks)})
 
@@ -142,14 +141,14 @@ class ImportedSession:
         overwrite: bool = False,
         stale: Sequence[str] = (),
     ) -> Path:
-        """Write the journal into `folder`, or into one named by the time below `root`; return it.
+        """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        What may be in `folder` already says `saving_again`; files named `stale` in it go then.
+        For a session that is in `folder` already see `replace_session`; its files named `stale` are removed.
 
         Raises
         ------
         JournalError
-            There is a session that stays, or nothing can be written.
+            The session there must not be replaced, or nothing can be written.
         """
         if folder is None:
             folder = new_folder(
@@ -160,7 +159,7 @@ class ImportedSession:
         path = folder / JOURNAL_NAME
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            write_new(path, b"".join(lines))
+            write_new_file(path, b"".join(lines))
         except FileExistsError:
             replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
         except OSError as error:
@@ -170,12 +169,12 @@ class ImportedSession:
         return folder
 
     def _lines(self, order: int) -> list[bytes]:
-        """Lines of the journal of a session that is number `order` of its folder."""
+        """Return the journal lines, with this order number."""
         opened, *others = self._events
         opened = replace(opened, data={**opened.data, "order": order})
         lines, chain = list[bytes](), ""
         for event in (opened, *others):
-            line, chain = line_of(event, chain)
+            line, chain = format_line(event, chain)
             lines.append(line)
         return lines
 
@@ -186,8 +185,8 @@ class ImportedSession:
         self.state = apply(self.state, name, data, utc)
 
 
-def _as_kept(poses: PoseSet) -> PoseSet:
-    """Poses numbered as a session numbers them, their own names in the notes."""
+def _numbered(poses: PoseSet) -> PoseSet:
+    """Return the poses numbered from 1, with their own names in the notes."""
     numbers = tuple(str(k) for k in range(1, len(poses) + 1))
     if poses.label == numbers:
         return poses
@@ -218,14 +217,16 @@ def _pose(poses: PoseSet, k: int) -> dict[str, Any]:
     return found
 
 
-def _plain(name: str) -> str:
-    """Make a name of a procedure out of that of a file."""
+def _procedure_name(name: str) -> str:
+    """Return a procedure name made from a file name."""
     found = re.sub(r"[^A-Za-z0-9_-]+", "-", name).strip("-")[:48]
     return found if re.match(r"[A-Za-z]", found) else f"poses-{found}".rstrip("-")
 
 
-def _procedure(name: str, slowest_deg_per_s: float, poses: int, how: How) -> bytes:
-    """Write the procedure that a session of these poses would have followed."""
+def _procedure(
+    name: str, slowest_deg_per_s: float, poses: int, options: CalibrationOptions
+) -> bytes:
+    """Return a procedure file for these poses."""
     return dump_strict(
         {
             "schema": "sarcal/procedure/1",
@@ -234,23 +235,29 @@ def _procedure(name: str, slowest_deg_per_s: float, poses: int, how: How) -> byt
             "fixture": "fixture",
             "bus": {"interface": "virtual"},
             "modes": "auto",
-            **({"unsensed_joints": list(how.unsensed_joints)} if how.unsensed_joints else {}),
+            **(
+                {"unsensed_joints": list(options.unsensed_joints)}
+                if options.unsensed_joints
+                else {}
+            ),
             "capture": {
                 "poses": poses,
                 "speed_deg_per_s": min(SPEED_DEG_PER_S, slowest_deg_per_s),
                 "settle": {"window_syncs": 20, "spread_sigmas": 8.0, "timeout_syncs": 1000},
                 "samples_per_pose": 1,
             },
-            "estimator": how.estimator,
+            "estimator": options.estimator,
             "acceptance": {"scaled_condition_number": 100.0},
             "export": {"upload": False},
         },
-        comment="Made by an import: these poses were in a file, and no arm of this program took them.",
+        comment="Made by an import: these poses come from a file, not from an arm.",
     )
 
 
-MADE_AGAIN = frozenset({"opened", "imported", "pose", "solved", "checked", "exported", "closed"})
-"""Events that hold nothing which the poses' owner cannot make again."""
+REPRODUCIBLE_EVENTS = frozenset(
+    {"opened", "imported", "pose", "solved", "checked", "exported", "closed"}
+)
+"""Events of a session that can be made again from the same poses."""
 
 
 def replace_session(
@@ -261,17 +268,16 @@ def replace_session(
     overwrite: bool,
     stale: Sequence[str],
 ) -> None:
-    """Put these lines where `folder` holds a journal, if that may go; the files named `stale` go first.
+    """Replace the journal in `folder` with these lines; remove the files named `stale` first.
 
-    One of the same poses, arm and fixture goes without a word; one of others where `overwrite` says so.
+    A journal of the same poses, arm and fixture is replaced; one of other data only with `overwrite`.
 
     Raises
     ------
     JournalError
-        It holds what cannot be made again, or something else than these poses; it cannot be read, or
-        somebody works on it. Nothing was changed then.
+        It cannot be made again, is of other data, cannot be read, or is in use. Nothing was changed.
     WriteError
-        The disk refuses.
+        The disk cannot be written.
     """
     path = folder / JOURNAL_NAME
     try:
@@ -283,39 +289,39 @@ def replace_session(
     lock(descriptor, path)
     try:
         there = read_journal(folder)
-        _require_made_again(folder, there.events)
-        if _of_what(there.events) != _of_what(events):
-            _require_wanted(folder, there.events, overwrite=overwrite)
+        _require_reproducible(folder, there.events)
+        if _contents(there.events) != _contents(events):
+            _require_overwrite(folder, there.events, overwrite=overwrite)
         for name in stale:
-            # Before the journal: a file of the old calibration never lies beside the new one.
+            # First, so that no file of the old calibration is ever beside the new journal.
             (folder / name).unlink(missing_ok=True)
         write_atomically(path, b"".join(lines))
     finally:
         os.close(descriptor)
 
 
-def _require_made_again(folder: Path, events: Sequence[JournalEvent]) -> None:
+def _require_reproducible(folder: Path, events: Sequence[JournalEvent]) -> None:
     names = {event.name for event in events}
-    if "imported" in names and names <= MADE_AGAIN:
+    if "imported" in names and names <= REPRODUCIBLE_EVENTS:
         return
     raise JournalError(
-        f"{folder} holds a session of an arm, or one that somebody worked on",
-        "name another folder: what was taken once is not written over, with overwrite=True either",
+        f"{folder} holds a session captured on an arm, or edited",
+        "name another folder: such a session is never replaced, not even with overwrite=True",
     )
 
 
-def _require_wanted(folder: Path, events: Sequence[JournalEvent], *, overwrite: bool) -> None:
+def _require_overwrite(folder: Path, events: Sequence[JournalEvent], *, overwrite: bool) -> None:
     if overwrite:
         return
     poses = plural(sum(event.name == "pose" for event in events), "pose")
     raise JournalError(
-        f"there is a session in {folder} already, of other data ({poses})",
-        "name another folder, or say that it may go: save(folder, overwrite=True)",
+        f"{folder} already holds a session of other data ({poses})",
+        "name another folder, or replace it with save(folder, overwrite=True)",
     )
 
 
-def _of_what(events: Sequence[JournalEvent]) -> list[Any]:
-    """What a session was made of: the arm's file and number, the fixture's file, every pose."""
+def _contents(events: Sequence[JournalEvent]) -> list[Any]:
+    """Return the arm file, serial number, fixture file and poses of a session, for comparison."""
     found: list[Any] = []
     for event in events:
         match event.name:

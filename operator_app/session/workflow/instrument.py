@@ -1,7 +1,6 @@
-"""The instrument that sees where the hand of an open arm is: asked pose by pose. Knows no arm and no journal.
+"""The instrument that measures the tool of an open arm, pose by pose.
 
-Its port gives lines, which `operator_app.config.endpoint_line` reads. What it measured before it was asked
-is of another pose, and so is what it says of one that was not asked for.
+Its port delivers lines in the format of `operator_app.config.endpoint_line`. Lines of other poses are ignored.
 """
 
 from __future__ import annotations
@@ -26,34 +25,34 @@ from operator_app.errors import SessionError
 from solver.arrays import FloatArray
 
 PATIENCE_S = 60.0
-"""How long it may take to measure one pose: somebody may have to turn the target towards it."""
+"""Timeout of one measurement: a person may have to turn the target towards the instrument."""
 LOOK_S = 0.1
-"""How often the operator is asked meanwhile whether to go on."""
+"""Interval at which `cancelled` is called."""
 SOURCES = "tcp:HOST:PORT, file:PATH (CSV that grows) or stdin"
 
 
 class TargetLostError(SessionError):
-    """The instrument is well and does not see the target at this pose; `why` in its own words."""
+    """The instrument does not see the target at this pose; `why` is its message."""
 
     def __init__(self, why: str) -> None:
         self.why = why
         super().__init__(
-            f"the tracker does not see its target here: {why}",
+            f"the tracker does not see its target at this pose: {why}",
             "go on with another pose, or turn the target towards the tracker and start a new session",
         )
 
 
 class Instrument:
-    """What measures the endpoint.
+    """Measures the endpoint.
 
     Parameters
     ----------
     port
-        Where its lines come from.
+        Source of its lines.
     full_pose
-        Whether it must say how the target is turned.
+        Whether it must measure the orientation.
     patience_s
-        How long it may take over a pose.
+        Timeout of one measurement.
     """
 
     def __init__(self, port: LinePort, *, full_pose: bool, patience_s: float = PATIENCE_S) -> None:
@@ -62,11 +61,11 @@ class Instrument:
 
     @property
     def name(self) -> str:
-        """Its port, in the words it was asked for."""
+        """Name of its port."""
         return self._port.name
 
     def open(self) -> None:
-        """Find it; InstrumentError says what to do where it is not there."""
+        """Open the port; raises InstrumentError."""
         self._heading = self._port.open()
         if self._heading:
             try:
@@ -75,13 +74,13 @@ class Instrument:
                 raise InstrumentError(f"the heading of {self.name} {error}") from error
 
     def close(self) -> None:
-        """Let go of it. Safe to call twice."""
+        """Close the port. Safe to call twice."""
         self._port.close()
 
     def measure(
         self, pose: str, cancelled: Callable[[], bool] = lambda: False
     ) -> FloatArray | None:
-        """Ask where the target is now, the arm standing at what is called `pose`.
+        """Measure the target at the pose of this name.
 
         Returns
         -------
@@ -90,7 +89,7 @@ class Instrument:
         Raises
         ------
         InstrumentError
-            It is silent, or what it says cannot be used.
+            It does not answer, or its line cannot be used.
         TargetLostError
             It does not see the target.
         """
@@ -106,7 +105,7 @@ class Instrument:
             found = self._read(pose, text) if text.strip() else None
             if found is None or found.pose not in ("", pose):
                 other = other if found is None else found.pose
-                # Also of one that never stops speaking of other poses.
+                # Also for an instrument that sends only other poses.
                 if left_s <= 0.0:
                     raise self._silent(pose, other)
                 continue
@@ -114,8 +113,8 @@ class Instrument:
                 raise TargetLostError(found.lost)
             if self._full and len(found.endpoint) == 3:
                 raise InstrumentError(
-                    f"{self.name} did not say how the target is turned at pose {pose}, and the fixture file "
-                    f"states measures: pose. Let it send one of {EXAMPLE}; or write measures: position"
+                    f"{self.name} sent no orientation for pose {pose}, and the fixture file states measures: "
+                    f"pose. Let it send one of {EXAMPLE}; or write measures: position"
                 )
             return found.endpoint if self._full else found.endpoint[:3]
 
@@ -126,15 +125,15 @@ class Instrument:
             raise InstrumentError(f"what {self.name} sent for pose {pose} {error}") from error
 
     def _silent(self, pose: str, other: str) -> InstrumentError:
-        said = f"; it spoke of pose {other}" if other else ""
+        said = f"; it sent pose {other}" if other else ""
         return InstrumentError(
             f"the tracker at {self.name} measured nothing for {self._patience_s:.0f} s at pose {pose}{said}. "
-            "See that it is on, sees its target and sends, then go on with this session: no pose is lost"
+            "Check that it is on, sees its target and sends; then go on with this session: no pose is lost"
         )
 
 
 def port_of(source: str) -> LinePort:
-    """Return the port that `source` names; SessionError when it names none."""
+    """Return the port named by `source`; SessionError if the name is not valid."""
     kind, _, rest = source.partition(":")
     if source == "stdin":
         return StdinLines()
@@ -143,4 +142,4 @@ def port_of(source: str) -> LinePort:
     match = re.fullmatch(r"(.+):(\d{1,5})", rest)
     if kind == "tcp" and match and 0 < int(match[2]) < 65536:
         return TcpLines(match[1].strip("[]"), int(match[2]))
-    raise SessionError(f"{source!r} is no port of a tracker", f"write {SOURCES}")
+    raise SessionError(f"{source!r} is not a port of a tracker", f"write {SOURCES}")

@@ -1,4 +1,4 @@
-"""Who wants to know how a session goes on. Hears nothing by default; faces override what they show."""
+"""Progress callbacks of a session; user interfaces override what they show."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from solver.design.actions import GoTo
 
 
 class Listener:
-    """Called from the thread that works on the session."""
+    """Called in the thread of the session; does nothing by default."""
 
     def connected(self, identity: ArmIdentity) -> None:
-        """The arm has been found and checked."""
+        """The arm is connected and identified."""
 
     def fixture_checked(self, checks: tuple[SetupCheck, ...]) -> None:
-        """The placement has been judged."""
+        """The fixture is checked."""
 
     def drives_chosen(self, choice: DriveChoice) -> None:
-        """The program has chosen the drive joints."""
+        """The drive joints are chosen."""
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
-        """Every drive has confirmed its mode."""
+        """All drives have confirmed their modes."""
 
     def going(self, move: GoTo | None) -> None:
-        """The arm is about to move; `move` says where a plan takes it."""
+        """The arm is about to move; `move` is the move of a plan."""
 
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
-        """There is one more pose, of so many."""
+        """A pose was captured; `wanted` is the total."""
 
-    def told(self, text: str) -> None:
-        """Something was decided, in a sentence."""
+    def report(self, text: str) -> None:
+        """A message for the operator."""
 
     def solved(self, solution: Solution) -> None:
         """The calibration is done."""

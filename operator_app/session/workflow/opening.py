@@ -1,8 +1,7 @@
-"""Where sessions come from: a procedure file with overrides, or the journal of an earlier run.
+"""Opens sessions: new ones from a procedure file with options, earlier ones from their journal.
 
-A journal carries the arm, fixture and procedure documents it was opened with, and the bus that was
-really opened, so that resuming does not depend on files and an environment that may have changed
-since. The only place that makes a `Session`; which arm it gets is the composition's affair.
+The journal holds the arm, fixture and procedure documents and the bus, so that resuming does not depend on files
+and environment.
 """
 
 from __future__ import annotations
@@ -36,22 +35,22 @@ if TYPE_CHECKING:
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
 LATER: frozenset[Kind] = frozenset({"profile"})
-"""Kinds that journals of earlier versions do not have: what the procedure names is what it was then."""
+"""Kinds that are not in journals of earlier versions."""
 
 MOST_POSES = 100_000
-"""As in a procedure file."""
+"""Limit of a procedure file."""
 
 PLANNED_POSES = 12
-"""Poses of a plan when the procedure speaks of explored ones."""
+"""Poses of a plan if the procedure is for explored ones."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choices:
-    """What the operator chose beside the procedure file; None leaves it as the file says.
+    """Options of the operator that override the procedure file; None: as in the file.
 
-    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` name the bus, `profile` how
-    the arm is set up on it; `scenario` and `seed` the virtual arm; `tracker` where measured endpoints come
-    from; `placements` how often the fixture is mounted; `operator` who works there.
+    `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` are the bus, `profile` its bus
+    profile; `scenario` and `seed` the virtual arm; `tracker` the port of the instrument; `placements` the number of
+    mountings of the fixture; `operator` the name of the operator.
     """
 
     poses: int | None = None
@@ -71,7 +70,7 @@ class Choices:
     placements: int | None = None
 
     def over(self, earlier: Choices) -> Choices:
-        """Return these choices where they are made, else the earlier ones."""
+        """Return these choices, and the earlier ones where these are None."""
         values = {
             f.name: getattr(earlier, f.name)
             if getattr(self, f.name) is None
@@ -83,11 +82,11 @@ class Choices:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Opening:
-    """A session that is about to begin or go on, before anything was written.
+    """A session to be started or resumed; nothing is written yet.
 
-    `imported` is the file that its poses were read from; empty where an arm took them. `placement` is the
-    mounting of the fixture that the arm is in, and `next_due`: it has all its poses, and another is wanted.
-    `unseen`: it is not the first one, and no pose of it is known.
+    `imported` is the file of its poses, empty if an arm captured them. `placement` numbers the present mounting of
+    the fixture; `next_due`: it has all its poses and another one follows; `unconfirmed_placement`: it is a later
+    one without a pose.
     """
 
     folder: Path
@@ -98,27 +97,25 @@ class Opening:
     imported: str = ""
     placement: int = 1
     next_due: bool = False
-    unseen: bool = False
+    unconfirmed_placement: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """An arm ready to be connected, and the opening as it came to be.
+    """An arm ready to be connected, and the completed opening.
 
     Attributes
     ----------
     opening
-        For the arm that is really there, its choices completed by what the environment and the
-        defaults chose: what the journal keeps.
+        For the arm that is really there, with the choices of environment and defaults: as in the journal.
     simulated
-        Whether nothing real can move.
+        Whether no real arm can move.
     instrument
-        What sees the hand of an open arm.
+        Measures the tool of an open arm.
     truths
-        What a simulated arm of this process truly is.
+        True parameters of a simulated arm of this process.
     recording_ended
-        Asked at any time, from any thread: how a recording of the bus ended early; "" while it goes on, or
-        where there is none.
+        Returns why a recording of the bus ended early, "" otherwise; callable from any thread.
     """
 
     arm: Arm
@@ -130,7 +127,7 @@ class Rig:
 
     @property
     def bus(self) -> str:
-        """The bus in words."""
+        """The bus, for messages."""
         if self.simulated:
             return "the virtual bus of this program"
         chosen = self.opening.choices
@@ -139,7 +136,7 @@ class Rig:
 
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
-    """Make the session of a rig, its journal begun or gone on with; raises JournalError."""
+    """Return the session of a rig with its journal created or opened; raises JournalError."""
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
@@ -173,20 +170,17 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def _record_beside(journal: Journal, rig: Rig) -> None:
-    """Record into the folder that the session has, where another program was faster and has the one it was to have."""
+    """Record the bus into the session's folder, which differs from the planned one if that was taken meanwhile."""
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
         arm.record_to = folder / arm.record_to.name
 
 
 def remove_if_empty(session: Session) -> bool:
-    """Take away the folder of a closed session in which no arm was ever connected: it holds nothing.
-
-    What was made to hold it goes as well, unless something else is in it by now.
-    """
+    """Remove the folder of a closed session that never connected to an arm, and parent folders created for it."""
     journal = session.journal
     if journal.loss is not None:
-        # Whatever is in its place now is not ours to take away.
+        # The folder may belong to another program now.
         return False
     folder = journal.path.parent
     if not folder.is_dir():
@@ -196,13 +190,13 @@ def remove_if_empty(session: Session) -> bool:
     (folder / JOURNAL_NAME).unlink()
     folder.rmdir()
     with suppress(OSError):
-        for outer in journal.made[1:]:
+        for outer in journal.created_folders[1:]:
             outer.rmdir()
     return True
 
 
 def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_now) -> Opening:
-    """Open a new session of a procedure, by built-in name or path; raises ConfigError."""
+    """Return the opening of a new session of a procedure (built-in name or path); raises ConfigError."""
     chosen: dict[Kind, Resource] = {}
     if choices.profile is not None:
         chosen["profile"] = resolve("profile", choices.profile)
@@ -220,19 +214,19 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
 
 
 def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
-    """Go on with a session; choices made now take precedence over those it was begun with."""
+    """Return the opening of an earlier session; new choices override the recorded ones."""
     folder = find_session(root, reference)
     contents = read_journal(folder)
     state = session_state(contents)
     if state.settings.get("verifies"):
-        # As an earlier version took verification poses: in a session of their own.
+        # An earlier version kept verification poses in a session of their own.
         raise SessionError(
             f"{folder} holds poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
         )
     if set(KINDS) - LATER - set(state.sources):
         raise SessionError(
-            f"the journal of {folder} does not say which procedure it follows",
+            f"the journal of {folder} does not contain its procedure",
             "start a new session; its poses can be solved with `sarcal solve`",
         )
     found = {
@@ -241,7 +235,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         if kind in state.sources
     }
     procedure = parse_procedure(found["procedure"], snapshot=found)
-    # Now that it is known how many joints the arm has.
+    # Check the journal again, now that the number of joints is known.
     session_state(contents, joint_count=procedure.arm.joint_count)
     _require_profile(procedure, choices)
     earlier: dict[str, Any] = {
@@ -254,7 +248,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
             now, then = getattr(choices, name), getattr(before, name)
             if now is not None and then is not None and now != then:
                 raise SessionError(
-                    f"this session's poses are of the virtual arm with --{name} {then}, not {now}",
+                    f"the poses of this session are of the virtual arm with --{name} {then}, not {now}",
                     "leave the option out, or start a new session",
                 )
     merged = choices.over(before)
@@ -268,26 +262,26 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
         imported=state.imported,
         placement=state.placement,
         next_due=next_due(state, procedure),
-        unseen=state.unseen,
+        unconfirmed_placement=state.unconfirmed_placement,
     )
 
 
 def _require_profile(procedure: Procedure, choices: Choices) -> None:
-    """Refuse another bus profile than the session's: its poses were counted by that."""
+    """Refuse another bus profile than the session's: it defines the counts of its poses."""
     if choices.profile is None:
         return
     asked = resolve("profile", choices.profile)
     found = parse_profile(asked.data, asked.file, joints=procedure.arm.joint_count)
     if found != procedure.profile:
         raise SessionError(
-            f"this session is of an arm with the bus profile {procedure.profile.name} as it was when the "
-            f"session began, and {asked.file} is not that",
+            f"this session was started with the bus profile {procedure.profile.name}, and {asked.file} differs "
+            "from it",
             "leave --profile out, or start a new session",
         )
 
 
 def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
-    """Put the operator's choices into the procedure."""
+    """Return the procedure with these choices."""
     procedure = replace(procedure, capture=_planned_or_not(procedure.capture, choices.plan))
     if choices.poses is not None:
         if choices.poses < 1:
@@ -317,27 +311,25 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
 
 
 def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:
-    """Put another way of choosing poses in place of the procedure's."""
+    """Return the capture plan with another strategy."""
     match plan:
         case None:
             return capture
         case "planned" if capture.strategy == "explore":
-            # What an exploration takes by the dozen, a plan need not.
+            # A plan needs fewer poses than an exploration.
             return replace(capture, strategy="planned", poses=min(capture.poses, PLANNED_POSES))
         case "planned" | "explore" as strategy:
             return replace(capture, strategy=strategy)
         case other:
-            raise SessionError(
-                f"there is no way to choose poses called {other!r}", "use explore or planned"
-            )
+            raise SessionError(f"there is no plan {other!r}", "use explore or planned")
 
 
 def _require_solvable(procedure: Procedure) -> None:
-    """Refuse before anything moves what no capture could make good."""
+    """Refuse a procedure that no capture can solve."""
     n = procedure.arm.joint_count
     wrong = [j for j in procedure.unsensed_joints if j > n]
     if wrong:
-        raise SessionError(f"there is no joint {wrong[0]} to leave out", f"joints are 1 to {n}")
+        raise SessionError(f"there is no joint {wrong[0]}", f"joints are 1 to {n}")
     if procedure.unsensed_joints and procedure.estimator == "paper":
         raise SessionError(
             "the paper's estimator eliminates the hinge angle only (eqs. 10-13)",
@@ -347,7 +339,7 @@ def _require_solvable(procedure: Procedure) -> None:
         procedure.arm, unsensed_joints=procedure.unsensed_joints
     )
     if procedure.capture.strategy == "planned":
-        # The exploration before a plan goes on until the poses suffice.
+        # The exploration before a plan captures as many poses as are needed.
         require_closed_chain(procedure.fixture.fixture)
         return
     require_enough_poses(model, procedure.capture.poses)

@@ -1,7 +1,7 @@
-"""Several mountings of one fixture: which is due, and what the journal keeps of each. Knows no arm and no screen.
+"""Several placements of one fixture: when the next one is due, and its events in the journal.
 
-A journal says `remounting` when the arm was let go so that the fixture can be taken off, and `remounted` when
-somebody has said that it is mounted again. In between nothing connects: whoever stands there has a hand in it.
+`remounting`: the arm was released and the fixture may be taken off. `remounted`: the operator has confirmed that it
+is mounted. In between no program connects to the arm, because a person is working at it.
 """
 
 from __future__ import annotations
@@ -15,30 +15,30 @@ from operator_app.session.store.state import SessionState
 
 
 def next_due(state: SessionState, procedure: Procedure) -> bool:
-    """Whether the present placement has all its poses, its first one read again, and another is wanted."""
+    """Whether the present placement is complete, its first pose repeated, and another placement follows."""
     return (
         state.placement < procedure.placements
         and len(state.poses_here) >= procedure.capture.poses
-        and any(r.again.after == state.captured for r in state.returns)
+        and any(r.again.after == state.captured for r in state.repeats)
     )
 
 
 def require_mounted(state: SessionState) -> None:
-    """Connect to no arm at whose fixture somebody may be at work."""
+    """Refuse to connect while a person may be working at the fixture."""
     if not state.mounted:
         raise GuardError(
-            f"the fixture was taken off, and nobody said that it is mounted for placement {state.placement}",
+            f"the fixture was taken off, and its mounting for placement {state.placement} is not confirmed",
             "mount it, stand clear, then go on with the session: sarcal run --resume, or the app",
         )
 
 
-def keep_remounting(folder: Path, placement: int) -> None:
-    """Keep in a session's journal that its fixture comes off, to be mounted for the n-th time."""
+def record_remounting(folder: Path, placement: int) -> None:
+    """Record that the fixture is taken off, for this next placement."""
     _keep(folder, "remounting", placement)
 
 
-def keep_remounted(folder: Path, placement: int) -> None:
-    """Keep that somebody said it is mounted for the n-th time; no arm is connected."""
+def record_remounted(folder: Path, placement: int) -> None:
+    """Record the confirmation that the fixture is mounted in this placement; no arm is connected."""
     _keep(folder, "remounted", placement)
 
 
@@ -51,31 +51,31 @@ def _keep(folder: Path, name: str, placement: int) -> None:
 
 
 def require_mountable(procedure: Procedure, wanted: int) -> int:
-    """Refuse what cannot be mounted so often."""
+    """Return `wanted`, or raise SessionError if the fixture cannot be mounted that often."""
     if not 1 <= wanted <= MOST_PLACEMENTS:
         raise SessionError(
             f"{wanted} placements were asked for", f"ask for 1 to {MOST_PLACEMENTS} of them"
         )
     if wanted > 1 and not procedure.fixture.fixture.holds_hand:
         raise SessionError(
-            f"{procedure.fixture.name} holds no hand: there is nothing to take off and mount anew",
+            f"{procedure.fixture.name} is an instrument: there is no fixture to remount",
             "leave --placements out",
         )
     if wanted > 1 and procedure.capture.strategy == "planned":
         raise SessionError(
-            "a plan is made for one placement of the fixture",
+            "a planned capture has one placement of the fixture",
             "capture explored poses (--plan explore) with --placements",
         )
     return wanted
 
 
 def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
-    """Return what an operator does between two placements of a fixture, in order."""
+    """Return the operator's steps between two placements."""
     kept = procedure.fixture.fixture.stays_on_hand
-    part = "; its part on the hand stays" if kept else " and off the hand"
+    part = "; its part on the tool stays" if kept else " and off the tool"
     return (
         "1. Secure the arm against falling, by hand or by a strap. Somebody has a hand on the hardware stop.",
         f"2. Take the {procedure.fixture.name} off the table{part}.",
-        "3. Mount it anew, turned and shifted within the tolerance that its file states.",
-        "4. Bring the arm to its home, by hand or as its controller can; close the loop; go through the check list.",
+        "3. Mount it again, turned and shifted within the tolerance that its file states.",
+        "4. Move the arm to its home, by hand or with its controller; close the loop; go through the check list.",
     )

@@ -1,9 +1,8 @@
-"""A planned capture on the arm: carries out what a campaign proposes and tells it what happened.
+"""Planned capture: carries out the actions that a campaign proposes and reports the results to it.
 
-Every report to the campaign is in the journal before the next proposal is asked for. The same reports
-give the same proposals, so a resumed session replays them and goes on in the middle of a plan; where
-that is not possible (the arm was moved, poses were withdrawn, more poses are wanted) a new campaign
-begins with the poses that count. Prints nothing.
+Every result is in the journal before the next proposal. The campaign is deterministic, so that a resumed session
+replays the journal and continues its plan. If the arm was moved, poses were excluded or more poses are wanted, a new
+campaign starts with the used poses.
 """
 
 from __future__ import annotations
@@ -19,11 +18,11 @@ from operator_app.errors import GuardError
 from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, require_closed_chain
 from operator_app.session.store.stored_calibration import NO_WAY_BACK
 from operator_app.session.workflow.campaign_replay import (
-    DivergedError,
-    built,
-    is_on_the_way,
-    replayed,
-    still_fits,
+    ReplayDivergedError,
+    campaign_from_log,
+    can_continue_from,
+    log_is_current,
+    replay_campaign,
 )
 from operator_app.session.workflow.drive_box import require_in_box
 from operator_app.session.workflow.listener import Listener
@@ -37,12 +36,12 @@ from solver.design.campaign_settings import Phase
 from solver.design.stop_rule import PrecisionStatus
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
-"""With the drives back in place, free joints farther off are on another branch of the loop."""
+"""Free joints farther from their last position, with the drives back, are on another branch of the loop."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weak:
-    """A parameter known less well than was requested: sigmas in rad or m, None when undetermined."""
+class ImpreciseParameter:
+    """A parameter less precise than requested: sigmas in rad or m, None for an undetermined one."""
 
     name: str
     sigma: float | None
@@ -51,20 +50,20 @@ class Weak:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignEnd:
-    """How a planned capture ended.
+    """End of a planned capture.
 
-    `complete`: all planned poses were taken or the precision asked for was reached. `text` says why
-    it ended; `weak` what is short of the request, the worst first.
+    `complete`: all planned poses are captured or the requested precision is reached. `text` is the reason of the
+    end; `weak` are the parameters short of the request, the worst first.
     """
 
     complete: bool
     text: str
-    weak: tuple[Weak, ...]
+    weak: tuple[ImpreciseParameter, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stop:
-    """Where a move of these drives began: angles of all joints (n,), rad."""
+class MoveStart:
+    """Joint angles (n,) rad at the start of a move of these drives."""
 
     drives: tuple[int, ...]
     q_rad: FloatArray
@@ -78,9 +77,9 @@ class PlannedCapture:
     session
         Connected, its fixture checked.
     drives
-        Joints to begin with; a campaign that is under way knows its own.
+        Drive joints of a new campaign.
     listener
-        Hears of moves, poses and decisions.
+        Informed of moves, poses and decisions.
     """
 
     def __init__(
@@ -93,7 +92,7 @@ class PlannedCapture:
     ) -> None:
         require_closed_chain(session.fixture)
         self._session = session
-        self._listener, self._say = listener, listener.told
+        self._listener, self._say = listener, listener.report
         self._candidates = candidates
         self._chosen = drives
         self._campaign: Campaign | None = None
@@ -101,68 +100,65 @@ class PlannedCapture:
         self._ended: CampaignEnd | None = None
 
     def ready(self) -> tuple[int, ...]:
-        """Go through the journal and look where the arm is; return the joints to put into position mode.
-
-        Nothing moves.
-        """
+        """Replay the journal and compare the arm's position; return the drive joints. Moves nothing."""
         session = self._session
         log = session.state.campaign
         self._campaign, self._moved, self._ended = None, False, None
-        if not log.begun or not still_fits(session.state, self._wanted()):
+        if not log.begun or not log_is_current(session.state, self._wanted()):
             return self._chosen
         if log.ended:
-            # What could not be finished is tried again, with the poses there are.
-            self._ended = _end_of(log.ended) if log.ended["complete"] else None
+            # An incomplete campaign is tried again, with the poses so far.
+            self._ended = _end_from_journal(log.ended) if log.ended["complete"] else None
             return self._chosen
         try:
-            campaign = replayed(session.model, session.fixture, session.state)
-        except DivergedError:
-            self._say("The journal's plan cannot be repeated: planning anew from its poses.")
+            campaign = replay_campaign(session.model, session.fixture, session.state)
+        except ReplayDivergedError:
+            self._say("The recorded plan cannot be replayed: making a new plan from its poses.")
             return self._chosen
         here = session.arm.snapshot().positions_rad
-        if is_on_the_way(campaign.propose(), campaign.at_rad, here):
+        if can_continue_from(campaign.propose(), campaign.at_rad, here):
             self._campaign = campaign
             return campaign.drives
         if campaign.phase is Phase.EXPLORING:
             self._campaign, self._moved = campaign, True
             return campaign.drives
-        self._say("The arm is not where it was: planning anew from here.")
+        self._say("The arm was moved: making a new plan from its present position.")
         return self._chosen
 
     @property
     def complete(self) -> bool:
-        """After `ready`: whether the journal has all poses of the plan already."""
+        """After `ready`: whether the journal has all poses of the plan."""
         return self._ended is not None
 
     @property
-    def goes_on_from_here(self) -> bool:
-        """After `ready`: whether the arm stands where it was left, or nothing is to be done."""
+    def continues_in_place(self) -> bool:
+        """After `ready`: whether the arm is at its last position, or nothing is left to do."""
         return self._ended is not None or (self._campaign is not None and not self._moved)
 
-    def run(self, taken_one: Callable[[], None] = lambda: None) -> CampaignEnd:
-        """Carry the campaign out, with the joints of `ready` in position mode.
+    def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
+        """Carry out the campaign, with the joints of `ready` in position mode.
 
-        `taken_one` is called after each pose, before the plan hears of it and may be made anew: there is a way back.
+        Calls `after_pose` after each pose, before the campaign may change its plan, so that a path back is known.
 
         Raises
         ------
         GuardError
-            While exploring, the arm was moved out of its box, or does not come back to where it was.
+            While exploring, the arm was moved out of its box, or does not return to its last position.
         Cancelled
-            The operator ended a move; `ready` and `run` go on.
+            The operator ended a move; `ready` and `run` continue later.
         """
         session = self._session
         if self._ended is not None:
             return self._ended
         if self._campaign is None:
             again = bool(session.state.campaign.begun)
-            self._campaign = self._begun()
+            self._campaign = self._new_campaign()
             self._campaign.propose()
             if again and self._campaign.phase is Phase.EXPLORING:
-                # Without a plan from here, its first step leads straight back to where the session began.
+                # The first step of a new exploration leads straight back to the start of the session.
                 require_in_box(session)
         elif self._moved:
-            self._bring_back(self._campaign)
+            self._move_back(self._campaign)
         campaign = self._campaign
         while True:
             phase, made = campaign.phase, campaign.plan
@@ -175,10 +171,10 @@ class PlannedCapture:
                     pose = session.capture(planned=action.planned)
                     wanted = session.state.wanted_poses(session.procedure.capture)
                     self._listener.pose_captured(session.state, wanted)
-                    taken_one()
+                    after_pose()
                     campaign.captured(pose.mean_rad)
                 case ChangeDrives():
-                    self._say(f"{_capital(action.why)}: they drive from here.")
+                    self._say(f"{_capitalized(action.why)}: they drive from here.")
                     session.set_modes(action.drives)
                     session.settle()
                     q = session.arm.snapshot().positions_rad
@@ -188,19 +184,19 @@ class PlannedCapture:
                 case GoTo():
                     self._move(campaign, action)
 
-    def to_first(self) -> tuple[str, tuple[Stop, ...]]:
-        """Go to the first captured pose on ways the plan knows to be clear; nothing is reported.
+    def to_first(self) -> tuple[str, tuple[MoveStart, ...]]:
+        """Move to the first captured pose on paths of the plan; the campaign is not informed.
 
         Returns
         -------
-        Why it was not reached ("" if it was), and where the drives stood before each move: the way back.
+        Why the pose was not reached ("" if it was), and the start of each move, to go back.
         """
         campaign = None if self._moved else self._campaign
         first = self._session.state.used_poses[0].mean_rad
         moves = None if campaign is None else campaign.way_to(first)
         if campaign is None or moves is None:
             return NO_WAY_BACK, ()
-        session, stops = self._session, list[Stop]()
+        session, stops = self._session, list[MoveStart]()
         self._listener.going(None)
         for move in moves:
             if isinstance(move, ChangeDrives):
@@ -208,14 +204,14 @@ class PlannedCapture:
                 session.settle()
                 continue
             here = session.arm.snapshot().positions_rad
-            stops.append(Stop(drives=session.position_joints, q_rad=here))
-            moved = session.go_to(move.targets_rad, _on_path(campaign, move))
+            stops.append(MoveStart(drives=session.position_joints, q_rad=here))
+            moved = session.go_to(move.targets_rad, _path_watch(campaign, move))
             if not moved.reached:
                 return moved.reason, tuple(stops)
         return "", tuple(stops)
 
-    def retrace(self, stops: tuple[Stop, ...]) -> None:
-        """Go back the way `to_first` came, with the drives it had, to where the plan goes on."""
+    def retrace(self, stops: tuple[MoveStart, ...]) -> None:
+        """Go back along the moves of `to_first`."""
         session = self._session
         for stop in reversed(stops):
             if session.position_joints != stop.drives:
@@ -224,17 +220,17 @@ class PlannedCapture:
             moved = session.go_to({j: float(stop.q_rad[j - 1]) for j in stop.drives})
             if not moved.reached:
                 raise GuardError(
-                    f"the arm does not come back to where it was before: {moved.reason}",
-                    "look at what is in the way, then go on with this session",
+                    f"the arm does not reach its position before the drift check: {moved.reason}",
+                    "check what is in the way, then go on with this session",
                 )
 
     # -- carrying out ----------------------------------------------------------------------------
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
-        """Move and report; a move that the operator ended is no report."""
+        """Move, record and report; a move that the operator ended is not reported."""
         session = self._session
         self._listener.going(action)
-        moved = session.go_to(action.targets_rad, _on_path(campaign, action))
+        moved = session.go_to(action.targets_rad, _path_watch(campaign, action))
         if not moved.reached:
             session.settle()
             self._say(f"Stopped short: {moved.reason}.")
@@ -250,11 +246,11 @@ class PlannedCapture:
         )
         campaign.observe(q, moved.reason)
 
-    def _bring_back(self, campaign: Campaign) -> None:
-        """Take the drives to where the journal left them, straight: nobody has spoken for a way from elsewhere."""
+    def _move_back(self, campaign: Campaign) -> None:
+        """Move the drives straight to their last position in the journal, from inside the box."""
         session, last = self._session, campaign.at_rad
         require_in_box(session)
-        self._say("The arm is not where it was: going back there first.")
+        self._say("The arm was moved: going back to its last position first.")
         self._listener.going(None)
         moved = session.go_to({j: float(last[j - 1]) for j in campaign.drives})
         session.settle()
@@ -262,22 +258,22 @@ class PlannedCapture:
         if not moved.reached or float(off.max()) > SAME_BRANCH_RAD:
             joint = int(np.argmax(off)) + 1
             raise GuardError(
-                f"the arm does not come back to where this session left it: joint {joint} is "
+                f"the arm does not return to its last position in this session: joint {joint} is "
                 f"{WHOLE_DEGREES(float(off.max())).with_unit} off"
                 + ("" if moved.reached else f" ({moved.reason})"),
-                "bring it near its home by hand, then resume again; or start a new session",
+                "move it near its home by hand, then resume again; or start a new session",
             )
         self._moved = False
 
     def _tell(self, campaign: Campaign, before: Phase, planned: bool) -> None:  # noqa: FBT001
-        """Say what the campaign decided."""
+        """Report a new plan."""
         if not planned or campaign.plan is None or campaign.estimate is None:
             return
         count = len(campaign.readings_rad)
         first = before is Phase.EXPLORING and not any(
             p.planned for p in self._session.state.used_poses
         )
-        head = f"Explored {count} poses" if first else "Planned again"
+        head = f"Explored {count} poses" if first else "New plan"
         left = len(campaign.plan.visits)
         self._say(
             f"{head} ({campaign.estimate.text}): {left} pose{'s' if left != 1 else ''} to take, "
@@ -285,11 +281,11 @@ class PlannedCapture:
         )
 
     def _end(self, action: Finished) -> CampaignEnd:
-        weak: tuple[Weak, ...] = ()
+        weak: tuple[ImpreciseParameter, ...] = ()
         decision = action.decision
         if decision is not None and decision.standing is not PrecisionStatus.REACHED:
             weak = tuple(
-                Weak(
+                ImpreciseParameter(
                     name=w.name,
                     sigma=w.sigma if np.isfinite(w.sigma) else None,
                     requested=w.requested,
@@ -312,7 +308,7 @@ class PlannedCapture:
     # -- beginning and replaying -----------------------------------------------------------------
 
     def _wanted(self) -> dict[str, Any]:
-        """What a campaign depends on beside its readings."""
+        """Settings of a campaign."""
         own = self._session.procedure
         return {
             "poses": own.capture.poses,
@@ -323,8 +319,8 @@ class PlannedCapture:
             "candidates": self._candidates,
         }
 
-    def _begun(self) -> Campaign:
-        """Begin a campaign with the poses that count, from where the arm stands; recorded first."""
+    def _new_campaign(self) -> Campaign:
+        """Record and return a new campaign with the used poses, from the present position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
         here = session.read().mean_rad
@@ -342,11 +338,11 @@ class PlannedCapture:
                 "captured": [p.number for p in session.state.used_poses],
             },
         )
-        return built(session.model, session.fixture, session.state)
+        return campaign_from_log(session.model, session.fixture, session.state)
 
 
-def _on_path(campaign: Campaign, move: GoTo) -> Watch:
-    """Judge a move under way by the path it was planned on."""
+def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
+    """Return a watch that ends a move off its planned path."""
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
     )
@@ -357,11 +353,11 @@ def _on_path(campaign: Campaign, move: GoTo) -> Watch:
     return watch
 
 
-def _end_of(data: Mapping[str, Any]) -> CampaignEnd:
-    """Return the end that the journal holds."""
-    weak = tuple(Weak(**w) for w in data["weak"])
+def _end_from_journal(data: Mapping[str, Any]) -> CampaignEnd:
+    """Return the end recorded in the journal."""
+    weak = tuple(ImpreciseParameter(**w) for w in data["weak"])
     return CampaignEnd(complete=data["complete"], text=data["text"], weak=weak)
 
 
-def _capital(text: str) -> str:
+def _capitalized(text: str) -> str:
     return text[:1].upper() + text[1:]

@@ -1,7 +1,4 @@
-"""Reading a pose: the arm comes to rest, its sensors are read, the journal keeps it. Moves nothing.
-
-Of an open arm the instrument sees the hand meanwhile. Knows no bus and no screen.
-"""
+"""Measurement of a pose: standstill, joint sensors, instrument of an open arm, journal. Moves nothing."""
 
 from __future__ import annotations
 
@@ -14,7 +11,7 @@ from hardware.arm import Arm, Reading
 from hardware.errors import HardwareError
 from operator_app.config.quantities import degrees_for_file
 from operator_app.errors import Cancelled, GuardError, SessionError
-from operator_app.session.safety.latency import LatenessLog
+from operator_app.session.safety.latency import LatenessRecorder
 from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.workflow.instrument import SOURCES, Instrument
@@ -23,7 +20,7 @@ from solver.arrays import FloatArray
 
 
 class PoseReader:
-    """Reads the poses of one session."""
+    """Measures the poses of one session."""
 
     def __init__(
         self,
@@ -31,7 +28,7 @@ class PoseReader:
         arm: Arm,
         *,
         sensor_faults: SensorFaults,
-        lateness: LatenessLog,
+        lateness: LatenessRecorder,
         instrument: Instrument | None,
     ) -> None:
         self._logbook, self._arm = logbook, arm
@@ -40,25 +37,24 @@ class PoseReader:
         self._rule = logbook.procedure.capture.settle
 
     def open_instrument(self) -> None:
-        """Find the instrument, where the hand is not held and one has to see it."""
+        """Open the instrument of an open arm."""
         if self._logbook.fixture.holds_hand:
             return
         if self._instrument is None:
             raise SessionError(
-                f"{self._logbook.procedure.fixture.name} measures where the hand is, and nobody said where its "
-                "measurements come from",
+                f"{self._logbook.procedure.fixture.name} is an instrument, and its port is not known",
                 f"name its port: --tracker {SOURCES}; or tracker: in the procedure",
             )
         self._instrument.open()
 
     def close_instrument(self) -> None:
-        """Let go of it. Safe to call twice."""
+        """Close the instrument. Safe to call twice."""
         if self._instrument is not None:
             self._instrument.close()
 
     def settle(self) -> bool:
-        """Wait until the arm has come to rest; False if it does not."""
-        with self._sensor_faults.kept():
+        """Wait for standstill; False after the timeout."""
+        with self._sensor_faults.recorded():
             return self._arm.settle(
                 window=self._rule.window_syncs,
                 spread_rad=self._rule.spread_rad(self._logbook.model),
@@ -66,12 +62,12 @@ class PoseReader:
             )
 
     def _restless(self) -> str:
-        """Say which joint is farthest beyond its limit, by how much; empty where none is any more."""
+        """Return which joint exceeds its spread limit most, as text; "" if none does any more."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
         except HardwareError:
-            return ""  # that it does not rest is what counts
+            return ""  # the caller reports that the arm does not settle
         spread = np.ptp(np.array(rows), axis=0)
         j = int(np.argmax(spread / limits))
         if spread[j] <= limits[j]:
@@ -80,29 +76,29 @@ class PoseReader:
         return f": joint {j + 1} spreads by {found} within {2 * len(rows)} samples (limit {limit})"
 
     def read(self) -> Reading:
-        """Let the arm settle and read a pose, without keeping it."""
+        """Wait for standstill and measure a pose; records nothing."""
         if not self.settle():
             raise GuardError(
                 f"the arm does not come to rest{self._restless()}",
-                "look for something that moves or pushes it, then capture again",
+                "check what moves or pushes it, then capture again",
             )
-        with self._sensor_faults.kept():
+        with self._sensor_faults.recorded():
             reading = self._arm.capture(self._logbook.procedure.capture.samples_per_pose)
         self._sensor_faults.read_until = self._arm.snapshot().sync_count
         return reading
 
     def keep(self, name: str, data: Mapping[str, Any], cancelled: Callable[[], bool]) -> None:
-        """Read a pose and record it as an event of this name, with `data` that says which pose it is."""
+        """Measure a pose and record it as an event of this name with these data."""
         logbook = self._logbook
-        if name == "pose" and logbook.state.slipped:
+        if name == "pose" and logbook.state.sensor_jump:
             raise GuardError(
-                f"no pose is captured: {logbook.state.slipped}",
-                "let the capture go on by itself: it reads the first pose again, and goes on if that reads "
-                "as it did; else start a new session",
+                f"captures are refused: {logbook.state.sensor_jump}",
+                "use the automatic capture: it measures the first pose again and goes on if that is unchanged; "
+                "else start a new session",
             )
         reading = self.read()
         self._lateness.record()
-        self._sensor_faults.require_moving(reading)
+        self._sensor_faults.require_no_stuck_sensor(reading)
         what = f"{data.get('kind', '')} {data['number']}".strip()
         endpoint = self.endpoint(what, reading, cancelled)
         placement = logbook.state.placement
@@ -123,7 +119,7 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Where the instrument sees the hand, the arm standing as it was read; None without one."""
+        """Return the tool measured by the instrument at this reading; None without an instrument."""
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None
         found = self._instrument.measure(what, cancelled)
@@ -133,6 +129,6 @@ class PoseReader:
         if np.any(moved > self._rule.spread_rad(self._logbook.model)):
             raise GuardError(
                 f"joint {int(np.argmax(moved)) + 1} moved while the tracker measured",
-                "see what moves or pushes the arm, then capture again",
+                "check what moves or pushes the arm, then capture again",
             )
         return found

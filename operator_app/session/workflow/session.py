@@ -1,8 +1,7 @@
-"""The session: one calibration of one arm, deed by deed, every fact in the journal before it counts.
+"""The operations of a session on its arm: connect, set modes, move, capture, release.
 
-What is done with one, in which order, is `workflow`'s affair. It prints nothing and asks nothing;
-refusals are `SessionError`s that say what happened and what to do. Calls come from one thread;
-`state` and `arm.snapshot()` may be read from any.
+Prints nothing and asks nothing; refusals are `SessionError`s with a remedy. All calls come from one thread; `state`
+and `arm.snapshot()` may be read from any thread.
 """
 
 from __future__ import annotations
@@ -38,10 +37,10 @@ from operator_app.errors import (
 )
 from operator_app.messages.errors import by_hand_words
 from operator_app.planning.exploration import range_watch
-from operator_app.planning.fixed_parameters import held_checks
+from operator_app.planning.fixed_parameters import fixed_parameter_checks
 from operator_app.planning.mode_rule import modes_problem
-from operator_app.session.safety.latency import LatenessLog
-from operator_app.session.safety.preflight import require_standing
+from operator_app.session.safety.latency import LatenessRecorder
+from operator_app.session.safety.preflight import require_plausible_readings
 from operator_app.session.safety.resume_checks import check_identity
 from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.journal import Clock, Journal, utc_now
@@ -59,9 +58,9 @@ class Session(Logbook):
     ----------
     cancelled
         Called while the arm moves: True when the operator wants the motion to end.
-    told
+    instruct
         Called with instructions to the person who moves the arm by hand.
-    unseen
+    unresolved_joints
         Joints (1-based) of which a shift since the last pose would not show at the present pose.
     held
         Whether the arm confirmed at the last `let_go` that no drive follows commands any more.
@@ -79,7 +78,7 @@ class Session(Logbook):
         super().__init__(journal=journal, procedure=procedure, clock=clock)
         self.arm = arm
         self._sensor_faults = SensorFaults(self, arm)
-        self._lateness = LatenessLog(self, arm)
+        self._lateness = LatenessRecorder(self, arm)
         self._reader = PoseReader(
             self,
             arm,
@@ -89,17 +88,14 @@ class Session(Logbook):
         )
         self.identity: ArmIdentity | None = None
         self.cancelled: Callable[[], bool] = lambda: False
-        self.told: Callable[[str], None] = lambda _: None
-        self._same = False
-        self.unseen: tuple[int, ...] = ()
+        self.instruct: Callable[[str], None] = lambda _: None
+        self._readings_checked = False
+        self.unresolved_joints: tuple[int, ...] = ()
         self.held = False
         self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event and let it count.
-
-        Where the journal was taken away the arm is held: nothing more of it would be kept.
-        """
+        """Write an event to the journal, then apply it to the state; hold the arm if the journal is lost."""
         try:
             super().record(name, data)
         except JournalLostError:
@@ -109,19 +105,16 @@ class Session(Logbook):
     # -- 1 Connect -------------------------------------------------------------------------------
 
     def connect(self) -> ArmIdentity:
-        """Find the arm. A resumed session insists on the arm it was begun with.
-
-        Before it the instrument, where one sees the hand: without it nothing need be enabled.
-        """
+        """Open the instrument of an open arm, then connect to the arm; a resumed session refuses another arm."""
         require_mounted(self.state)
         self._reader.open_instrument()
         identity = self.arm.connect()
-        self._same = False
-        self._lateness.begin()
+        self._readings_checked = False
+        self._lateness.restart()
         try:
             check_identity(self.state, identity)
         except GuardError:
-            # Not left connected: nothing of this session may move another arm.
+            # This session must not stay connected to another arm.
             self.identity = None
             self.arm.close()
             raise
@@ -138,17 +131,17 @@ class Session(Logbook):
         return identity
 
     def mounted(self) -> None:
-        """Keep that somebody said the fixture is mounted, in a placement of which nothing else is known."""
-        if self.state.unseen:
+        """Record the operator's confirmation that the fixture is mounted, in a placement without poses."""
+        if self.state.unconfirmed_placement:
             self.record("remounted", {"placement": self.state.placement})
 
     # -- 2 Fixture -------------------------------------------------------------------------------
 
     def check_fixture(self) -> tuple[SetupCheck, ...]:
-        """Judge the nominal placement at the arm's present pose."""
+        """Check the nominal placement of the fixture at the present pose; records the checks."""
         checks = (
             *self.fixture.setup_checks(self.model, self.arm.snapshot().positions_rad),
-            *held_checks(self.procedure),
+            *fixed_parameter_checks(self.procedure),
         )
         self.record(
             "fixture_checked",
@@ -157,7 +150,7 @@ class Session(Logbook):
         return checks
 
     def require_fixture(self) -> tuple[SetupCheck, ...]:
-        """Like `check_fixture`; raises FixtureRefusedError when a check refuses the placement."""
+        """Like `check_fixture`; raises FixtureRefusedError if a check refuses."""
         checks = self.check_fixture()
         refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
         if refused:
@@ -168,14 +161,14 @@ class Session(Logbook):
 
     @cached_property
     def mobility(self) -> int:
-        """How many joints belong in position mode: all where nothing holds the hand."""
+        """Number of joints in position mode: all of an open arm, else the freedoms of the closed chain."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
         loop = self.fixture.model(self.model)
         return self.model.joint_count - loop.equations_per_pose
 
     def check_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Refuse a wrong number of position-mode joints, with the reason."""
+        """Raise GuardError for a wrong number of joints in position mode."""
         problem = modes_problem(
             position_joints,
             joint_count=self.model.joint_count,
@@ -186,7 +179,7 @@ class Session(Logbook):
             raise problem
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Take control, then position mode for these joints and free mode for the rest."""
+        """Enable the drives; position mode for these joints, free mode for the others."""
         self.check_modes(position_joints)
         self.take_control()
         modes = tuple(
@@ -197,32 +190,32 @@ class Session(Logbook):
         self.record("modes", {"modes": [m.value for m in modes]})
 
     def hold(self) -> None:
-        """All joints to position mode where they are."""
+        """Hold all joints in position mode where they are."""
         self.arm.hold()
         self.record("modes", {"modes": [JointMode.POSITION.value] * self.model.joint_count})
 
     def take_control(self) -> None:
-        """Enable the drives, holding; the first time, remember where the arm stood.
+        """Enable the drives in position mode; the first time records the start position.
 
-        Before that, the first time after connecting: is everything still what it was?
+        The first time after connecting, checks the readings before it enables anything.
         """
         self.require_journal()
-        self._require_the_same()
+        self._check_readings()
         self.arm.take_control()
         start = self.arm.capture(self.procedure.capture.samples_per_pose).mean_rad
         home = self.model.home_rad.tolist()
         self.record("control", {"start_rad": start.tolist(), "home_rad": home})
 
-    def _require_the_same(self) -> None:
-        """Refuse to enable drives of an arm, or in a fixture, that is not the one of the poses so far."""
-        if self._same:
+    def _check_readings(self) -> None:
+        """Refuse implausible readings, once after each connection."""
+        if self._readings_checked:
             return
         here = self.arm.capture(self.procedure.capture.samples_per_pose)
         what = f"standing {self.state.captured}"
-        self.unseen = require_standing(
+        self.unresolved_joints = require_plausible_readings(
             self, here, lambda: self._reader.endpoint(what, here, self.cancelled)
         )
-        self._same = True
+        self._readings_checked = True
 
     @property
     def position_joints(self) -> tuple[int, ...]:
@@ -238,15 +231,14 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move the position-mode joints, watching every joint; `also` may end the move as well.
-
-        Refused when not exactly as many joints are in position mode as the chain has freedoms: held
-        joints would work against each other through the fixture.
+        """Move the joints in position mode, watching all joints; `also` may end the move as well.
 
         Raises
         ------
+        GuardError
+            The number of joints in position mode differs from the freedoms of the chain.
         Cancelled
-            The operator ended it.
+            The operator ended the move.
         """
         self.check_modes(self.position_joints)
         self._raise_if_cancelled()
@@ -257,14 +249,14 @@ class Session(Logbook):
         unplanned = also is None
         in_range = range_watch(self.model, coming_to_rest_s(speed) if unplanned else 0.0)
         if self.identity is not None and self.identity.by_hand:
-            self.told(by_hand_words(targets_rad))
+            self.instruct(by_hand_words(targets_rad))
 
         def watch(snapshot: ArmSnapshot) -> str | None:
             if self.cancelled():
                 return "ended by the operator"
             return in_range(snapshot) or (None if also is None else also(snapshot))
 
-        with self._sensor_faults.kept():
+        with self._sensor_faults.recorded():
             moved = self.arm.move(
                 targets_rad,
                 speed_rad_per_s=speed,
@@ -276,20 +268,20 @@ class Session(Logbook):
     def capture(
         self, waypoint: int = -1, note: str = "", *, planned: bool | None = None
     ) -> CapturedPose:
-        """Let the arm settle, read a pose, and keep it; `planned` says a campaign's plan chose it."""
+        """Wait for standstill, measure a pose and record it; `planned`: whether a plan chose it."""
         campaign = {} if planned is None else {"planned": planned}
         number = self.state.captured + 1
         self._keep("pose", {"number": number, "waypoint": waypoint, "note": note, **campaign})
         return self.state.poses[-1]
 
-    def look_again(self, kind: str, *, of: int = 0) -> CheckReading:
-        """Like `capture`, of a pose that checks the calibration instead of making it."""
+    def take_check_reading(self, kind: str, *, of: int = 0) -> CheckReading:
+        """Like `capture`, for a pose that checks the calibration and is not part of it."""
         self._keep("reading", {"number": len(self.state.readings) + 1, "kind": kind, "of": of})
         return self.state.readings[-1]
 
-    def heed(self) -> None:
-        """Keep, and raise, what the arm was stopped for by itself while nothing was asked of it."""
-        self._sensor_faults.heed()
+    def record_stop_cause(self) -> None:
+        """Record and raise the fault for which the arm stopped by itself while idle."""
+        self._sensor_faults.record_stop_cause()
 
     def reset_stop(self) -> None:
         """Clear STOP and what tripped, once the journal says why the arm was stopped; the drives stay disabled.
@@ -302,7 +294,7 @@ class Session(Logbook):
             As `Arm.reset_stop`.
         """
         with suppress(HardwareError):
-            self._sensor_faults.heed()
+            self._sensor_faults.record_stop_cause()
         self.arm.reset_stop()
 
     def _keep(self, name: str, data: Mapping[str, Any]) -> None:
@@ -310,17 +302,17 @@ class Session(Logbook):
         self._reader.keep(name, data, self.cancelled)
 
     def read(self) -> Reading:
-        """Let the arm settle and read a pose, without keeping it."""
+        """Wait for standstill and measure a pose; records nothing."""
         return self._reader.read()
 
     def settle(self) -> bool:
-        """Wait until it has come to rest; False if it does not. A capture insists on it, a move need not."""
+        """Wait for standstill; False after the timeout."""
         return self._reader.settle()
 
     @property
-    def late_here(self) -> HostLatency:
-        """How late this computer was, of the present connection or the last, as the journal has it."""
-        return self._lateness.kept
+    def connection_lateness(self) -> HostLatency:
+        """Recorded lateness of this computer in the present or last connection."""
+        return self._lateness.recorded
 
     # -- end -------------------------------------------------------------------------------------
 
@@ -332,7 +324,7 @@ class Session(Logbook):
         try:
             if not self.journal.closed and self.journal.loss is None:
                 with suppress(HardwareError):
-                    self._sensor_faults.heed()
+                    self._sensor_faults.record_stop_cause()
                 with suppress(HardwareError):
                     self._lateness.record()
         finally:
@@ -342,9 +334,9 @@ class Session(Logbook):
         return self.held
 
     def close(self, reason: str) -> bool:
-        """Leave the arm held and the journal whole. Safe to call twice; False if it is not held."""
+        """Leave the arm held and close the journal; False if the arm is not held. Safe to call twice."""
         try:
-            # What cannot be written is said by the last entry, which cannot be either.
+            # If this entry cannot be written, neither can the last one, whose error is raised.
             with suppress(JournalError):
                 self.let_go()
             return self.held
@@ -352,7 +344,7 @@ class Session(Logbook):
             self._reader.close_instrument()
             try:
                 if not self.journal.closed and self.journal.loss is None:
-                    # Who closes it looks at the journal's loss, which may come to light here.
+                    # A loss found here is reported by the caller, from `journal.loss`.
                     with suppress(JournalLostError):
                         self.record("closed", {"reason": reason})
                         self.require_journal(unchanged=True)
@@ -361,16 +353,16 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> NotLetGoError | None:
-        """Why nobody may say that the arm is held, now that it was let go of; None where it is."""
+        """The error of an arm that is not known to be held after `let_go`; None if it is held."""
         return None if self.held else NotLetGoError(self._powered)
 
     def require_let_go(self) -> None:
-        """Refuse to send anybody to the fixture of an arm whose drives are not known to be off."""
+        """Raise NotLetGoError unless all drives are known to be off: nobody may go to the fixture before."""
         if self._powered or not self.held:
             raise NotLetGoError(self._powered)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Move nothing for a session whose journal is gone: the arm is held."""
+        """Raise JournalLostError, and hold the arm, if the journal is lost."""
         try:
             super().require_journal(unchanged=unchanged)
         except JournalLostError:

@@ -234,16 +234,16 @@ class ResultsView(StepView):
         self.query_one("#results-plot", ResultsPlot).count_pages(s)
         super().show(s)
 
-    def turn_over(self) -> None:
+    def next_view(self) -> None:
         """On a large terminal the plot turns; on a small one the plot comes after the table."""
         plots = self.query_one("#results-plot", ResultsPlot)
         if self.compact and self.view == 0:
             plots.page = 0
-            super().turn_over()
+            super().next_view()
             return
         plots.page = (plots.page + 1) % plots.count
         if self.compact and plots.page == 0:
-            super().turn_over()
+            super().next_view()
         # Words and tables need the whole width.
         self.query_one(".left").display = not (plots.page >= plots.words_from or self.compact) or (
             self.compact and self.view == 0

@@ -39,7 +39,7 @@ class StepView(Container):
         self.compact = compact
         self._apply_view()
 
-    def turn_over(self) -> None:
+    def next_view(self) -> None:
         """Show the next view."""
         if self.compact and self.VIEWS:
             self.view = (self.view + 1) % len(self.VIEWS)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from textual import events
 
 from operator_app.report.spans import Line, clip, cut, wrapped
-from operator_app.session.ui.guards import ends_with_any_key
+from operator_app.session.ui.guards import stops_on_any_key
 from operator_app.session.ui.snapshot import Level, Message, SessionSnapshot
 from operator_app.session.ui.user_interface import ShownAlarm
 from operator_app.tui.lines import Clicked, Lines
@@ -44,7 +44,7 @@ class Log(Lines, can_focus=False):
         rows = cut(rows, width, height, SHOWS_ALL.format(key="A"))
         self.alarm = ShownAlarm(number=s.alarms[-1].number, whole=whole) if rows else None
         # During a motion every key ends it: none is offered.
-        more = " …" if ends_with_any_key(s.task) else SHOWS_ALL.format(key="l")
+        more = " …" if stops_on_any_key(s.task) else SHOWS_ALL.format(key="l")
         others = [m for m in s.messages[::-1] if m.number not in standing]
         for k, message in enumerate(others):
             said = _rows(message, width, message.text)

@@ -11,7 +11,7 @@ from textual import events
 
 from hardware.arm import DriveState, JointMode
 from operator_app.report.spans import Line, Span, clip, length
-from operator_app.session.ui.guards import ends_with_any_key
+from operator_app.session.ui.guards import stops_on_any_key
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.theme import STOP_WIDTH
@@ -75,7 +75,7 @@ def _status(s: SessionSnapshot) -> Line:
             ("▲ DATA LOST", "alarm"),
             (" quick stop sent; the drives hold by themselves", "alarm"),
         )
-    if s.task is not None and ends_with_any_key(s.task):
+    if s.task is not None and stops_on_any_key(s.task):
         return (("▶ ANY KEY STOPS ", "accent"), (f" {s.task.text}", "accent"))
     if s.task is not None:
         return (("◌ ", "bold"), (s.task.text, "text"))

@@ -209,7 +209,7 @@ def test_the_arm_is_not_blamed_for_what_was_made_otherwise() -> None:
 
 def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:
     later = make_document(poses="b")
-    text = "not accepted (too few); used all the same: a demo"
+    text = "not accepted (too few); exported because: a demo"
     later = replace(later, warnings=(DocumentWarning(code="FORCED", text=text),))
     found = compare(make_document(), later)
     assert [(n.code, n.text) for n in found.notices] == [("FORCED", f"B was {text}")]

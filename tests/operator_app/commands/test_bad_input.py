@@ -43,7 +43,7 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "no channel": (lambda _: ["probe", "-i", "socketcan"], "No channel is given"),
     "nobody's home": (lambda _: ["run", "~nosuchuser/x"], "~nosuchuser/x: there is no such file"),
     "nobody's poses": (lambda _: ["solve", "~nosuchuser/x", *ARM], "there is no such file"),
-    "nobody's session": (lambda _: ["report", "~nosuchuser/x"], "~nosuchuser/x is no session"),
+    "nobody's session": (lambda _: ["report", "~nosuchuser/x"], "~nosuchuser/x is not a session"),
     "nobody's parameters": (lambda _: ["compare", "~nosuchuser/x", "y"], "~nosuchuser/x is no"),
     "nobody's sessions": (lambda _: ["run", "--sessions", "~nosuchuser/x"], "no such home folder"),
     "nobody's export": (lambda _: ["export", "x", "-o", "~nosuchuser/x"], "no such home folder"),
@@ -55,7 +55,7 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "a pipe for sessions": (lambda p: ["run", "--sessions", pipe(p)], "cannot write"),
     "a file for sessions": (
         lambda p: ["session", "list", "--sessions", str((p / "f").write_text("x") and p / "f")],
-        "cannot look into",
+        "cannot read",
     ),
     "a speed of nothing": (lambda p: ["run", slow(p)], "speed_deg_per_s: must be at least 0.05"),
     "an arm of no speed": (lambda _: ["--speed", "1e-300", "--plain"], "between 0.01 and 50"),

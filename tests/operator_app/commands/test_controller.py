@@ -34,7 +34,7 @@ def test_a_state_that_is_no_folder_is_one_error_that_names_it(
         assert main(words) == 2
         said = capsys.readouterr()
         assert said.out == ""
-        assert f"parameters cannot be kept in {place} (" in said.err
+        assert f"parameters cannot be stored in {place} (" in said.err
         assert "leave --state out" in said.err
 
 

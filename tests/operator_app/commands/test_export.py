@@ -39,7 +39,7 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     assert copy.read_bytes() == (folder / "parameters.yaml").read_bytes()
     first = load_parameters(copy).warnings[0]
     assert first.code == "FORCED"
-    assert first.text.endswith("used all the same: the demo is tonight")
+    assert first.text.endswith("exported because: the demo is tonight")
     state = read_session(folder).state
     assert state is not None
     assert state.exported["forced"] == "the demo is tonight"

@@ -134,7 +134,7 @@ def test_report_compare_verify_and_export_work_on_it(
     for command in (["run", "--resume", folders[0]], ["verify", folders[0]],
                     ["export", folders[0], "--upload"]):  # fmt: skip
         assert main([*command, *sessions]) == 2
-        assert "no arm took its poses" in capsys.readouterr().err
+        assert "cannot be continued with an arm" in capsys.readouterr().err
 
 
 def test_poses_that_cannot_determine_it_all_are_kept_and_said(

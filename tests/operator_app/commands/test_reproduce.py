@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
 from operator_app.config.procedure_file import load_procedure
-from operator_app.planning.reproduction import specimen_poses
+from operator_app.planning.reproduction import capture_specimen
 from tests.oracles.loop_oracle import closure, paper_truth
 
 PRINTED = {"theta_off_2": -122.8, "s_1": 0.273, "alpha_7": 99.8, "a_0": 0.202}
@@ -21,7 +21,7 @@ PRINTED = {"theta_off_2": -122.8, "s_1": 0.273, "alpha_7": 99.8, "a_0": 0.202}
 def test_poses_of_an_exact_specimen_close_its_true_loop() -> None:
     """By an independent chain: at some hinge angle every pose comes back to the hinge."""
     procedure = load_procedure("hinge")
-    taken = specimen_poses(procedure, scenario("exact"), poses=3)
+    taken = capture_specimen(procedure, scenario("exact"), poses=3)
     truth = paper_truth()
     for q in taken.q_rad:
 

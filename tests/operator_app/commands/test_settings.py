@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from hardware.buses.python_can import BusSettings, bus_settings
-from operator_app.carried_procedure import carried_procedure
 from operator_app.cli import main
 from operator_app.commands.options import choices_from
 from operator_app.commands.table import parser_of
 from operator_app.config.user_settings import load_settings, usual_bus
+from operator_app.effective_procedure import effective_procedure
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import begin
 
@@ -68,20 +68,20 @@ def test_everything_else_is_stronger(file: Path, monkeypatch: pytest.MonkeyPatch
 def test_who_names_a_virtual_arm_means_one(
     file: Path, tmp_path: Path, options: list[str], virtual: bool
 ) -> None:
-    from operator_app.carried_procedure import session_bus
+    from operator_app.effective_procedure import session_bus
 
     main(["settings", "interface=socketcan", "channel=can3", "operator=R. Hand"])
     choices = choices_from(parser_of("run").parse_args(["hinge", *options]))
     assert choices.operator == "R. Hand"
     opening = begin("hinge", choices, root=tmp_path)
     assert (session_bus(choices, opening.procedure).interface == "virtual") is virtual
-    assert carried_procedure(opening).arm.joint_count == 7
+    assert effective_procedure(opening).arm.joint_count == 7
 
 
 def test_a_procedures_virtual_names_no_bus_and_that_is_said(
     file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from operator_app.carried_procedure import session_bus
+    from operator_app.effective_procedure import session_bus
 
     line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
     assert main(line) == 0
@@ -162,8 +162,8 @@ def test_a_wrong_file_is_mended_key_by_key(file: Path, capsys: pytest.CaptureFix
 
 
 def test_reset_on_a_bus_that_is_named_needs_no_settings(file: Path) -> None:
-    from operator_app.carried_procedure import session_bus
     from operator_app.commands.options import opening_from
+    from operator_app.effective_procedure import session_bus
 
     file.parent.mkdir(parents=True)
     file.write_text(WRONG)
@@ -179,7 +179,7 @@ def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """It may hold who works here; that is nothing to stop a calibration for."""
-    from operator_app.carried_procedure import session_bus
+    from operator_app.effective_procedure import session_bus
 
     file.parent.mkdir(parents=True)
     file.write_text(WRONG)

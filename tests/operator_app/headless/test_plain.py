@@ -81,7 +81,7 @@ def test_from_connect_to_uploaded_parameters(source):
     script = run(
         source,
         *TO_CAPTURE,
-        "Capture all",
+        "Capture the remaining",
         "Go on",
         "Calibrate",
         "Go on",
@@ -90,8 +90,7 @@ def test_from_connect_to_uploaded_parameters(source):
         "Write",
         "Upload",
         "SDA-0001",
-        "History",
-        "Leave",
+        "Quit",
     )
     assert script.reason == "left"
     assert "arm SDA-0001: 1 accepted calibration" in " ".join(script.said).replace(
@@ -119,11 +118,11 @@ def test_what_is_closed_says_why_and_is_not_done(source):
 @pytest.mark.campaign
 def test_a_wrong_number_and_a_wrong_serial_do_nothing(source):
     script = run(
-        source, lambda: "99", lambda: "one", *TO_CAPTURE, "Capture all", "Go on", "Calibrate",
-        "Go on", "Go on", "Upload", "SDA-0009", "Leave",
+        source, lambda: "99", lambda: "one", *TO_CAPTURE, "Capture the remaining", "Go on", "Calibrate",
+        "Go on", "Go on", "Upload", "SDA-0009", "Quit",
     )  # fmt: skip
     assert sum("type a number from 1 to" in row for row in script.said) == 2
-    assert "Not done: that is not SDA-0001. Nothing was sent." in script.said
+    assert "Not done: the answer was not SDA-0001; nothing was uploaded." in script.said
     assert source.arm.active_parameters() == b""
 
 
@@ -132,39 +131,39 @@ def test_what_is_not_accepted_is_uploaded_for_a_reason_only(source):
     limits = replace(source.procedure.acceptance, sigma_pos_mm=1e-6)
     source.procedure = replace(source.procedure, acceptance=limits)
     script = run(
-        source, *TO_CAPTURE, "Capture all", "Go on", "Calibrate", "Go on", "Upload all the same",
-        " ", "Upload all the same", "the demo is tonight", "SDA-0001", "Leave",
+        source, *TO_CAPTURE, "Capture the remaining", "Go on", "Calibrate", "Go on", "Force upload",
+        " ", "Force upload", "the demo is tonight", "SDA-0001", "Quit",
     )  # fmt: skip
-    assert "Not done: nothing was sent: it takes a reason." in script.said
+    assert "Not done: nothing was uploaded: a reason is required." in script.said
     written = source.root / "session-1" / "parameters.yaml"
     assert load_parameters(written).warnings[0].text.endswith("the demo is tonight")
     assert source.arm.active_parameters() == written.read_bytes()
 
 
 def test_what_is_not_confirmed_with_yes_is_said_not_to_be_done(source):
-    script = run(source, *TO_CAPTURE[:-2], "y", "Leave")
-    assert "Not done: that is not yes." in script.said
+    script = run(source, *TO_CAPTURE[:-2], "y", "Quit")
+    assert "Not done: the answer was not yes." in script.said
 
 
 def test_too_many_position_joints_are_refused_with_the_reason(source):
-    script = run(source, *TO_CAPTURE[:-3], "Choose other", "1 2 5", "Leave")
+    script = run(source, *TO_CAPTURE[:-3], "Choose other", "1 2 5", "Quit")
     assert any("until a drive trips" in row for row in script.said)
 
 
 def test_notes_undo_and_exclusion(source):
     script = run(
         source, *TO_CAPTURE, "Move to", "Capture a pose", "Capture a pose", "Note", "1",
-        "cable touched?", "Exclude", "2", "Exclude", "7", "Take back", "Leave",
+        "cable touched?", "Exclude", "2", "Exclude", "7", "Undo", "Quit",
     )  # fmt: skip
     assert "Pose 1: noise up to" in "".join(script.said)
     assert any("cable touched?" in row for row in script.said)
     assert "There is no pose '7'." in script.said
-    assert any("pose 2 taken back" in row for row in script.said)
+    assert any("pose 2 is undone" in row for row in script.said)
 
 
 def test_enter_stops_a_motion(source):
     source.pace_s = 0.005
-    script = Script([*TO_CAPTURE, "Move to", "Leave"])
+    script = Script([*TO_CAPTURE, "Move to", "Quit"])
     script.touch_after = 0
     Plain(source, script, pause=lambda _: None).run()
     assert "moving: press Enter to stop it." in script.said
@@ -176,7 +175,7 @@ def test_ctrl_c_is_stop_while_an_arm_is_connected_and_its_reset_is_offered(sourc
     def interrupt() -> str:
         raise KeyboardInterrupt
 
-    script = run(source, *TO_CAPTURE, interrupt, "Reset STOP", "Back to Modes", "Leave")
+    script = run(source, *TO_CAPTURE, interrupt, "Reset STOP", "Back to Modes", "Quit")
     assert len(source.arm.stops) == 1
     assert any("software STOP sent" in row for row in script.said)
     assert any("STOP reset: nothing moves" in row for row in script.said)
@@ -197,7 +196,7 @@ def test_a_session_that_cannot_be_read_is_listed_and_says_what_to_do(source):
         b'{"schema":"sarcal/journal/1","seq":1,"utc":"2026-01-31T12:00:00.000Z","event":"opened",'
         b'"data":{},"sum":"0123456789abcdef"}\n'
     )
-    script = run(source, "Open an earlier", "2", "Leave")
+    script = run(source, "Open an earlier", "2", "Quit")
     said = "\n".join(script.said)
     assert "session-0  cannot be read:" in said
     assert "is damaged at line 1" in said
@@ -212,12 +211,14 @@ def test_a_session_folder_that_is_taken_away_is_said_and_the_rescue_named(source
         """The folder goes away while the operator looks at the menu."""
         shutil.rmtree(source.root / "session-1")
         rows = (row.strip().partition(" ") for row in reversed(script.said))
-        return next(number for number, _, label in rows if label.startswith("Capture all"))
+        return next(
+            number for number, _, label in rows if label.startswith("Capture the remaining")
+        )
 
-    script._answers = iter((*TO_CAPTURE, vanish, "Leave"))
+    script._answers = iter((*TO_CAPTURE, vanish, "Quit"))
     Plain(source, script, pause=lambda _: None).run()
     said = "\n".join(script.said)
-    assert "was deleted, moved or renamed while this session was writing it" in said
+    assert "was deleted, moved or renamed while this session was using it" in said
     assert f"--resume {source.root / 'session-1-rescued'}" in said
 
 
@@ -226,15 +227,15 @@ def test_a_fixture_mounted_anew_goes_on_in_the_same_session(source):
     """Both placements are captured into one pose set; between them the arm is let go."""
     script = run(
         source,
-        *TO_CAPTURE, "Mount the fixture anew",  # refused: no pose yet
-        "Capture all", "Mount the fixture anew", "yes",
-        *TO_CAPTURE, "Capture all", "Leave",
+        *TO_CAPTURE, "Remount the fixture",  # refused: no pose yet
+        "Capture the remaining", "Remount the fixture", "yes",
+        *TO_CAPTURE, "Capture the remaining", "Quit",
     )  # fmt: skip
     said = " ".join(script.said)
     assert "6 poses of this placement are still to be captured" in said
     for what in (
         "The drives are off. Secure the arm",
-        "Take the hinge off the table and off the hand",
+        "Take the hinge off the table and off the tool",
         "5. Only then connect",
     ):
         assert what in " ".join(said.split())
@@ -259,8 +260,8 @@ def test_an_arm_is_connected_again_once_somebody_says_that_its_fixture_is_mounte
     """The journal says until then that it is off, whenever this program is killed."""
     source.simulated = False
     to_capture = ("Connect", "Confirm: the hardware stop", *TO_CAPTURE[1:])
-    captured = (*to_capture, "Capture all", "Mount the fixture anew", "yes")
-    script = run(source, *captured, "Connect", "no", "Leave")
+    captured = (*to_capture, "Capture the remaining", "Remount the fixture", "yes")
+    script = run(source, *captured, "Connect", "no", "Quit")
     source.close("left")
     assert any("Placement 2 has no pose yet. Is its hinge mounted" in row for row in script.said)
     (folder,) = source.root.iterdir()
@@ -268,7 +269,7 @@ def test_an_arm_is_connected_again_once_somebody_says_that_its_fixture_is_mounte
     assert [e.name for e in events[-3:]] == ["remounting", "resumed", "closed"]
     assert not session_state(read_journal(folder)).mounted
 
-    script = Script(["Connect", "no", "Connect", "yes", "Leave"])
+    script = Script(["Connect", "no", "Connect", "yes", "Quit"])
     Plain(source, script, resume=folder.name, pause=lambda _: None).run()
     names = [e.name for e in read_journal(folder).events[len(events) :]]
     assert names[:3] == ["resumed", "remounted", "connected"]

@@ -13,7 +13,7 @@ from operator_app.planning.drives import (
     DrivePrediction,
     choose_drives,
     predict_drives,
-    worth_trying,
+    sets_to_try,
 )
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import TrialWiggles
@@ -56,11 +56,11 @@ def test_inexact_sensors_do_not_drive_while_others_can(prediction: DrivePredicti
 def test_joints_that_are_not_used_never_drive(prediction: DrivePrediction) -> None:
     choice = choose_drives(prediction, unsensed_joints=(1,))
     assert all(1 not in drives for drives in choice.sets)
-    assert all(1 not in drives for drives in worth_trying(prediction, (1,)))
+    assert all(1 not in drives for drives in sets_to_try(prediction, (1,)))
 
 
 def test_a_trial_overrules_the_prediction(prediction: DrivePrediction) -> None:
-    tried = worth_trying(prediction)
+    tried = sets_to_try(prediction)
     assert tried[0] == (1, 5)
     trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in tried]
     choice = choose_drives(prediction, trials=trials)
@@ -69,7 +69,7 @@ def test_a_trial_overrules_the_prediction(prediction: DrivePrediction) -> None:
 
 
 def test_when_no_tried_set_moves_the_reason_is_said(prediction: DrivePrediction) -> None:
-    trials = [trial(d, follows=0.1) for d in worth_trying(prediction)]
+    trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
     with pytest.raises(SessionError, match="only 10% of what it was told"):
         choose_drives(prediction, trials=trials)
 
@@ -78,7 +78,9 @@ def test_at_a_fold_nothing_is_chosen(prediction: DrivePrediction) -> None:
     folded = tuple(
         replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
     )
-    with pytest.raises(SessionError, match=r"no joints can drive the chain from here.*fold"):
+    with pytest.raises(
+        SessionError, match=r"no joints can drive the chain from the present pose.*fold"
+    ):
         choose_drives(replace(prediction, here=folded))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from operator_app.config.procedure_file import load_procedure
-from operator_app.planning.forecast import is_clear
+from operator_app.planning.forecast import is_path_clear
 from tests.oracles.loop_oracle import Truth, closure, closure_rates, paper_truth, product
 
 STEP_RAD = np.deg2rad(1.0)
@@ -57,7 +57,7 @@ def test_a_way_on_which_free_joints_run_away_is_not_clear(
     assert (fastest < 1.5) if clear else (fastest > 5.0)
     x = truth.values([p.name for p in loop.parameters])
     target = {1: float(there[1]), 5: float(there[5])}
-    assert is_clear(procedure.arm, loop, x, here[1:], target) is clear
+    assert is_path_clear(procedure.arm, loop, x, here[1:], target) is clear
     # A degree beyond a range is no place to go, however smooth the way.
     beyond = {1: float(procedure.arm.upper_rad[0]) + 0.02, 5: float(here[5])}
-    assert not is_clear(procedure.arm, loop, x, here[1:], beyond)
+    assert not is_path_clear(procedure.arm, loop, x, here[1:], beyond)

@@ -14,7 +14,7 @@ from operator_app.report.facts import Facts, estimate_json, facts_of
 from operator_app.report.results.verification import verification_json, verified_words
 from operator_app.report.terminal import table_spans
 from operator_app.report.text import facts_text
-from operator_app.session.ui.snapshot import Verified
+from operator_app.session.ui.snapshot import VerificationSummary
 from tests.oracles.parameter_documents import make_document
 
 NOT_KNOWN = {"rms": None, "as_printed": None}
@@ -72,7 +72,7 @@ def test_new_poses_are_judged_by_their_positions_alone(
 
 
 def test_one_line_of_new_poses_names_what_was_judged() -> None:
-    of_a_hinge = Verified(
+    of_a_hinge = VerificationSummary(
         poses=5, position_m=1e-3, orientation_rad=2e-3, chi2_per_dof=1.0, holds=True
     )
     assert verified_words(of_a_hinge).startswith(

@@ -12,7 +12,7 @@ import pytest
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.folders import find_session, list_sessions, new_folder
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.journal_format import line_of
+from operator_app.session.store.journal_format import format_line
 from operator_app.session.store.replay import order_of
 from operator_app.session.workflow.importing import ImportedSession
 from operator_app.session.workflow.opening import KINDS
@@ -100,7 +100,7 @@ def without_order(folder: Path, after: str = "") -> None:
     opened = replace(opened, data={**data, **({"after": after} if after else {})})
     lines, chain = list[bytes](), ""
     for event in (opened, *others):
-        line, chain = line_of(event, chain)
+        line, chain = format_line(event, chain)
         lines.append(line)
     path.write_bytes(b"".join(lines))
 

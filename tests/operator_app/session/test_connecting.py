@@ -20,7 +20,7 @@ def test_what_was_written_into_drives_is_said_and_journalled(make_session: MakeS
     session.arm.connect = lambda: replace(connect_arm(), configured=changed)
     told: list[str] = []
     listener, publisher = Listener(), Quiet(session)
-    listener.told = told.append
+    listener.report = told.append
     publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
     connect(session, listener)
     assert told[0].startswith(
@@ -40,7 +40,7 @@ def test_what_was_set_to_zero_in_drives_is_no_pdo(make_session: MakeSession) -> 
     session.arm.connect = lambda: replace(connect_arm(), configured=(pdo, zeroed), zeroed=(zeroed,))
     told: list[str] = []
     listener = Listener()
-    listener.told = told.append
+    listener.report = told.append
     connect(session, listener)
     assert told[0].startswith("1 PDO of the drives set up")
     assert f"1 torque or offset in the drives set to 0, and not set back: {zeroed}." in told[0]
@@ -54,7 +54,7 @@ def test_a_drive_that_does_not_say_that_it_misses_its_operator_is_named(
     session.arm.connect = lambda: replace(connect_arm(), unwatching=(3, 5))
     told: list[str] = []
     listener, publisher = Listener(), Quiet(session)
-    listener.told = told.append
+    listener.report = told.append
     publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
     connect(session, listener)
     assert told[0].startswith("Joints 3, 5: without 1016h nothing says that a drive notices")

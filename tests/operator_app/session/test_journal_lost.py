@@ -66,10 +66,10 @@ def test_what_was_read_and_not_written_is_in_the_rescue(make_session: MakeSessio
     session.set_modes((1, 5))
     session.capture()
     shutil.rmtree(session.journal.path.parent)
-    with pytest.raises(JournalLostError, match="the entry in hand included"):
+    with pytest.raises(JournalLostError, match="with the last entry"):
         session.capture()
     assert len(session.state.poses) == 1
-    state = read_session(session.journal.kept_in).state
+    state = read_session(session.journal.kept_folder).state
     assert state is not None
     assert len(state.poses) == 2
     session.close("end of the test")
@@ -83,7 +83,7 @@ def test_a_journal_that_is_gone_at_the_very_end_is_said(make_session: MakeSessio
     shutil.rmtree(session.journal.path.parent)
     session.close("done")
     assert session.journal.loss is not None
-    assert read_journal(session.journal.kept_in).events[-1].name == "closed"
+    assert read_journal(session.journal.kept_folder).events[-1].name == "closed"
 
 
 class Overwriter(Listener):
@@ -141,7 +141,7 @@ def test_a_journal_changed_in_place_is_noticed_as_it_is_closed(make_session: Mak
     path.write_bytes(raw[:40] + bytes([raw[40] ^ 1]) + raw[41:])
     session.close("done")
     assert session.journal.loss is not None
-    assert read_journal(session.journal.kept_in).events[-1].name == "closed"
+    assert read_journal(session.journal.kept_folder).events[-1].name == "closed"
 
 
 @pytest.mark.campaign
@@ -162,7 +162,7 @@ def test_run_says_what_happened_and_where_everything_is(
     assert main(words) == 2
     said = capsys.readouterr().err
     (rescued,) = root.glob("*-rescued")
-    assert "was deleted, moved or renamed while this session was writing it" in said
+    assert "was deleted, moved or renamed while this session was using it" in said
     assert "the arm is held" in said
     assert f"--resume {rescued}" in said
     assert "Traceback" not in said

@@ -60,12 +60,12 @@ def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(
     with pytest.raises(JournalLostError, match=words) as lost:
         journal.append("pose", {"number": 2})
     rescued = tmp_path / "20261122-hinge-rescued"
-    assert lost.value.rescued == journal.kept_in == rescued
+    assert lost.value.rescued == journal.kept_folder == rescued
     assert f"--resume {rescued}" in lost.value.remedy
     found = [(e.name, e.data) for e in read_journal(rescued).events]
     assert found == [*EVENTS, ("pose", {"number": 2})]
     # Neither does it take any more, nor is the rescue written twice.
-    for again in (lambda: journal.append("pose", {"number": 3}), journal.require_there):
+    for again in (lambda: journal.append("pose", {"number": 3}), journal.require_intact):
         with pytest.raises(JournalLostError, match=words):
             again()
     journal.close()
@@ -78,12 +78,12 @@ def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(
 def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path: Path) -> None:
     journal = Journal.create(tmp_path / "session")
     journal.append("opened", {})
-    journal.require_there()
+    journal.require_intact()
     shutil.rmtree(tmp_path / "session")
-    with pytest.raises(JournalLostError, match="Everything is in"):
-        journal.require_there()
+    with pytest.raises(JournalLostError, match="All entries are in"):
+        journal.require_intact()
     journal.close()
-    assert [e.name for e in read_journal(journal.kept_in).events] == ["opened"]
+    assert [e.name for e in read_journal(journal.kept_folder).events] == ["opened"]
 
 
 def one_bit(path: Path, line: int) -> None:
@@ -108,10 +108,10 @@ def test_one_bit_changed_in_place_is_noticed_when_it_is_read_back(
         journal.close()
         journal = Journal.resume(folder)
     journal.append("solved", {"accepted": True, "note": "y" * 40})
-    journal.require_there(unchanged=True)
+    journal.require_intact(unchanged=True)
     one_bit(folder / JOURNAL_NAME, line)
     with pytest.raises(JournalLostError, match=f"was changed in line {line} while") as lost:
-        journal.require_there(unchanged=True)
+        journal.require_intact(unchanged=True)
     journal.close()
     rescued = lost.value.rescued
     assert rescued is not None
@@ -131,5 +131,5 @@ def test_a_rescue_goes_elsewhere_when_there_is_nothing_beside(
     with pytest.raises(JournalLostError):
         journal.append("pose", {})
     journal.close()
-    assert journal.kept_in == other / "one-rescued"
-    assert len(read_journal(journal.kept_in).events) == 2
+    assert journal.kept_folder == other / "one-rescued"
+    assert len(read_journal(journal.kept_folder).events) == 2

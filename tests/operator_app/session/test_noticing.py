@@ -1,4 +1,4 @@
-"""What a session notices by itself while it takes poses: a stuck sensor, a jump, an arm that cannot begin to move."""
+"""What a session notices by itself while it takes poses: a stuck sensor, a jump, an arm that cannot start to move."""
 
 from __future__ import annotations
 
@@ -86,13 +86,15 @@ def test_a_sensor_that_stands_still_is_named_and_its_pose_does_not_count(
 ) -> None:
     session = begun(name)
     session.arm.frozen = joint
-    with pytest.raises(SensorFault, match=rf"joint {joint} reads as it did at pose \d+") as told:
+    with pytest.raises(
+        SensorFault, match=rf"joint {joint} reads the same count as at pose \d+"
+    ) as told:
         take_poses(session, Listener(), (1, 5))
     assert told.value.joint == joint
     assert "--unsensed" in str(told.value)
     assert len(session.state.poses) <= 3
     # It may have stood still before the last one as well.
-    assert "read wrong by then" in session.state.poses[-1].excluded
+    assert "read wrong at that time" in session.state.poses[-1].excluded
     names = [e.name for e in read_journal(session.journal.path.parent).events]
     assert "sensor_fault" in names
 
@@ -112,8 +114,8 @@ def test_after_a_jump_no_pose_counts_before_the_first_one_reads_as_it_did(
     with pytest.raises(SensorFault):
         take_poses(session, Listener(), (1, 5))
     taken = len(session.state.poses)
-    assert session.state.slipped
-    with pytest.raises(GuardError, match="no pose is captured: joint 3 jumped"):
+    assert session.state.sensor_jump
+    with pytest.raises(GuardError, match="captures are refused: joint 3 jumped"):
         session.capture()
     assert len(session.state.poses) == taken
 
@@ -121,8 +123,8 @@ def test_after_a_jump_no_pose_counts_before_the_first_one_reads_as_it_did(
     session.cancelled = lambda: len(session.state.poses) == taken + 1
     with pytest.raises(Cancelled):
         take_poses(session, Listener())
-    assert not session.state.slipped
-    assert session.state.returns[-1].first.number == 1
+    assert not session.state.sensor_jump
+    assert session.state.repeats[-1].first.number == 1
 
 
 def test_a_pose_that_was_read_while_it_jumped_does_not_count(begun: MakeSession) -> None:
@@ -139,14 +141,14 @@ def test_a_pose_that_was_read_while_it_jumped_does_not_count(begun: MakeSession)
     with pytest.raises(SensorFault):
         session.go_to({1: 0.0})
     assert session.state.used_poses == ()
-    assert "joint 4 read wrong by then" in session.state.poses[0].excluded
+    assert "joint 4 read wrong at that time" in session.state.poses[0].excluded
 
 
 def test_an_arm_that_cannot_begin_to_move_passes_no_waypoint_over(begun: MakeSession) -> None:
     session = begun()
     session.set_modes((1, 5))
     session.arm.overloaded = True
-    with pytest.raises(GuardError, match=r"cannot begin to move: joint 2 needed 95 N m"):
+    with pytest.raises(GuardError, match=r"cannot start to move: joint 2 needed 95 N m"):
         take_poses(session, Listener())
     assert session.state.visited == frozenset()
     session.arm.overloaded = False
@@ -228,17 +230,17 @@ def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_do
     tmp_path: Path,
 ) -> None:
     arm, session = stray(tmp_path / "s")
-    session.heed()
+    session.record_stop_cause()
     session.capture()
     arm.why = DriveDiverged(5, 1300, since_sync=arm.snapshot().sync_count - 3)
-    for ask in (session.heed, session.heed, session.read):
+    for ask in (session.record_stop_cause, session.record_stop_cause, session.read):
         with pytest.raises(DriveDiverged):
             ask()
     events = read_journal(tmp_path / "s").events
     (kept,) = [e.data for e in events if e.name == "sensor_fault"]
     assert kept == {"joint": 5, "text": str(arm.why)}
-    assert "joint 5 read wrong by then" in session.state.poses[0].excluded
-    assert session.state.slipped
+    assert "joint 5 read wrong at that time" in session.state.poses[0].excluded
+    assert session.state.sensor_jump
 
 
 @pytest.mark.parametrize(
@@ -262,5 +264,5 @@ def test_why_an_arm_was_stopped_is_kept_before_the_arm_forgets_it(
         e.data["joint"] for e in read_journal(tmp_path / "s").events if e.name == "sensor_fault"
     ]
     assert kept == [5]
-    assert session.state.slipped
+    assert session.state.sensor_jump
     assert session.state.used_poses == ()

@@ -14,7 +14,7 @@ from fixtures.measured import Measured
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines
 from hardware.virtual.truth import OpenTruth, paper_loop
-from operator_app.carried_procedure import carried_procedure
+from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import take_poses
@@ -40,7 +40,7 @@ class Tracked:
         self.session = self._opened(self.opening)
 
     def _opened(self, opening) -> Session:
-        procedure = carried_procedure(opening)
+        procedure = effective_procedure(opening)
         fixture = procedure.fixture.fixture
         assert isinstance(fixture, Measured)
         chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
@@ -122,7 +122,7 @@ def test_a_tracker_that_was_knocked_is_found_before_another_pose_counts(tmp_path
     session = with_one_pose(tracked)
     # The same tracker, read again, goes on.
     take_poses(session, Listener(), DRIVES)
-    assert [len(r.again.endpoint) for r in session.state.returns] == [6, 6]
+    assert [len(r.again.endpoint) for r in session.state.repeats] == [6, 6]
     session.exclude(5, "to go on")
     session = tracked.again()
     tracked.says = lambda answer: moved(answer, 0.003)
@@ -161,7 +161,7 @@ def test_a_target_out_of_sight_costs_a_waypoint_and_a_silent_tracker_no_pose(
     assert asked == ["1", "1", "2"]
     (kept,) = session.state.used_poses
     assert (kept.waypoint, len(kept.endpoint)) == (1, 6)
-    assert session.state.passed_over == {0}
+    assert session.state.skipped_waypoints == {0}
 
 
 def test_an_arm_that_moves_while_it_is_measured_gives_no_pose(tracked: Tracked) -> None:
@@ -182,7 +182,7 @@ def test_an_arm_that_moves_while_it_is_measured_gives_no_pose(tracked: Tracked) 
 
 def test_without_a_port_it_says_how_to_name_one(tmp_path: Path) -> None:
     opening = begin("open_loop", Choices(interface="virtual"), root=tmp_path)
-    procedure = carried_procedure(opening)
+    procedure = effective_procedure(opening)
     chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
     session = open_session(
         Rig(arm=PlantArm(procedure, chosen), opening=opening, simulated=True, instrument=None)

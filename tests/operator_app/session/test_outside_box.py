@@ -15,7 +15,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_box import SLOWLY_RAD_PER_S
+from operator_app.session.workflow.drive_box import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened
@@ -83,7 +83,7 @@ def resumed(folder: Path, *, wanted: int) -> tuple[Session, Watched]:
 @pytest.mark.parametrize("wanted", [40, POSES])
 def test_a_resume_does_not_drive_it_back_to_its_first_pose(tmp_path: Path, wanted: int) -> None:
     session, arm = resumed(tmp_path / "s", wanted=wanted)
-    with pytest.raises(GuardError, match=r"joint 1 stands at \+102\.\d+ deg, outside") as refused:
+    with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
         take_poses(session, Listener(), (1, 5))
     assert "--go-home" in refused.value.remedy
     assert arm.speeds_rad_per_s == []
@@ -93,11 +93,11 @@ def test_a_resume_does_not_drive_it_back_to_its_first_pose(tmp_path: Path, wante
 
 def test_with_an_agreement_it_goes_home_slowly_first(tmp_path: Path) -> None:
     session, arm = resumed(tmp_path / "s", wanted=40)
-    session.cancelled = lambda: len(session.state.returns) == 1
+    session.cancelled = lambda: len(session.state.repeats) == 1
     with pytest.raises(Cancelled):
         take_poses(session, Listener(), (1, 5), homing=True)
-    assert arm.speeds_rad_per_s[0] == SLOWLY_RAD_PER_S
-    assert len(session.state.returns) == 1
+    assert arm.speeds_rad_per_s[0] == HOMING_SPEED_RAD_PER_S
+    assert len(session.state.repeats) == 1
     session.close("left")
 
 
@@ -135,7 +135,7 @@ def test_a_planned_session_does_not_drive_it_back_either(
     session, arm = moved_since(exploring, tmp_path / "s")
     if withdrawn:
         session.undo()
-    with pytest.raises(GuardError, match=r"joint 1 stands at \+102\.\d+ deg, outside") as refused:
+    with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
         take_poses(session, Listener(), (1, 5))
     assert "--go-home" in refused.value.remedy
     assert arm.speeds_rad_per_s == []
@@ -154,6 +154,6 @@ def test_with_an_agreement_a_planned_session_goes_home_slowly_first(
     session.cancelled = lambda: len(session.state.poses) == kept + 1
     with pytest.raises(Cancelled):
         take_poses(session, Listener(), (1, 5), homing=True)
-    assert arm.speeds_rad_per_s[0] == SLOWLY_RAD_PER_S
+    assert arm.speeds_rad_per_s[0] == HOMING_SPEED_RAD_PER_S
     assert len(arm.speeds_rad_per_s) > 1
     session.close("left")

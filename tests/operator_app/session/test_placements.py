@@ -59,7 +59,7 @@ def test_a_new_mounting_begins_anew_and_keeps_the_poses() -> None:
     assert before.here is before
     # Of where the arm stands in the new one, the others' poses and solution say nothing.
     assert state.here.used_poses == ()
-    assert state.here.returns == ()
+    assert state.here.repeats == ()
     procedure = begin("hinge", Choices(poses=12, placements=2), root=Path()).procedure
     assert before.wanted_poses(procedure.capture) == 12
     assert state.wanted_poses(procedure.capture) == 24
@@ -80,8 +80,8 @@ def test_poses_of_the_second_mounting_are_told_apart() -> None:
     assert state.next_waypoint == 1
     here = state.here
     assert here.pose_set().placements == (1,)
-    assert [r.first.number for r in here.returns] == [13]
-    assert len(state.returns) == 2
+    assert [r.first.number for r in here.repeats] == [13]
+    assert len(state.repeats) == 2
 
 
 def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path: Path) -> None:
@@ -101,7 +101,7 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     folder = written(tmp_path / "a", first_placement())
     opening = resume(str(folder), Choices(), root=tmp_path)
     said = " ".join(words(opening, drives_off=True))
-    for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the hand",
+    for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the tool",
                  "Mount it anew", "close the loop", "--placement 2", "Type mounted and Enter"):  # fmt: skip
         assert what in said
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
@@ -127,7 +127,7 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     ("arguments", "words_said"),
     [
         (["hinge_planned", "--placements", "2"], "one placement"),
-        (["open_loop", "--placements", "2"], "nothing to take off"),
+        (["open_loop", "--placements", "2"], "no fixture to remount"),
         (["hinge", "--placements", "21"], "Ask for 1 to 20"),
         (["hinge", "--placements", "0"], "no whole number from 1"),
     ],
@@ -213,7 +213,7 @@ def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
     assert f"Go on with: sarcal run --resume {folder}" in said
     assert (folder / "journal.jsonl").read_bytes() == before
     opening = resume(str(folder), Choices(), root=tmp_path)
-    assert (opening.next_due, opening.unseen) == (not more, bool(more))
+    assert (opening.next_due, opening.unconfirmed_placement) == (not more, bool(more))
 
 
 def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:
@@ -267,12 +267,16 @@ def test_nothing_connects_while_the_fixture_is_off(make_session) -> None:
     session.record("control", {"start_rad": Q, "home_rad": Q})
     session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
     session.record("remounting", {"placement": 2})
-    assert (session.state.placement, session.state.mounted, session.state.unseen) == (
+    assert (
+        session.state.placement,
+        session.state.mounted,
+        session.state.unconfirmed_placement,
+    ) == (
         2,
         False,
         True,
     )
-    with pytest.raises(GuardError, match="nobody said that it is mounted for placement 2"):
+    with pytest.raises(GuardError, match="its mounting for placement 2"):
         session.connect()
     assert session.identity is None
     session.mounted()
@@ -284,5 +288,5 @@ def test_undo_takes_back_no_pose_of_another_placement(make_session) -> None:
     live_session.record("control", {"start_rad": Q, "home_rad": Q})
     live_session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
     live_session.record("remounted", {"placement": 2})
-    with pytest.raises(GuardError, match="of this placement"):
+    with pytest.raises(GuardError, match="this placement has no pose"):
         live_session.undo()

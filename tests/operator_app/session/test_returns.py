@@ -17,7 +17,7 @@ from operator_app.errors import Cancelled
 from operator_app.messages.finding import Finding
 from operator_app.messages.finding import FindingKind as Kind
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.stored_calibration import NO_WAY_BACK, unreturned_notices
+from operator_app.session.store.stored_calibration import NO_WAY_BACK, missing_repeat_notices
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.exploration import visit
 from operator_app.session.workflow.listener import Listener
@@ -36,7 +36,7 @@ def begun(session: Session) -> Session:
 def judged(session: Session) -> Repeat:
     """The last return, by the calibration of the same session."""
     solution = session.calibrate()
-    found = session.state.returns[-1]
+    found = session.state.repeats[-1]
     return compare_readings(
         session.model,
         solution.model,
@@ -50,7 +50,7 @@ def judged(session: Session) -> Repeat:
 def test_it_ends_where_it_began(make_session: MakeSession) -> None:
     session = begun(make_session(short_procedure(6)))
     take_poses(session, Listener(), (1, 5))
-    (found,) = session.state.returns
+    (found,) = session.state.repeats
     assert (found.first.number, found.again.kind, found.again.after) == (1, "return", 6)
     assert len(session.state.used_poses) == 6
     # Not exactly there, but along the chain's own motions.
@@ -105,18 +105,18 @@ def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(
     with pytest.raises(Cancelled):
         take_poses(session, Listener(), (1, 5))
     session.close("left")
-    assert not session.state.returns
+    assert not session.state.repeats
 
     again = begun(make_session(short_procedure(5), resume=True))
     take_poses(again, Listener(), (1, 5))
     names = [e.name for e in read_journal(again.journal.path.parent).events]
     after = [n for n in names[names.index("resumed") :] if n in ("reading", "pose")]
     assert after == ["reading", "pose", "pose", "pose", "reading"]
-    assert [r.again.after for r in again.state.returns] == [2, 5]
-    assert {r.first.number for r in again.state.returns} == {1}
+    assert [r.again.after for r in again.state.repeats] == [2, 5]
+    assert {r.first.number for r in again.state.repeats} == {1}
     # A first pose that is withdrawn is no first pose any more.
     again.exclude(1, "bumped")
-    assert again.state.returns == ()
+    assert again.state.repeats == ()
 
 
 def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
@@ -125,7 +125,7 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     said: list[str] = []
 
     class Hearing(Listener):
-        def told(self, text: str) -> None:
+        def report(self, text: str) -> None:
             said.append(text)
 
         def pose_captured(self, state: object, wanted: int) -> None:
@@ -138,10 +138,10 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     session = begun(make_session(short_procedure(4)))
     take_poses(session, Hearing(), (1, 5))
     assert len(session.state.used_poses) == 4
-    assert session.state.returns == ()
-    assert said[-1].startswith("Pose 1 could not be read once more: joint 7")
+    assert session.state.repeats == ()
+    assert said[-1].startswith("Pose 1 could not be measured again: joint 7")
     assert read_journal(session.journal.path.parent).events[-1].name == "return_missed"
-    (notice,) = unreturned_notices(session.state)
+    (notice,) = missing_repeat_notices(session.state)
     assert notice.code == "NO_RETURN"
     assert notice.poses == ("1", "1", "4")
     assert notice.reported[0].startswith("joint 7")
@@ -162,7 +162,7 @@ def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
     assert notice.poses == ("1", "1", "6")
     assert notice.kind is Kind.NOT_REPEATED
     take_poses(session, Listener(), (1, 5))
-    assert unreturned_notices(session.state) == ()
+    assert missing_repeat_notices(session.state) == ()
     assert "NO_RETURN" not in {w.code for w in session.calibrate().warnings}
 
 
@@ -179,12 +179,12 @@ def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
     missed, way = planned.to_first()
     assert (missed, way) == (NO_WAY_BACK, ())
     session.record("return_missed", {"of": 1, "reason": missed})
-    (notice,) = unreturned_notices(session.state)
+    (notice,) = missing_repeat_notices(session.state)
     assert notice.reported == (NO_WAY_BACK,)
     assert notice.kind is Kind.NEVER_REPEATED
     # What only was in the way may be gone.
     session.record("return_missed", {"of": 1, "reason": "joint 3 needed 95 N m"})
-    (notice,) = unreturned_notices(session.state)
+    (notice,) = missing_repeat_notices(session.state)
     assert notice.kind is Kind.NOT_REPEATED
 
 
@@ -265,9 +265,9 @@ def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSessi
 def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession) -> None:
     session = make_session(short_procedure(20, "exact", samples=32))
     sessioned(session)
-    assert session.calibrated() is not None
-    session.look_again("return", of=session.state.used_poses[0].number)
-    assert session.calibrated() is None
+    assert session.recorded_calibration() is not None
+    session.take_check_reading("return", of=session.state.used_poses[0].number)
+    assert session.recorded_calibration() is None
 
 
 @pytest.mark.parametrize(

@@ -17,11 +17,11 @@ from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.safety.preflight import check_first_standing
+from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.placements import keep_remounted, keep_remounting
+from operator_app.session.workflow.placements import record_remounted, record_remounting
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
@@ -70,8 +70,8 @@ def first_done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedur
     session.connect()
     take_poses(session, Listener(), (1, 5))
     session.close("mounted anew")
-    keep_remounting(folder, 2)
-    keep_remounted(folder, 2)
+    record_remounting(folder, 2)
+    record_remounted(folder, 2)
     return folder, procedure
 
 
@@ -89,7 +89,7 @@ def test_a_slip_between_two_placements_is_told_before_anything_is_enabled(
 ) -> None:
     arm = Slipped(first_done[1], 2, joint, degrees)
     session = second(first_done, tmp_path / "s", arm)
-    with pytest.raises(GuardError, match=f"it would with .*joint {joint} near"):
+    with pytest.raises(GuardError, match=f"it closes with .*joint {joint} near"):
         take_poses(session, Listener(), (1, 5))
     assert arm.enabled == 0
     session.close("refused")
@@ -104,7 +104,10 @@ def test_a_sound_arm_goes_on_in_its_second_placement(
         take_poses(session, Listener(), (1, 5))
     assert [p.placement for p in session.state.poses] == [1] * POSES + [2]
     told = [e.data for e in read_journal(tmp_path / "s").events if e.name == "standing"]
-    assert "by the earlier placements and within what its files leave open" in told[-1]["told"]
+    assert (
+        "with the offsets of the earlier placements and within the tolerances of the files"
+        in told[-1]["told"]
+    )
     session.close("left")
 
 
@@ -121,7 +124,7 @@ def _refused(q_rad: np.ndarray, known: KnownArm | None) -> bool:
         mean_counts=q_rad, mean_rad=q_rad, sd_rad=np.zeros(7), samples=32, first_sync=1
     )
     try:
-        check_first_standing(load_procedure("hinge"), reading, known)
+        check_closure_without_poses(load_procedure("hinge"), reading, known)
     except GuardError:
         return True
     return False

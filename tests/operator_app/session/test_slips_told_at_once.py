@@ -113,7 +113,7 @@ class Slipping(Listener):
         self._session, self._arm, self._slips, self._most = session, arm, slips, most
         self.said: list[str] = []
 
-    def told(self, text: str) -> None:
+    def report(self, text: str) -> None:
         self.said.append(text)
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
@@ -140,7 +140,7 @@ def test_a_slip_of_a_joint_that_is_led_is_told_at_the_next_pose(tmp_path: Path) 
         take_poses(session, hearing, (1, 5))
     assert "start a new session" in str(refused.value)
     assert len(session.state.poses) == 15
-    assert "Pose 15 is not where the poses before it have it" in " ".join(hearing.said)
+    assert "Pose 15 does not fit the poses before it" in " ".join(hearing.said)
     session.close("refused")
 
 
@@ -159,8 +159,8 @@ def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(tmp_path: Path) 
     with pytest.raises(Cancelled):
         take_poses(session, hearing, (1, 5))
     assert len(session.state.poses) == 15
-    assert len(session.state.returns) == 1
-    assert "Nothing slipped that pose 1 tells of: the calibration judges pose 13." in hearing.said
+    assert len(session.state.repeats) == 1
+    assert "Pose 1 is unchanged; the calibration decides about pose 13." in hearing.said
     session.close("left")
 
 
@@ -172,7 +172,7 @@ def test_a_slip_in_a_planned_capture_is_told_at_the_next_pose(tmp_path: Path) ->
         take_poses(session, hearing, (1, 5))
     assert [p.planned for p in session.state.poses][-1:] == [True]
     assert len(session.state.poses) == LEAST + 1
-    assert "Pose 11 is not where the poses before it have it" in " ".join(hearing.said)
+    assert "Pose 11 does not fit the poses before it" in " ".join(hearing.said)
     session.close("refused")
 
 
@@ -183,7 +183,7 @@ def test_a_plan_goes_on_after_a_pose_that_was_odd_by_itself(tmp_path: Path) -> N
     with pytest.raises(Cancelled):
         take_poses(session, hearing, (1, 5))
     assert len(session.state.poses) == 13
-    assert [r.again.after for r in session.state.returns] == [LEAST + 1]
+    assert [r.again.after for r in session.state.repeats] == [LEAST + 1]
     session.close("left")
 
 
@@ -211,8 +211,8 @@ def test_a_slip_between_poses_taken_by_hand_is_said_and_automatic_capture_reads_
         hearing.pose_captured(session.state, 40)
     (said,) = (text for level, text in heard.said if level is Level.WARNING)
     assert said == (
-        "Pose 11 is not where the poses before it have it: something may have slipped on the way there. "
-        "Automatic capture reads pose 1 again first, which tells."
+        "Pose 11 does not fit the poses before it: a joint or the fixture may have shifted. "
+        "The automatic capture measures pose 1 again first (drift check)."
     )
     assert session.state.readings == ()
     with pytest.raises(GuardError, match="joint 1 has shifted by"):

@@ -81,7 +81,7 @@ def test_a_counter_that_began_anew_in_range_is_named_and_nothing_is_enabled(
     arm = WrongZero(procedure)
     arm.begin_anew(1)
     said = refused(tmp_path / "s", arm, procedure, homing=homing)
-    assert "the counter of joint 1 stands at zero" in said
+    assert "the counter of joint 1 is at zero" in said
     assert "Home joint 1" in said
     assert "go-home" not in said
     assert arm.before_end == (0, 0)
@@ -95,8 +95,8 @@ def test_a_zero_that_is_far_off_is_named_and_nothing_is_enabled(
     arm = WrongZero(procedure)
     arm.off_rad[joint - 1] = np.deg2rad(degrees)
     said = refused(tmp_path / "s", arm, procedure, homing=True)
-    assert "the loop cannot close where the arm stands" in said
-    assert f"it would with joint {joint} near" in said
+    assert "the loop cannot close with the present joint readings" in said
+    assert f"it closes with joint {joint} near" in said
     assert "go-home" not in said
     assert arm.before_end == (0, 0)
 
@@ -138,7 +138,7 @@ def test_with_too_few_poses_to_tell_a_zero_that_is_far_off_is_named_all_the_same
 ) -> None:
     arm, procedure = left_after(tmp_path / "s", poses)
     arm.off_rad[joint - 1] = np.deg2rad(degrees)
-    assert "cannot close where the arm stands" in goes_on(tmp_path / "s", arm, procedure)
+    assert "cannot close with the present joint readings" in goes_on(tmp_path / "s", arm, procedure)
     assert arm.before_end == (0, 0)
 
 
@@ -148,7 +148,7 @@ def test_with_too_few_poses_to_tell_a_counter_at_zero_is_named_all_the_same(
 ) -> None:
     arm, procedure = left_after(tmp_path / "s", poses)
     arm.begin_anew(1)
-    assert "the counter of joint 1 stands at zero" in goes_on(tmp_path / "s", arm, procedure)
+    assert "the counter of joint 1 is at zero" in goes_on(tmp_path / "s", arm, procedure)
     assert arm.before_end == (0, 0)
 
 
@@ -182,7 +182,7 @@ def test_why_it_was_refused_is_in_the_journal_and_that_it_passed(
         (passed,) = _standings(folder)
         assert passed["refused"] is False
         assert 1e-12 < float(str(passed["probability"])) <= 1.0
-        assert "within what its files leave open" in str(passed["told"])
+        assert "within the tolerances of the files" in str(passed["told"])
     else:
         opened(folder, arm, procedure).close("left")
     before = len(_standings(folder))
@@ -214,7 +214,7 @@ def test_a_direction_that_is_wrong_is_named(tmp_path: Path) -> None:
     arm = WrongZero(procedure)
     arm.off_rad[1] = -2.0 * arm.snapshot().positions_rad[1]
     said = refused(tmp_path / "s", arm, procedure, homing=False)
-    assert "it would with joint 2 near" in said
+    assert "it closes with joint 2 near" in said
     assert "direction" in said
 
 
@@ -224,7 +224,7 @@ def test_two_joints_exchanged_are_no_single_joint_s_fault(tmp_path: Path) -> Non
     q = arm.snapshot().positions_rad
     arm.off_rad[[1, 2]] = q[[2, 1]] - q[[1, 2]]
     said = refused(tmp_path / "s", arm, procedure, homing=False)
-    assert "whichever joint's reading is left out" in said
+    assert "leaving out any one joint does not help" in said
     assert "order of the joints" in said
 
 
@@ -240,6 +240,6 @@ def test_where_the_files_say_too_little_no_agreement_drives_a_counter_at_zero(
     arm = WrongZero(procedure)
     arm.begin_anew(1)
     said = refused(tmp_path / "s", arm, procedure, homing=True)
-    assert "joint 1 reads zero, where this procedure does not expect it" in said
+    assert "joint 1 reads zero, outside the box of this procedure" in said
     assert "go-home" not in said
     assert arm.moved == 0

@@ -117,7 +117,9 @@ class Driver:
         """Wait until the worker has nothing to do and the screen shows it."""
         runner = self.app.runner
         assert runner is not None
-        await self.until(lambda: not runner._hand and runner.snapshot().task is None, "idle")
+        await self.until(
+            lambda: not runner._waiting_jobs and runner.snapshot().task is None, "idle"
+        )
         self.app.poll()
         await self.settle()
 

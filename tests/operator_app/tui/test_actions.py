@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from operator_app.headless.plain import Plain
 from operator_app.session.ui import actions
-from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
@@ -91,7 +91,7 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
     for told in story().values():
         for s in (told, real(told)):
             for step in Step:
-                name = next_thing(step, s).action
+                name = next_action(step, s).action
                 assert not name or step in actions.by_name(name).steps
 
 
@@ -99,7 +99,7 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first(monkeypatch) -> None:
     here = frozenset({Step.FIXTURE})
     more = tuple(
         OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here,
-                 work=lambda face: face.stop())
+                 work=lambda interface: interface.stop())
         for k in range(2)
     )  # fmt: skip
     before = [a.name for a in actions.footer(Step.FIXTURE)]

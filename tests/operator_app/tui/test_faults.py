@@ -15,7 +15,7 @@ from hardware.errors import (
     SensorFault,
     WrongArm,
 )
-from operator_app.errors import ConnectAgainError, StandingRefusedError
+from operator_app.errors import ClosureRefusedError, ConnectAgainError
 from operator_app.messages.errors import stopped_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.snapshot import DataState, Level, TaskKind
@@ -146,7 +146,7 @@ async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_a
         await d.idle()
         source.arm.diverge(5)
         await d.until(lambda: "STOPPED BY ITSELF joint 5 is +1300" in d.words("#banner"), "banner")
-        await d.until(lambda: "Joint 5 is +1300 counts from where it" in d.words("#log"), "log")
+        await d.until(lambda: "Joint 5 is +1300 counts from its target" in d.words("#log"), "log")
         await d.idle()
         # STOP pressed on top of it does not take the cause out of sight, nor does anything tried then.
         assert "the arm was stopped by itself" in d.hint
@@ -225,7 +225,7 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
         if began_anew:
             raise ConnectAgainError(began_anew[0], "home the joint, then connect again")
 
-    monkeypatch.setattr("operator_app.session.safety.preflight.check_first_standing", check)
+    monkeypatch.setattr("operator_app.session.safety.preflight.check_closure_without_poses", check)
     async with drive(size=(80, 24)) as d:
         await d.to_step(Step.MODES)
         await d.press("enter", "y")
@@ -287,14 +287,14 @@ async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_ses
     drive, source, monkeypatch
 ):
     def refuse(*_: object) -> None:
-        raise StandingRefusedError("the loop does not close", "start a new session")
+        raise ClosureRefusedError("the loop does not close", "start a new session")
 
-    monkeypatch.setattr("operator_app.session.safety.preflight.check_first_standing", refuse)
+    monkeypatch.setattr("operator_app.session.safety.preflight.check_closure_without_poses", refuse)
     async with drive() as d:
         await d.to_step(Step.MODES)
         await d.press("enter", "y")
         await d.idle()
-        assert "N begins a new session" in d.hint
+        assert "N starts a new session" in d.hint
         first = d.runner
         await d.press("N", "y")
         await d.until(lambda: d.runner is not first, "another session")

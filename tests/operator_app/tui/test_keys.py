@@ -46,7 +46,7 @@ async def test_a_key_asks_the_runner(still):
 
 REFUSALS = [
     # step, told, key, words
-    (Step.CONNECT, "connected", "c", "connected already"),
+    (Step.CONNECT, "connected", "c", "already connected"),
     (Step.CONNECT, "start", "right_square_bracket", "no arm is connected"),
     (Step.CONNECT, "start", "2", "Fixture is closed: no arm is connected"),
     (Step.CONNECT, "start", "3", "Modes is closed"),
@@ -367,5 +367,5 @@ async def test_what_to_do_between_two_mountings_is_on_the_screen_whole(still, si
         svg = html.unescape(d.app.export_screenshot(simplify=True))
         shown = " ".join(re.sub(r"<[^>]*>|[┃│]", " ", svg).replace("\xa0", " ").split())
         for what in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
-                     "3. Mount", "4. Bring the arm to its home", "5. Only then", "Let go of the arm"):  # fmt: skip
+                     "3. Mount", "4. Move the arm to its home", "5. Only then", "Let go of the arm"):  # fmt: skip
             assert what in shown

@@ -12,7 +12,7 @@ import pytest
 from hardware.timing import Pace
 from operator_app.composition import open_arm
 from operator_app.session.ui import guards
-from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.steps import Step
 from operator_app.session.workflow.opening import Choices
@@ -64,7 +64,7 @@ async def test_an_arm_that_moves_is_calibrated_by_keys(installed: Path, tmp_path
             await d.press("enter")
             await d.idle()
             assert (d.s.folder / "parameters.yaml").is_file()
-            assert next_thing(Step.EXPORT, d.s).action == "quit"
+            assert next_action(Step.EXPORT, d.s).action == "quit"
             assert guards.may_upload(d.s) == (
                 "this arm keeps no parameters: they are in the session's folder",
             )

@@ -55,10 +55,10 @@ async def test_help_explains_the_focused_panel(still):
 
 async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
     async with still(story()["captured"], step=Step.CONNECT) as d:
-        d.app.face.do_anywhere(by_name("calibrate"))
+        d.app.interface.do_anywhere(by_name("calibrate"))
         assert d.app.step is Step.CALIBRATE
         assert [k for k, _ in d.runner.asked] == [TaskKind.CALIBRATE]
-        d.app.face.do_anywhere(by_name("write"))
+        d.app.interface.do_anywhere(by_name("write"))
         assert d.app.step is Step.CALIBRATE
         assert len(d.runner.asked) == 1
 

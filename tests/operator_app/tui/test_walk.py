@@ -9,7 +9,7 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
-from operator_app.session.ui.next_action import next_thing
+from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Ask, Confirm, Read
 
@@ -18,7 +18,7 @@ MOST_KEYS = 25
 
 def asked_for(d):
     """Step and what comes next there."""
-    return d.app.step, next_thing(d.app.step, d.s).action
+    return d.app.step, next_action(d.app.step, d.s).action
 
 
 async def test_the_keys_of_the_tutorial_end_with_uploaded_parameters_and_the_app_closed(

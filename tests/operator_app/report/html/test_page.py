@@ -114,9 +114,9 @@ def test_the_verdict_comes_first_with_arm_serial_fixture_and_time(
 
 
 def test_a_solution_that_is_not_the_journals_is_said(subject: Subject, take_apart: type) -> None:
-    assert subject.solved_again == ""
+    assert subject.recalculated_because == ""
     assert "its solution was read, not made again" in take_apart(report_html(subject).decode()).text
-    other = take_apart(report_html(replace(subject, solved_again="it is of old")).decode())
+    other = take_apart(report_html(replace(subject, recalculated_because="it is of old")).decode())
     assert "Solved again for this report: it is of old." in other.text
     assert "not made again" not in other.text
 

@@ -11,8 +11,8 @@ from hardware.arm import Reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import ConnectAgainError
-from operator_app.session.safety.counter_reset import check_counters, from_zero
-from operator_app.session.safety.preflight import check_first_standing
+from operator_app.session.safety.counter_reset import check_counters, counters_near_zero
+from operator_app.session.safety.preflight import check_closure_without_poses
 from tests.oracles.shop_floor import session
 
 SAGGED_DEG = (0.0, 0.0324, 0.25, 1.0, 4.9)
@@ -53,17 +53,17 @@ def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(
     """Arms by the shop floor's generator, within what their files state; that joint 60 deg from zero."""
     for seed, side in ((0, -1.0), (1, 1.0)):
         q, near = session(seed, poses=2).readings[0], side * np.deg2rad(sagged_deg)
-        check_first_standing(*_standing(q, joint, near, near))
+        check_closure_without_poses(*_standing(q, joint, near, near))
         where = "at zero" if sagged_deg == 0.0 else "near zero"
-        with pytest.raises(ConnectAgainError, match=f"joint {joint} stands {where}") as refused:
-            check_first_standing(*_standing(q, joint, side * np.deg2rad(60.0), near))
+        with pytest.raises(ConnectAgainError, match=f"joint {joint} is {where}") as refused:
+            check_closure_without_poses(*_standing(q, joint, side * np.deg2rad(60.0), near))
         assert f"Home joint {joint}" in str(refused.value)
 
 
 def test_of_those_near_zero_the_nearest_comes_first() -> None:
     arm = load_procedure("hinge").arm
     q = np.deg2rad([4.0, 0.03, -0.0004, 30.0, 6.0, 0.0, 0.0])
-    found = from_zero(arm, q)
+    found = counters_near_zero(arm, q)
     # Joints 6 and 7 have RVDTs, which lose no count.
     assert list(found) == [3, 2, 1]
     assert found[3] == 1.0

@@ -10,7 +10,7 @@ import pytest
 
 from hardware.arm import ArmSnapshot, DriveState, JointMode, JointState
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.safety.joint_motion import Motion, MotionWatch
+from operator_app.session.safety.joint_motion import Motion, MotionMonitor
 from solver.chain.sensors import NoSensor
 
 PROCEDURE = load_procedure("hinge")
@@ -36,9 +36,9 @@ def look(k: int, q: np.ndarray) -> tuple[float, ArmSnapshot]:
 
 
 def watched(*angles: np.ndarray) -> Motion:
-    watch = MotionWatch(PROCEDURE.arm, PROCEDURE.capture)
+    watch = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
     for k, q in enumerate(angles):
-        found = watch.see(*look(k, q))
+        found = watch.update(*look(k, q))
     return found
 
 
@@ -79,10 +79,10 @@ def test_a_joint_beyond_its_allowance_is_named():
 
 
 def test_a_gap_in_the_data_is_forgotten():
-    watch = MotionWatch(PROCEDURE.arm, PROCEDURE.capture)
-    watch.see(*look(0, HOME))
-    watch.forget()
-    found = watch.see(*look(40, HOME + 0.3))
+    watch = MotionMonitor(PROCEDURE.arm, PROCEDURE.capture)
+    watch.update(*look(0, HOME))
+    watch.reset()
+    found = watch.update(*look(40, HOME + 0.3))
     assert found.still
     assert found.held_s == 0.0
     assert not found.speed_rad_per_s.any()
@@ -92,8 +92,8 @@ def test_an_unsensed_joint_does_not_count():
     procedure = load_procedure("hinge")
     joints = list(procedure.arm.joints)
     joints[6] = replace(joints[6], sensor=NoSensor())
-    watch = MotionWatch(replace(procedure.arm, joints=tuple(joints)), procedure.capture)
+    watch = MotionMonitor(replace(procedure.arm, joints=tuple(joints)), procedure.capture)
     moved = HOME.copy()
     moved[6] += 1.0
-    watch.see(*look(0, HOME))
-    assert watch.see(*look(1, moved)).still
+    watch.update(*look(0, HOME))
+    assert watch.update(*look(1, moved)).still

@@ -15,7 +15,7 @@ from operator_app.composition import CutShort
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import JournalError
 from operator_app.headless.console import ConsoleListener, cut_short_lines
-from operator_app.session.safety.latency import AGAIN_S, LatenessNews, late_words
+from operator_app.session.safety.latency import MIN_INTERVAL_S, LatenessReporter, lateness_text
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.ui.operations import Operations
@@ -31,21 +31,23 @@ def late(times: int, last_s: float, longest_s: float) -> HostLatency:
 
 
 def test_each_is_said_once_and_a_series_at_intervals() -> None:
-    news = LatenessNews()
-    assert news.since(HostLatency(), 1000.0) == ""
-    assert "late by 0.4 s:" in news.since(late(1, 0.4, 0.4), 1000.1)
-    assert news.since(late(1, 0.4, 0.4), 1000.2) == ""
+    news = LatenessReporter()
+    assert news.new_text(HostLatency(), 1000.0) == ""
+    assert "late by 0.4 s:" in news.new_text(late(1, 0.4, 0.4), 1000.1)
+    assert news.new_text(late(1, 0.4, 0.4), 1000.2) == ""
     for k in range(2, 8):  # again and again, a second apart
-        assert news.since(late(k, 0.5, 0.9), 1000.0 + k) == ""
-    assert "late 6 times, by 0.9 s at most:" in news.since(late(7, 0.5, 0.9), 1001.0 + AGAIN_S)
-    assert news.since(late(7, 0.5, 0.9), 2000.0) == ""
-    assert "late by 0.5 s:" in news.since(late(8, 0.5, 0.9), 2000.0)
+        assert news.new_text(late(k, 0.5, 0.9), 1000.0 + k) == ""
+    assert "late 6 times, by 0.9 s at most:" in news.new_text(
+        late(7, 0.5, 0.9), 1001.0 + MIN_INTERVAL_S
+    )
+    assert news.new_text(late(7, 0.5, 0.9), 2000.0) == ""
+    assert "late by 0.5 s:" in news.new_text(late(8, 0.5, 0.9), 2000.0)
 
 
 def test_what_is_said_blames_this_computer_and_names_the_remedy() -> None:
-    words = late_words(1, 0.44)
+    words = lateness_text(1, 0.44)
     assert words.startswith("this computer was late by 0.4 s")
-    assert "told nothing new" in words
+    assert "sent no new targets" in words
     assert "goes on" in words
     assert "other programs" in words
     assert "silent" not in words

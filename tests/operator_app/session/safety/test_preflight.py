@@ -15,7 +15,7 @@ from operator_app.calibration.closure_gate import loop_at_reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
-from operator_app.session.safety.preflight import check_first_standing
+from operator_app.session.safety.preflight import check_closure_without_poses
 
 FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 
@@ -27,7 +27,7 @@ def test_a_sound_arm_is_not_refused_wherever_it_stands(name: str, kind: str) -> 
     procedure = load_procedure(name)
     for seed in range(2):
         for q in sound_poses(procedure, kind, seed, 4):
-            check_first_standing(procedure, _reading(procedure, q))
+            check_closure_without_poses(procedure, _reading(procedure, q))
 
 
 @pytest.mark.sample(10)
@@ -41,7 +41,7 @@ def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(
     procedure = load_procedure(name)
     for q in sound_poses(procedure, kind, 1, 3):
         anew, there = _zeroed(procedure, q, zeros, q)
-        check_first_standing(anew, _reading(anew, there))
+        check_closure_without_poses(anew, _reading(anew, there))
 
 
 @pytest.mark.sample(5)
@@ -61,7 +61,7 @@ def test_counters_that_began_anew_are_named_wherever_it_stands(
     found = [text for text in said if text]
     assert len(found) == 4 or (name == "ball" and len(found) >= 2)
     for text in found:
-        assert re.search(r"counters? of joints? [\d and]+ stands? at zero", text)
+        assert re.search(r"counters? of joints? [\d and]+ (is|are) at zero", text)
         assert any(re.search(rf"Home joint [\d and]*{j}", text) for j in zeros)
 
 
@@ -78,9 +78,9 @@ def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees: float) ->
     assert q[0] == pytest.approx(there[0], abs=np.deg2rad(0.1))
     read = q.copy()
     read[0] = 0.0
-    with pytest.raises(GuardError, match="counter of joint 1 stands at zero") as refused:
-        check_first_standing(procedure, _reading(procedure, read))
-    assert "really stands at zero" in refused.value.remedy
+    with pytest.raises(GuardError, match="counter of joint 1 is at zero") as refused:
+        check_closure_without_poses(procedure, _reading(procedure, read))
+    assert "really is at zero" in refused.value.remedy
 
 
 def test_two_counters_that_began_anew_together_are_both_named() -> None:
@@ -89,8 +89,8 @@ def test_two_counters_that_began_anew_together_are_both_named() -> None:
     before = q.copy()
     before[[1, 3]] -= np.deg2rad([40.0, -40.0])
     anew, there = _zeroed(procedure, q, (2, 4), before)
-    with pytest.raises(GuardError, match="counters of joints 2 and 4 stand at zero") as refused:
-        check_first_standing(anew, _reading(anew, there))
+    with pytest.raises(GuardError, match="counters of joints 2 and 4 are at zero") as refused:
+        check_closure_without_poses(anew, _reading(anew, there))
     assert "Home joint 2 and 4" in str(refused.value)
 
 
@@ -98,7 +98,7 @@ def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt() -> No
     """They stand there often; yet 30 deg are no doubt, though no 1e-12 either."""
     procedure = load_procedure("rigid")
     (q,) = sound_poses(procedure, "datasheet", 1, 1, near=procedure.arm.home_rad)
-    for degrees, said in ((0.0, ""), (8.0, ""), (30.0, "counter of joint 2 stands at zero")):
+    for degrees, said in ((0.0, ""), (8.0, ""), (30.0, "counter of joint 2 is at zero")):
         before = q.copy()
         before[1] -= np.deg2rad(degrees)
         anew, there = _zeroed(procedure, q, (2,), before)
@@ -113,7 +113,7 @@ def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt() -> No
 def _said(procedure: Procedure, q_rad: np.ndarray) -> str:
     """Why these readings are refused; empty if they are not."""
     try:
-        check_first_standing(procedure, _reading(procedure, q_rad))
+        check_closure_without_poses(procedure, _reading(procedure, q_rad))
     except GuardError as refused:
         return str(refused)
     return ""

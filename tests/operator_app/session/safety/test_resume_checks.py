@@ -13,7 +13,7 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_box import SLOWLY_RAD_PER_S
+from operator_app.session.workflow.drive_box import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened
@@ -130,7 +130,7 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
         take_poses(session, Listener(), (1, 5))
     said = str(refused.value)
     # Before anything is enabled; or, where the loop alone cannot see it, by the pose read again.
-    assert "does not close where the arm stands" in said or f"joint {joint} has shifted" in said
+    assert "does not close at the present pose" in said or f"joint {joint} has shifted" in said
     if abs(degrees) > 1.0:
         assert arm.enabled == 0
     assert len(session.state.poses) == before
@@ -147,7 +147,7 @@ def test_two_degrees_of_a_joint_near_the_hand_are_named_before_a_drive_is_enable
     arm.slip_rad[joint - 1] = np.deg2rad(degrees)
     session = resumed(folder, procedure, arm)
     session.connect()
-    with pytest.raises(GuardError, match=f"joint {joint} reads as if it had shifted by") as refused:
+    with pytest.raises(GuardError, match=f"joint {joint} seems to have shifted by") as refused:
         take_poses(session, Listener(), (1, 5))
     said = refused.value.happened.partition("shifted by ")[2]
     assert float(said.split()[0]) == pytest.approx(degrees, abs=0.3)
@@ -162,7 +162,7 @@ def test_a_counter_at_zero_is_named(left: tuple[Path, Procedure], counts: int, w
     arm.zeroed, arm.sagged_rad = 1, counts * 2.0 * np.pi / 400_000
     session = resumed(folder, procedure, arm)
     session.connect()
-    with pytest.raises(GuardError, match=f"counter of joint 1 stands {where}"):
+    with pytest.raises(GuardError, match=f"counter of joint 1 is {where}"):
         session.set_modes((1, 5))
     assert arm.enabled == 0
     session.close("failed")
@@ -215,7 +215,7 @@ class Saying(Listener):
     def __init__(self) -> None:
         self.heard: list[str] = []
 
-    def told(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """Keep it."""
         self.heard.append(text)
 
@@ -233,10 +233,10 @@ def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(
     here, listener = arm.snapshot().positions_rad, Saying()
     away = [np.abs(p.mean_rad - here)[[0, 4]].max() for p in session.state.poses]
     nearest = session.state.poses[int(np.argmin(away))]
-    with pytest.raises(GuardError, match=f"pose {nearest.number} does not read as it did"):
+    with pytest.raises(GuardError, match=f"pose {nearest.number} differs from its first reading"):
         take_poses(session, listener, (1, 5))
-    assert [text for text in listener.heard if f"to pose {nearest.number}, slowly" in text]
-    assert {speed for _, speed in arm.moves} == {SLOWLY_RAD_PER_S}
+    assert [text for text in listener.heard if f"to pose {nearest.number} at 5 deg/s" in text]
+    assert {speed for _, speed in arm.moves} == {HOMING_SPEED_RAD_PER_S}
     assert len(session.state.poses) == 2
     session.close("failed")
 

@@ -209,7 +209,9 @@ def test_a_journal_that_cannot_take_a_line_back_takes_no_more(
         journal.append("refused", {})
     left = (tmp_path / JOURNAL_NAME).read_bytes()
     for _ in range(2):
-        with pytest.raises(JournalError, match=r"takes no more lines.*the disk failed.*resume"):
+        with pytest.raises(
+            JournalError, match=r"cannot be written any more.*the disk failed.*resume"
+        ):
             journal.append("after", {})
     assert (tmp_path / JOURNAL_NAME).read_bytes() == left
     journal.close()
@@ -247,7 +249,7 @@ def test_journals_from_before_the_version_stay_readable_and_go_on(tmp_path: Path
 SHAPES: Mapping[str, tuple[Any, str]] = {
     "newer": (
         lambda p: p.write_bytes(newer(p.read_bytes())),
-        "is of the format sarcal/journal/2; this program reads sarcal/journal/1",
+        "has the format sarcal/journal/2; this program reads sarcal/journal/1",
     ),
     "another program's": (lambda p: p.write_text('{"level": "info"}\n' * 3), "another program's"),
     "text": (lambda p: p.write_text("Dear diary,\n"), "another program's"),

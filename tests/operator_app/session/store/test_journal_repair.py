@@ -1,4 +1,4 @@
-"""`sarcal session repair`: nothing that can be proven is lost, nothing that cannot be counts."""
+"""`sarcal session repair_journal`: nothing that can be proven is lost, nothing that cannot be counts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from operator_app.cli import main
 from operator_app.errors import JournalDamagedError, JournalError
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
-from operator_app.session.store.journal_repair import examined, repair
+from operator_app.session.store.journal_repair import examine_lines, repair_journal
 from tests.oracles.journals import events, written
 
 SOUND = written(events())
@@ -48,7 +48,7 @@ def test_one_flipped_bit_bars_no_session(tmp_path: Path) -> None:
     session(tmp_path, bytes(raw))
     with pytest.raises(JournalDamagedError, match="line 1"):
         read_journal(tmp_path)
-    found = repair(tmp_path)
+    found = repair_journal(tmp_path)
     assert found.lost == ()
     assert found.aside is not None
     assert found.aside.read_bytes() == bytes(raw)
@@ -65,7 +65,7 @@ def test_one_flipped_bit_bars_no_session(tmp_path: Path) -> None:
 def test_any_flipped_bit_is_put_right(position: int, bit: int) -> None:
     raw = bytearray(SHORT)
     raw[position] ^= 1 << bit
-    lines, torn = examined(bytes(raw))
+    lines, torn = examine_lines(bytes(raw))
     assert not torn
     kept = [(line.event.name, line.event.data) for line in lines if line.event is not None]
     assert kept == [e for e in events() if e[0] != "opened"]
@@ -77,7 +77,7 @@ def test_what_is_not_proven_is_lost_and_said_and_all_else_is_kept(
     tmp_path: Path, sums: bool, lost: list[int]
 ) -> None:
     session(tmp_path, broken(SOUND, 9, sums=sums))
-    found = repair(tmp_path)
+    found = repair_journal(tmp_path)
     assert list(found.lost) == lost
     *kept, note = told(tmp_path)
     assert kept == [e for k, e in enumerate(events(), 1) if k not in lost]
@@ -91,7 +91,7 @@ def test_what_is_not_proven_is_lost_and_said_and_all_else_is_kept(
 
 def test_the_last_line_is_lost_only_when_nothing_proves_it(tmp_path: Path) -> None:
     session(tmp_path, broken(SOUND, len(events())))
-    assert list(repair(tmp_path).lost) == [len(events())]
+    assert list(repair_journal(tmp_path).lost) == [len(events())]
 
 
 def test_wrong_content_is_set_aside_as_well(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_wrong_content_is_set_aside_as_well(tmp_path: Path) -> None:
     found[6][1]["mean_rad"] = [0.1] * 6
     found[3][1]["start_rad"] = None
     session(tmp_path, written(found))
-    repaired = repair(tmp_path)
+    repaired = repair_journal(tmp_path)
     assert list(repaired.lost) == [4, 7]
     assert "pose.mean_rad has 6 items" in repaired.lines[6].words
     assert read_session(tmp_path).problem == ""
@@ -107,7 +107,7 @@ def test_wrong_content_is_set_aside_as_well(tmp_path: Path) -> None:
 
 def test_a_whole_journal_is_left_alone(tmp_path: Path) -> None:
     session(tmp_path, SOUND + b'{"seq":29,"torn')
-    found = repair(tmp_path)
+    found = repair_journal(tmp_path)
     assert found.aside is None
     assert found.torn
     assert (tmp_path / JOURNAL_NAME).read_bytes() == SOUND + b'{"seq":29,"torn'
@@ -117,11 +117,11 @@ def test_a_whole_journal_is_left_alone(tmp_path: Path) -> None:
 def test_what_is_no_journal_is_not_repaired(tmp_path: Path) -> None:
     session(tmp_path, b"Dear diary\n")
     with pytest.raises(JournalError, match="another program's file"):
-        repair(tmp_path)
+        repair_journal(tmp_path)
     session(tmp_path / "used", SOUND)
     journal = Journal.resume(tmp_path / "used")
     with pytest.raises(JournalError, match="in use"):
-        repair(tmp_path / "used")
+        repair_journal(tmp_path / "used")
     journal.close()
 
 
@@ -137,8 +137,8 @@ def test_the_command_says_it_line_by_line_and_the_session_goes_on(
     assert main(["session", "repair", "one", *root]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "untouched in" in said
-    assert "lines 1 to 8: kept, proven by their checksum" in said
-    assert "line 9: lost: its checksum does not fit; it seems to have been: pose 2" in said
+    assert "lines 1 to 8: kept, verified by their checksum" in said
+    assert "line 9: lost: the checksum does not match; probably: pose 2" in said
     assert f"lines 10 to {len(events())}: kept" in said
     assert "2 poses count" in said
     assert f"Go on with: sarcal run --resume {folder}" in said

@@ -96,7 +96,7 @@ def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("job", "words"),
     [
-        ((jobs.break_down,), "A defect of this program: ZeroDivisionError"),
+        ((jobs.break_down,), "Program error: ZeroDivisionError"),
         ((jobs.die, "killed"), r"ended by itself \(signal SIGKILL\)"),
         ((jobs.die, "exit"), r"ended by itself \(exit code 7\)"),
     ],

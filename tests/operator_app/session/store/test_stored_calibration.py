@@ -14,7 +14,11 @@ from operator_app.session.store import stored_calibration as module
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import apply, replay
 from operator_app.session.store.state import SessionState
-from operator_app.session.store.stored_calibration import calibrated, checked, recorded
+from operator_app.session.store.stored_calibration import (
+    journal_calibration,
+    session_calibration,
+    with_checks,
+)
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
@@ -47,13 +51,13 @@ def test_what_was_solved_is_read_back_from_the_file(
     monkeypatch.setattr(module, "check", None)
     events = read_journal(session.journal.path.parent).events
     state = replay((e.name, e.data, e.utc) for e in events)
-    found = calibrated(state, procedure)
-    assert found.solved_again == ""
+    found = session_calibration(state, procedure)
+    assert found.recalculated_because == ""
     assert found.solution.estimate.x.tobytes() == solution.estimate.x.tobytes()
     assert found.solution.warnings == solution.warnings
     assert isinstance(found.checks, Checks)
     assert np.array_equal(found.checks.jackknife_sd, checks.jackknife_sd)
-    assert checked(found, state, procedure) is found
+    assert with_checks(found, state, procedure) is found
     assert "record" not in state.solved
 
 
@@ -63,37 +67,39 @@ def test_other_options_and_old_journals_are_solved_and_said(
     session = solved_session(make_session, procedure)
     session.calibrate(unsensed_joints=(7,))
     state = session.state
-    assert calibrated(state, procedure).solution.model.unsensed_joints == (7,)
-    other = calibrated(state, procedure, unsensed_joints=())
+    assert session_calibration(state, procedure).solution.model.unsensed_joints == (7,)
+    other = session_calibration(state, procedure, unsensed_joints=())
     assert other.solution.model.unsensed_joints == ()
-    assert "by implicit, joints [7] unsensed" in other.solved_again
+    assert "by implicit, joints [7] unsensed" in other.recalculated_because
     old = replace(state, solution={})
-    again = calibrated(old, procedure)
-    assert "no solution" in again.solved_again
+    again = session_calibration(old, procedure)
+    assert "no calibration" in again.recalculated_because
     assert again.checks is None
     assert again.solution.model.unsensed_joints == (7,)
     assert (
         "another version"
-        in calibrated(replace(state, solution={"version": 0}), procedure).solved_again
+        in session_calibration(
+            replace(state, solution={"version": 0}), procedure
+        ).recalculated_because
     )
-    paper = calibrated(state, procedure, estimator="paper", unsensed_joints=())
+    paper = session_calibration(state, procedure, estimator="paper", unsensed_joints=())
     # What judged it stands beside it, and is what the other estimator gives.
     beside = paper.solution.beside
     assert beside is not None
     assert beside.estimator == "implicit"
     np.testing.assert_array_equal(beside.x, other.solution.identified.x)
     assert paper.solution.estimate.x.tobytes() == other.solution.beside.x.tobytes()
-    assert checked(paper, state, procedure).checks == Checks()
-    assert checked(other, state, procedure).checks.held_out is not None
+    assert with_checks(paper, state, procedure).checks == Checks()
+    assert with_checks(other, state, procedure).checks.held_out is not None
     with pytest.raises(SessionError, match="eliminates the hinge angle only"):
-        calibrated(state, procedure, estimator="paper")
+        session_calibration(state, procedure, estimator="paper")
     session.exclude(3, "bumped")
-    assert isinstance(recorded(session.state), str)
+    assert isinstance(journal_calibration(session.state), str)
 
 
 def test_a_session_without_poses_says_so(procedure: Procedure) -> None:
-    with pytest.raises(SessionError, match="no pose"):
-        calibrated(SessionState(), procedure)
+    with pytest.raises(SessionError, match="no used pose"):
+        session_calibration(SessionState(), procedure)
 
 
 def test_second_opinions_belong_to_the_solution_they_follow() -> None:
@@ -110,11 +116,11 @@ def test_a_solution_whose_figures_do_not_go_together_is_made_again(
     session = solved_session(make_session, procedure)
     session.calibrate()
     state = session.state
-    assert not isinstance(recorded(state), str)
+    assert not isinstance(journal_calibration(state), str)
     estimate = dict(state.solution["estimate"])
     estimate["x"] = {"shape": [13], "values": estimate["x"]["values"][:13]}
     short = replace(state, solution={**state.solution, "estimate": estimate})
-    assert recorded(short) == "the figures of the solution in its journal do not go together"
+    assert journal_calibration(short) == "the solution in the journal is not consistent"
     session.close("done")
 
 
@@ -126,14 +132,14 @@ def test_a_solution_of_other_poses_than_those_that_count_is_made_again(
     session.calibrate()
     session.close("done")
     state = session.state
-    assert not isinstance(recorded(state), str)
+    assert not isinstance(journal_calibration(state), str)
     fewer = replace(state, poses=state.poses[1:])
-    assert recorded(fewer) == "the solution in its journal is of other poses"
-    together = "the figures of the solution in its journal do not go together"
+    assert journal_calibration(fewer) == "the solution in the journal is of other poses"
+    together = "the solution in the journal is not consistent"
     old = {key: value for key, value in state.solved.items() if key != "poses"}
-    assert recorded(replace(fewer, solved=old)) == together
+    assert journal_calibration(replace(fewer, solved=old)) == together
     for dropped in ([0], [-1], [99], list(range(12))):
         odd = replace(state, solution={**state.solution, "dropped_flipped": dropped})
-        assert recorded(odd) == together
-    again = calibrated(fewer, procedure)
+        assert journal_calibration(odd) == together
+    again = session_calibration(fewer, procedure)
     assert again.solution.estimate.residual.shape[0] == len(fewer.used_poses)

@@ -9,7 +9,7 @@ import pytest
 from fixtures.base import CheckKind, SetupCheck, Severity
 from hardware.arm import Fault, JointMode
 from operator_app.session.ui import guards
-from operator_app.session.ui.message_log import ARM_AGAIN, told
+from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
@@ -58,7 +58,7 @@ def interrupted(s):
 
 
 def slipped(s):
-    return replace(s, state=replace(s.state, slipped="joint 3 jumped by 2 deg"))
+    return replace(s, state=replace(s.state, sensor_jump="joint 3 jumped by 2 deg"))
 
 
 def not_accepted(s):
@@ -82,11 +82,11 @@ def not_accepted(s):
         (guards.results_ready, "captured", None, "no calibration of these poses"),
         (guards.export_ready, "captured", None, "no calibration of these poses"),
         (guards.export_ready, "solved", not_accepted, "not accepted: condition 900"),
-        (guards.may_connect, "connected", None, "connected already"),
+        (guards.may_connect, "connected", None, "already connected"),
         (guards.may_use_data, "start", None, "no arm is connected"),
         (guards.may_use_data, "modes", stopped, "STOP is latched"),
         (guards.may_use_data, "modes", stale, "the data of J5 are 240 ms old: wait"),
-        (guards.may_use_data, "modes", ours, "240 ms old as this computer is late: wait"),
+        (guards.may_use_data, "modes", ours, "240 ms old because this computer is late: wait"),
         (guards.may_use_data, "modes", lost, "no data for 1.5 s"),
         (guards.may_capture, "modes", stale, "240 ms old"),
         (guards.may_capture, "ticked", None, "modes are not set"),
@@ -94,11 +94,11 @@ def not_accepted(s):
             guards.may_capture,
             "capturing",
             interrupted,
-            "automatic capture reads pose 1 again first",
+            "automatic capture measures pose 1 again first",
         ),
         (guards.may_capture, "capturing", slipped, "joint 3 jumped by 2 deg"),
         (guards.may_move, "modes", lost, "no data for 1.5 s"),
-        (guards.may_move, "modes", lambda s: replace(s, next_waypoint=None), "every waypoint"),
+        (guards.may_move, "modes", lambda s: replace(s, next_waypoint=None), "all waypoints"),
         (guards.may_run_automatically, "captured", None, "all 16 poses are captured"),
         (guards.may_run_automatically, "modes", stopped, "STOP is latched"),
         (guards.may_edit_pose, "modes", None, "no pose yet"),
@@ -201,11 +201,14 @@ def test_too_few_and_too_many_position_joints_are_explained(joints, words):
 
 
 @pytest.mark.parametrize(
-    ("until", "open_"), [({TaskKind.CONNECT}, True), (ARM_AGAIN, True), ({TaskKind.MODES}, False)]
+    ("until", "open_"),
+    [({TaskKind.CONNECT}, True), (ARM_RECOVERY, True), ({TaskKind.MODES}, False)],
 )
 def test_what_an_alarm_asks_for_is_not_refused(until, open_):
     """It says: connect again."""
-    s = told(story()["modes"], Level.ALARM, "why", time="12:00:00", until=frozenset(until))
+    s = add_message(
+        story()["modes"], Level.ALARM, "why", time="12:00:00", resolving_tasks=frozenset(until)
+    )
     assert (guards.may_connect(s) == ()) is open_
 
 
@@ -218,6 +221,6 @@ def test_a_mode_that_a_drive_does_not_report_closes_capture():
 
 def test_any_key_ends_motion_and_nothing_else():
     s = story()["modes"]
-    assert guards.ends_with_any_key(busy(s, TaskKind.MOVE, moves=True).task)
-    assert not guards.ends_with_any_key(busy(s, TaskKind.EXPORT, moves=False).task)
-    assert not guards.ends_with_any_key(None)
+    assert guards.stops_on_any_key(busy(s, TaskKind.MOVE, moves=True).task)
+    assert not guards.stops_on_any_key(busy(s, TaskKind.EXPORT, moves=False).task)
+    assert not guards.stops_on_any_key(None)

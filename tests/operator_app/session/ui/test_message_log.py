@@ -16,19 +16,19 @@ from hardware.errors import (
 )
 from operator_app.errors import ConnectAgainError, GuardError
 from operator_app.session.ui.message_log import (
-    MESSAGES_KEPT,
-    acknowledged,
-    asks_to_connect_again,
-    resolved_by,
-    told,
-    until,
+    MAX_MESSAGES,
+    add_message,
+    needs_reconnect,
+    resolving_tasks,
+    without_acknowledged,
+    without_resolved,
 )
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from tests.oracles.story import story
 
 
-def say(s: SessionSnapshot, level: Level, text: str, *until: TaskKind) -> SessionSnapshot:
-    return told(s, level, text, time="12:00:00", until=frozenset(until))
+def say(s: SessionSnapshot, level: Level, text: str, *resolving_tasks: TaskKind) -> SessionSnapshot:
+    return add_message(s, level, text, time="12:00:00", resolving_tasks=frozenset(resolving_tasks))
 
 
 def texts(s: SessionSnapshot) -> list[str]:
@@ -37,15 +37,15 @@ def texts(s: SessionSnapshot) -> list[str]:
 
 def test_an_alarm_outlives_every_other_message() -> None:
     s = say(story()["start"], Level.ALARM, "hot")
-    for k in range(2 * MESSAGES_KEPT):
+    for k in range(2 * MAX_MESSAGES):
         s = say(s, Level.WARNING if k % 2 else Level.INFO, f"{k}")
-    assert len(s.messages) == MESSAGES_KEPT
+    assert len(s.messages) == MAX_MESSAGES
     assert texts(s) == ["hot"]
 
 
 def test_what_stands_already_and_is_said_again_is_the_newest() -> None:
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "full")
-    again = told(s, Level.ALARM, "hot", time="12:00:01")
+    again = add_message(s, Level.ALARM, "hot", time="12:00:01")
     assert texts(again) == ["full", "hot"]
     assert [m.text for m in again.messages] == ["full", "hot"]
     assert again.alarms[-1].time == "12:00:01"
@@ -70,15 +70,15 @@ def test_what_stands_already_and_is_said_again_is_the_newest() -> None:
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
 )
 def test_what_the_arm_goes_on_refusing_for_asks_to_connect_again(error, asks) -> None:
-    s = say(story()["start"], Level.ALARM, "told", *until(error, TaskKind.CAPTURE))
-    assert asks_to_connect_again(s) is asks
-    assert texts(resolved_by(s, TaskKind.CAPTURE)) == []
+    s = say(story()["start"], Level.ALARM, "told", *resolving_tasks(error, TaskKind.CAPTURE))
+    assert needs_reconnect(s) is asks
+    assert texts(without_resolved(s, TaskKind.CAPTURE)) == []
 
 
 def test_it_is_said_again_when_it_stands_no_more() -> None:
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "hot")
     assert texts(s) == ["hot"]
-    again = say(acknowledged(s, s.alarms[0].number), Level.ALARM, "hot")
+    again = say(without_acknowledged(s, s.alarms[0].number), Level.ALARM, "hot")
     assert texts(again) == ["hot"]
     assert again.alarms[0].number > s.alarms[0].number
 
@@ -87,17 +87,17 @@ def test_only_the_work_that_it_waits_for_resolves_it() -> None:
     s = say(story()["start"], Level.ALARM, "hot", TaskKind.RESET, TaskKind.CONNECT)
     s = say(s, Level.ALARM, "full", TaskKind.EXPORT)
     s = say(s, Level.ALARM, "unread")
-    assert texts(resolved_by(s, TaskKind.CAPTURE)) == ["hot", "full", "unread"]
-    assert texts(resolved_by(s, TaskKind.RESET)) == ["full", "unread"]
-    assert texts(resolved_by(s, TaskKind.EXPORT)) == ["hot", "unread"]
+    assert texts(without_resolved(s, TaskKind.CAPTURE)) == ["hot", "full", "unread"]
+    assert texts(without_resolved(s, TaskKind.RESET)) == ["full", "unread"]
+    assert texts(without_resolved(s, TaskKind.EXPORT)) == ["hot", "unread"]
 
 
 def test_one_is_acknowledged_and_no_other() -> None:
     s = story()["start"]
     for text in ("hot", "full", "unread"):
         s = say(s, Level.ALARM, text)
-    seen = acknowledged(s, s.alarms[1].number)
+    seen = without_acknowledged(s, s.alarms[1].number)
     assert texts(seen) == ["hot", "unread"]
     assert seen.messages == s.messages
     # Nobody has seen what is not there.
-    assert acknowledged(seen, s.alarms[1].number) == seen
+    assert without_acknowledged(seen, s.alarms[1].number) == seen

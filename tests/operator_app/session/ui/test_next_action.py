@@ -11,8 +11,8 @@ from hardware.arm import DriveState
 from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
 from operator_app.session.ui.action_handlers import apply_prompt
-from operator_app.session.ui.next_action import next_thing
-from operator_app.session.ui.snapshot import TaskKind, Verified
+from operator_app.session.ui.next_action import next_action
+from operator_app.session.ui.snapshot import TaskKind, VerificationSummary
 from operator_app.session.ui.steps import Step
 from tests.oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
 
@@ -34,11 +34,11 @@ def pictures():
 @pytest.mark.parametrize("step", list(Step), ids=lambda step: step.title)
 def test_two_rows_of_80_columns_hold_it(step):
     for name, picture in pictures().items():
-        hint = next_thing(step, picture).hint
+        hint = next_action(step, picture).hint
         assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
 
 
-def uploaded(*, modes_applied: bool, verified: Verified | None = None):
+def uploaded(*, modes_applied: bool, verified: VerificationSummary | None = None):
     s = replace(story()["uploaded"], verification=verified)
     if not modes_applied:
         return s
@@ -49,23 +49,23 @@ def uploaded(*, modes_applied: bool, verified: Verified | None = None):
 def test_after_the_upload_it_says_how_new_poses_can_judge():
     """From a held arm as well: the modes are applied again with the same key."""
     for applied in (False, True):
-        assert "y verifies" in next_thing(Step.EXPORT, uploaded(modes_applied=applied)).hint
+        assert "y verifies" in next_action(Step.EXPORT, uploaded(modes_applied=applied)).hint
 
 
-@pytest.mark.parametrize(("holds", "said"), [(True, "verified"), (False, "find out why")])
+@pytest.mark.parametrize(("holds", "said"), [(True, "verified"), (False, "find the cause")])
 def test_what_new_poses_said_is_the_last_word(holds, said):
-    found = Verified(
+    found = VerificationSummary(
         poses=5, position_m=1e-3, orientation_rad=1e-3, chi2_per_dof=1.0, holds=holds, why=""
     )
-    hint = next_thing(Step.EXPORT, uploaded(modes_applied=True, verified=found)).hint
+    hint = next_action(Step.EXPORT, uploaded(modes_applied=True, verified=found)).hint
     assert said in hint
-    assert hint.endswith("Enter or q leaves")
+    assert hint.endswith("Enter or q quits")
 
 
 def test_drives_that_are_off_are_led_back_to_their_modes():
     s = story()["capturing"]
     joints = tuple(replace(j, drive=DriveState.SWITCH_ON_DISABLED) for j in s.arm.joints)
-    found = next_thing(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
+    found = next_action(Step.CAPTURE, replace(s, arm=replace(s.arm, joints=joints)))
     assert found.action == "back"
     assert "apply the modes again" in found.hint
     assert "Enter" in found.hint
@@ -74,7 +74,7 @@ def test_drives_that_are_off_are_led_back_to_their_modes():
 def test_without_an_arm_it_leads_to_connecting():
     gone = replace(story()["capturing"], identity=None, arm=None)
     for step in (Step.FIXTURE, Step.MODES, Step.CAPTURE):
-        assert next_thing(step, gone).action == "step_1"
+        assert next_action(step, gone).action == "step_1"
 
 
 def test_an_open_arm_drives_all_its_joints_and_leaves_none_free():
@@ -82,7 +82,7 @@ def test_an_open_arm_drives_all_its_joints_and_leaves_none_free():
     s = story()["ticked"]
     every = tuple(range(1, s.procedure.arm.joint_count + 1))
     opened = replace(s, procedure=load_procedure("open_loop"), wanted_joints=every, mobility=7)
-    assert next_thing(Step.MODES, opened).hint == (
+    assert next_action(Step.MODES, opened).hint == (
         "Enter applies the modes: J1, J2, J3, J4, J5, J6 and J7 drive (it asks first)"
     )
     assert apply_prompt(opened) == "Put joints 1, 2, 3, 4, 5, 6 and 7 into position mode"

@@ -16,7 +16,7 @@ from operator_app.errors import SessionError
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.ui.snapshot import Level, TaskKind
-from operator_app.session.ui.supervisor import UNSEEN_S, Watchman
+from operator_app.session.ui.supervisor import UNWATCHED_S, Supervisor
 from operator_app.session.workflow.drive_box import waypoints_of
 from tests.oracles.live_source import FakeSource
 
@@ -55,7 +55,7 @@ def finish(runner: Runner) -> None:
     runner.submit(TaskKind.NOTE, "the last", done.set)
     assert done.wait(PATIENCE_S)
     for _ in range(10_000):
-        if not runner._hand:
+        if not runner._waiting_jobs:
             return
         threading.Event().wait(0.001)
 
@@ -113,7 +113,9 @@ def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
     go_on.set()
     finish(runner)
     assert not ran
-    assert any("the second: ended by the operator" in m.text for m in runner.snapshot().messages)
+    assert any(
+        "the second: cancelled by the operator" in m.text for m in runner.snapshot().messages
+    )
 
 
 def test_that_this_computer_was_late_is_said_once(tmp_path: Path) -> None:
@@ -176,7 +178,7 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
 
     runner.submit(TaskKind.MOVE, "moving", work)
     # Looked at, it goes on.
-    for _ in range(int(2 * UNSEEN_S / 0.05)):
+    for _ in range(int(2 * UNWATCHED_S / 0.05)):
         runner.snapshot()
         assert not ended.wait(0.05)
     assert ended.wait(PATIENCE_S)
@@ -187,7 +189,7 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatc
     def broken(*_: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Watchman, "_look_at_motion", broken)
+    monkeypatch.setattr(Supervisor, "_update_motion", broken)
     source = FakeSource(tmp_path / "sessions")
     runner = source.new()
     for _ in range(1000):
@@ -263,7 +265,7 @@ def wait_until_told(runner: Runner) -> None:
     while not any("J5" in a.text or "oint 5" in a.text for a in runner.snapshot().alarms):
         assert time.monotonic() < end
         threading.Event().wait(WATCH_PERIOD_S)
-    while len(runner._hand) < 2:
+    while len(runner._waiting_jobs) < 2:
         assert time.monotonic() < end
         threading.Event().wait(WATCH_PERIOD_S)
 
@@ -294,7 +296,7 @@ def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_p
     finish(runner)
     assert not runner.snapshot().stopped
     assert kept_faults(runner) == [5]
-    assert runner.session.state.slipped
+    assert runner.session.state.sensor_jump
     assert runner.session.state.used_poses == ()
     source.close("end of the test")
 
@@ -340,7 +342,7 @@ def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_
 
     first = threading.Thread(target=runner.submit, args=(TaskKind.MOVE, "the first", work))
     first.start()
-    while not runner._hand:
+    while not runner._waiting_jobs:
         threading.Event().wait(0.001)
     runner.submit(TaskKind.NOTE, "the second", lambda: None)
     first.join()

@@ -206,7 +206,7 @@ def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
         face(session)
     assert refused.value.remedy == (
         "drive another pair of joints, widen the span, mount the hinge elsewhere, or calibrate from "
-        "what there is"
+        "these poses"
     )
 
 
@@ -263,7 +263,7 @@ def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
     assert names.count("solved") == names.count("checked") == names.count("reading") == 1
     # Asked to solve otherwise, it does.
     other = make_session(replace(short_procedure(5), estimator="paper"), resume=True)
-    assert other.calibrated() is None
+    assert other.recorded_calibration() is None
     # Of other poses nothing is known.
     other.exclude(2, "bumped")
     assert not other.state.solved

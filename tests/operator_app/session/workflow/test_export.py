@@ -102,7 +102,7 @@ def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_ke
     assert session.state.exported["forced"] == "the demo\nis tonight"
     document = load_parameters(forced.exported.parameters)
     assert document.warnings[0].code == "FORCED"
-    assert document.warnings[0].text.endswith("used all the same: the demo is tonight")
+    assert document.warnings[0].text.endswith("exported because: the demo is tonight")
     assert "sigma_pos" in document.warnings[0].text
     assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
     session.close("done")

@@ -50,8 +50,8 @@ def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
     ("lines", "words"),
     [
         ([], "tcp:lab:7327 measured nothing for 0 s at pose 12"),
-        ([{"pose": "11", **POSE}], "it spoke of pose 11"),
-        ([{"x_m": 1, "y_m": 2, "z_m": 3}], "did not say how the target is turned at pose 12"),
+        ([{"pose": "11", **POSE}], "it sent pose 11"),
+        ([{"x_m": 1, "y_m": 2, "z_m": 3}], "sent no orientation for pose 12"),
         ([{"x_m": 1000, "y_m": 2, "z_m": 3}], "for pose 12 has x_m 1000"),
         (["hello"], "is no JSON"),
     ],
@@ -69,7 +69,7 @@ def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() 
             return json.dumps({"pose": "11", **POSE})
 
     instrument = Instrument(Streaming(lambda _: "", "tcp:lab:1"), full_pose=True, patience_s=0.05)
-    with pytest.raises(InstrumentError, match=r"measured nothing .* it spoke of pose 11"):
+    with pytest.raises(InstrumentError, match=r"measured nothing .* it sent pose 11"):
         instrument.measure("12")
 
 

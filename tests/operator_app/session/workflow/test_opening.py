@@ -70,7 +70,7 @@ def test_a_run_journals_the_same(
     assert state is not None
     assert not sessions.exists()  # nothing was connected: it held nothing
     assert main(["run", "hinge", "--sessions", str(sessions)]) == 3
-    assert "no pose was taken" in capsys.readouterr().err
+    assert "no pose was captured" in capsys.readouterr().err
     assert not sessions.exists()
     assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
 
@@ -105,7 +105,7 @@ def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(
     again = resume(str(opening.folder), Choices(), root=tmp_path)
     assert again.procedure.profile == opening.procedure.profile
     assert again.procedure.profile.name == "own"
-    with pytest.raises(SessionError, match=r"other\.yaml is not that\. Leave --profile out"):
+    with pytest.raises(SessionError, match=r"other\.yaml differs from it\. Leave --profile out"):
         resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)
 
 

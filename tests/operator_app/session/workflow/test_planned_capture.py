@@ -16,7 +16,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent, read_journal
 from operator_app.session.store.state import SessionState
-from operator_app.session.workflow.campaign_replay import same
+from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
@@ -42,7 +42,7 @@ class Told(Listener):
         self.session, self.said, self.heard = session, [], []
         self.capture = PlannedCapture(session, drives, self, candidates=CANDIDATES)
 
-    def told(self, text: str) -> None:
+    def report(self, text: str) -> None:
         self.said.append(text)
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
@@ -172,7 +172,7 @@ def test_replayed_from_the_journal_it_decides_what_it_decided_then(
     assert told.said == []
     campaign = told.capture._campaign
     assert campaign is not None
-    assert same(campaign.propose(), whole.events[k].name, whole.events[k].data)
+    assert is_same_action(campaign.propose(), whole.events[k].name, whole.events[k].data)
 
 
 def test_a_finished_capture_is_not_begun_again(whole: SimpleNamespace, tmp_path: Path) -> None:
@@ -192,7 +192,7 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
     ]
     told = Told(cut(SimpleNamespace(events=strange, session=whole.session), k, tmp_path / "cut"))
     assert told.capture.ready() == (1, 5)
-    assert "cannot be repeated" in told.said[0]
+    assert "cannot be replayed" in told.said[0]
     assert told.capture._campaign is None
 
 

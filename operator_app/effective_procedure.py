@@ -1,4 +1,4 @@
-"""The procedure, bus and virtual arm that a session names. Opens nothing; loads a bus only when asked for one."""
+"""The effective procedure, bus and scenario of a session. Opens nothing."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     from operator_app.session.workflow.opening import Choices, Opening
 
 
-def carried_procedure(opening: Opening) -> Procedure:
-    """Return the procedure with the arm that is really there: a virtual one may carry other sensors."""
+def effective_procedure(opening: Opening) -> Procedure:
+    """Return the procedure with the arm that is really there: a scenario may have other sensors."""
     procedure, choices = opening.procedure, opening.choices
     if opening.imported:
         return procedure
-    # A session says which bus it had; whether that can be opened here is nothing to a report of it.
+    # The journal has the bus; a report must not depend on whether it can be opened here.
     interface = choices.interface or session_bus(choices, procedure).interface
     if interface != "virtual" and choices.scenario is None:
         return procedure
@@ -27,14 +27,14 @@ def carried_procedure(opening: Opening) -> Procedure:
 
 
 def named_scenario(choices: Choices) -> Scenario:
-    """Return the scenario these choices name, whatever arm it is of."""
+    """Return the scenario of these choices."""
     from hardware.virtual.scenarios import scenario
 
     return scenario(choices.scenario or DEFAULT_SCENARIO, choices.seed or 0)
 
 
 def session_bus(choices: Choices, procedure: Procedure) -> BusSettings:
-    """Command line over procedure file over environment and can.conf over the user's settings."""
+    """Return the bus: command line before procedure file, environment, can.conf and user settings."""
     from hardware.buses.python_can import bus_settings
     from operator_app.config.user_settings import usual_bus
 
@@ -46,6 +46,6 @@ def session_bus(choices: Choices, procedure: Procedure) -> BusSettings:
         interface,
         choices.channel or from_file.channel,
         choices.bitrate or from_file.bitrate,
-        # Who names a virtual arm means one.
+        # --scenario or --seed ask for the virtual arm.
         otherwise=None if choices.scenario or choices.seed is not None else usual_bus(interface),
     )

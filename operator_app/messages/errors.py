@@ -51,8 +51,8 @@ def words(error: BaseException) -> SessionError:
 
 
 REACHES_NOTHING = (
-    "from where the arm stands by its readings, no pose of the plan can be reached: a joint's counter, its range "
-    "or this fixture's file is not what it should be. Look at the joints' positions (step 3)"
+    "no pose of the plan can be reached from the arm's present readings: a joint's counter, its range or this "
+    "fixture's file is wrong. Check the joints' positions (step 3)"
 )
 
 
@@ -64,10 +64,10 @@ def stopped_words(why: str) -> str:
 def _remedy(error: BaseException) -> str:
     if isinstance(error, UnidentifiableError) and error.stuck_joint:
         return (
-            "Mend that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
+            "Repair that sensor, or calibrate without it (J, or --unsensed); more poses do not help"
         )
     if isinstance(error, SensorFault) and error.stuck:
-        return "The other poses stay"
+        return "The other poses are kept"
     if isinstance(error, DriveFault) and error.code in _TRIPS:
         return _TRIPS[error.code]
     found = next((kind for kind in type(error).__mro__ if kind in _REMEDIES), None)
@@ -75,35 +75,35 @@ def _remedy(error: BaseException) -> str:
 
 
 _REMEDIES: Mapping[type, str] = {
-    BusError: "The drives hold by themselves when the heartbeat is gone. Check cable and interface, "
+    BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
     "then connect again",
-    HostLatencyExceeded: "The drives hold by themselves when the heartbeat is gone. End other programs on this "
+    HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
     WrongArm: "Connect the arm that the arm file describes, or name its own arm file",
     MappingMismatch: "Nothing was enabled and nothing moves",
-    MappingChanged: "This pose was not captured; each before it was compared and stays",
+    MappingChanged: "This pose was not captured; the poses before it were compared and are kept",
     PdoSetupFailed: "Nothing was enabled and nothing moves",
     ControlDenied: "Ask the other operator to give up control, then connect again",
     DuplicateNodeId: "Until then nothing moves and nothing is captured",
     OtherMaster: "Until then nothing moves and nothing is captured",
     NodeRestarted: "Until then nothing moves and nothing is captured",
-    SensorFault: "Look at that joint's coupling and cable, then connect again: the first pose is read again before "
-    "any other counts",
-    ModeNotReached: "Look at that drive's fault, reset it (R) and apply the modes again",
-    DriveDiverged: "Keep clear until you know why: the drive has failed, or somebody else leads it. Then reset "
-    "(R, or `sarcal reset`), and go on from the modes",
-    DriveDropout: "Ask who switched it off, and why; when it is safe, reset (R) and apply the modes again",
-    DriveFault: "The arm holds. Find out what it met, reset (R) and apply the modes again",
+    SensorFault: "Check that joint's coupling and cable, then connect again: the first pose is measured again before "
+    "any other is used",
+    ModeNotReached: "Read that drive's fault, reset it (R) and apply the modes again",
+    DriveDiverged: "Keep clear until the cause is known: the drive has failed, or another controller commands it. Then "
+    "reset (R, or `sarcal reset`) and continue from the modes",
+    DriveDropout: "Find out who switched it off, and why; when it is safe, reset (R) and apply the modes again",
+    DriveFault: "The arm holds. Find what it hit, reset (R) and apply the modes again",
     Stopped: "Reset STOP (R) when it is safe; nothing moves by itself",
     CommandRefused: "Nothing was sent to the drives",
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
     "controller has",
-    UploadRefused: "The parameters that were active before stay active",
-    UnidentifiableError: "Take poses that differ more, or free a joint that stands still",
+    UploadRefused: "The previously active parameters stay active",
+    UnidentifiableError: "Take poses that differ more, or free a joint that does not move",
     TooFewPosesError: "Capture more poses (step 4)",
-    FixtureError: "Remount the fixture as said, then check it again (step 2)",
-    WriteError: "Free space or choose another folder; the journal is whole",
+    FixtureError: "Remount the fixture as described, then check it again (step 2)",
+    WriteError: "Free space or choose another folder; the journal is complete",
 }
 """By the class of the error, or the nearest one above it."""
 
@@ -112,9 +112,8 @@ _TRIPS: Mapping[int, str] = {
         STOP_CONTACTS,
         "Release the external stop when it is safe, then reset (R) and apply the modes again",
     ),
-    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer paused, or its bus did: reset (R) and apply the "
-    "modes again",
-    EmergencyCode.SENSOR: "The arm holds. Mend that sensor or its cable, then reset (R) and apply the modes again",
+    EmergencyCode.HEARTBEAT_LOST: "The arm holds. This computer or its bus paused: reset (R) and apply the modes again",
+    EmergencyCode.SENSOR: "The arm holds. Repair that sensor or its cable, then reset (R) and apply the modes again",
 }
 """Remedies of trips without a collision, by emergency code."""
 
@@ -138,7 +137,7 @@ def summary(procedure: Procedure) -> str:
     drives = "drive joints by rank"
     if joints is not None:
         drives = f"J{' J'.join(map(str, joints))} drive{'s' if len(joints) == 1 else ''}"
-    poses = f"{capture.poses} poses as they come"
+    poses = f"{capture.poses} explored poses"
     if capture.strategy == "planned":
         poses = f"{capture.poses} planned poses after a short exploration"
     return f"{procedure.name}: {procedure.fixture.name}, {drives}, {poses}"
@@ -153,10 +152,12 @@ def unwatching_words(identity: ArmIdentity) -> str:
     joints = identity.unwatching
     if not joints:
         return ""
-    which = f"{'Joints' if len(joints) > 1 else 'Joint'} {', '.join(map(str, joints))}"
+    several = len(joints) > 1
+    which = f"{'Joints' if several else 'Joint'} {', '.join(map(str, joints))}"
     return (
-        f"{which}: without 1016h nothing says that a drive notices when this program is gone; it may stay as it "
-        "is then, driven or free. Keep a hand on the hardware stop. What it does shows: sarcal arm-check"
+        f"{which}: the drive{'s have' if several else ' has'} no heartbeat timeout (1016h). When this program ends, "
+        f"{'they' if several else 'it'} may stay driven or free. Keep a hand on the hardware stop; sarcal arm-check "
+        "shows what happens"
     )
 
 

@@ -117,5 +117,5 @@ def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck() -> None:
 
 def test_what_to_do_about_a_stuck_sensor_is_not_more_poses() -> None:
     said = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
-    assert "Mend that sensor" in said.remedy
+    assert "Repair that sensor" in said.remedy
     assert "differ" in words(UnidentifiableError(())).remedy

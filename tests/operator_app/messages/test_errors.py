@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
+from fixtures.base import FixtureError
 from hardware.errors import (
     BusError,
     DriveFault,
     DuplicateNodeId,
+    HostLatencyExceeded,
     NodeRestarted,
     OtherMaster,
     SensorFault,
 )
-from operator_app.messages.errors import words
+from operator_app.messages.errors import _REMEDIES, REACHES_NOTHING, words
+from solver.errors import TooFewPosesError, UnidentifiableError
 
 
 @pytest.mark.parametrize(
@@ -39,12 +43,30 @@ def test_what_happened_and_what_to_do_are_sentences(error: Exception) -> None:
     [
         (0x5441, "Release the external stop"),
         (0x5442, "Release the external stop"),
-        (0x7305, "Mend that sensor"),
-        (0x8130, "This computer paused"),
-        (0x8311, "Find out what it met"),
+        (0x7305, "Repair that sensor"),
+        (0x8130, "This computer or its bus paused"),
+        (0x8311, "Find what it hit"),
     ],
 )
 def test_a_trip_is_told_by_what_brought_it_about(code: int, said: str) -> None:
     remedy = words(DriveFault(1, code, "as it says")).remedy
     assert said in remedy
     assert "reset (R)" in remedy
+
+
+def test_every_remedy_is_as_approved(snapshot: SnapshotAssertion) -> None:
+    """`pytest tests/operator_app/messages --snapshot-update` writes the file."""
+    errors = [
+        BusError("The arm has gone silent"),
+        HostLatencyExceeded(3, 0.4),
+        SensorFault(3, "jumped by +2223 counts", since_sync=1),
+        SensorFault(3, "stands still", stuck=True),
+        *(DriveFault(1, code, "as it says") for code in (0x5441, 0x7305, 0x8130, 0x8311)),
+        UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"),
+        UnidentifiableError((), note="joint 4 does not move"),
+        TooFewPosesError(poses=3, needed=5, parameters=14, equations_per_pose=3),
+        FixtureError("the axes are parallel"),
+    ]
+    listed = [f"{type(e).__name__}\n  {words(e)}" for e in errors]
+    listed += [f"{kind.__name__}\n  -> {said}" for kind, said in _REMEDIES.items()]
+    assert "\n\n".join([*listed, REACHES_NOTHING]) == snapshot

@@ -57,8 +57,10 @@ def test_a_drive_that_does_not_say_that_it_misses_its_operator_is_named(
     listener.report = told.append
     publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
     connect(session, listener)
-    assert told[0].startswith("Joints 3, 5: without 1016h nothing says that a drive notices")
+    assert told[0].startswith("Joints 3, 5: the drives have no heartbeat timeout (1016h)")
     assert "hardware stop" in told[0]
     told.clear()
     Operations(session, publisher).connect()
-    assert any(text.startswith("warning: Joints 3, 5: without 1016h") for text in told)
+    assert any(
+        text.startswith("warning: Joints 3, 5: the drives have no heartbeat") for text in told
+    )

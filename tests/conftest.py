@@ -15,6 +15,8 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from tests.oracles.approved import Approve
+
 REPOSITORY = Path(__file__).resolve().parents[1]
 DATA = REPOSITORY / "tests" / "data"
 
@@ -55,6 +57,21 @@ sys.dont_write_bytecode = False
 if "CI" not in os.environ:
     hypothesis.settings.register_profile("local", deadline=None)
     hypothesis.settings.load_profile("local")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--approve",
+        action="store_true",
+        help="write tests/approved_words.json anew: what is said now",
+    )
+
+
+@pytest.fixture
+def approve(request: pytest.FixtureRequest, tmp_path: Path) -> Approve:
+    """Hold the product's words to those in tests/approved_words.json."""
+    name = request.node.nodeid.removeprefix("tests/")
+    return Approve(name, folder=tmp_path, write=request.config.getoption("--approve"))
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -14,6 +14,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.resources import builtin_names, resolve
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
+from tests.oracles.approved import Approve
 from tests.oracles.makers_chains import CHAINS, flange
 
 GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
@@ -124,103 +125,90 @@ def replace(old: str, new: str) -> Callable[[str], str]:
 
 # What is done to a good file; where the one complaint must be; what it must say.
 BAD: list[tuple[str, Callable[[str], str], str, str, str]] = [
-    ("unknown key", replace("home_deg:", "home_degrees:"), "home_degrees:", "home_degrees", "home_deg?"),
+    ("unknown key", replace("home_deg:", "home_degrees:"), "home_degrees:", "home_degrees"),
     (
         "millimetres key",
         replace("a_m: 0,       alpha_deg: -90}", "a_mm: 0, alpha_deg: -90}"),
         "a_mm",
         "dh[row 2].a_mm",
-        "this file wants metres, not millimetres: write a_m",
     ),
     (
         "degrees where metres belong",
         replace("s_m: 0.355", "s_m: -38.5"),
         "s_m: -38.5",
         "dh[row 3].s_m",
-        "degrees where metres belong?",
     ),
     (
         "millimetres in a metre key",
         replace("s_m: 0.320", "s_m: 320"),
         "s_m: 320",
         "dh[row 5].s_m",
-        "millimetres?",
     ),
     (
         "radians in a degree key",
         replace("a_m: 0,       alpha_deg: -90}", "a_m: 0, alpha_deg: -1.5708}"),
         "-1.5708",
         "dh[row 2].alpha_deg",
-        "radians where degrees belong?",
     ),
-    ("nan", replace("s_m: 0.355", "s_m: .nan"), ".nan", "dh[row 3].s_m", "not a finite number"),
-    ("infinity", replace("s_m: 0.355", "s_m: -.inf"), "-.inf", "dh[row 3].s_m", "not a finite"),
-    ("overflow", replace("s_m: 0.355", "s_m: 1e999"), "1e999", "dh[row 3].s_m", "not a finite"),
-    ("text", replace("s_m: 0.355", "s_m: long"), "long", "dh[row 3].s_m", "must be a number"),
-    ("null", replace("s_m: 0.355", "s_m: "), "row: 3", "dh[row 3].s_m", "not empty"),
-    ("list", replace("s_m: 0.355", "s_m: [1]"), "row: 3", "dh[row 3].s_m", "not a list"),
-    ("bool", replace("s_m: 0.355", "s_m: true"), "row: 3", "dh[row 3].s_m", "not true"),
-    ("sexagesimal", replace("s_m: 0.355", "s_m: 12:30"), "row: 3", "dh[row 3].s_m", "minutes"),
-    ("octal", replace("s_m: 0.355", "s_m: 010"), "row: 3", "dh[row 3].s_m", "leading zero"),
+    ("nan", replace("s_m: 0.355", "s_m: .nan"), ".nan", "dh[row 3].s_m"),
+    ("infinity", replace("s_m: 0.355", "s_m: -.inf"), "-.inf", "dh[row 3].s_m"),
+    ("overflow", replace("s_m: 0.355", "s_m: 1e999"), "1e999", "dh[row 3].s_m"),
+    ("text", replace("s_m: 0.355", "s_m: long"), "long", "dh[row 3].s_m"),
+    ("null", replace("s_m: 0.355", "s_m: "), "row: 3", "dh[row 3].s_m"),
+    ("list", replace("s_m: 0.355", "s_m: [1]"), "row: 3", "dh[row 3].s_m"),
+    ("bool", replace("s_m: 0.355", "s_m: true"), "row: 3", "dh[row 3].s_m"),
+    ("sexagesimal", replace("s_m: 0.355", "s_m: 12:30"), "row: 3", "dh[row 3].s_m"),
+    ("octal", replace("s_m: 0.355", "s_m: 010"), "row: 3", "dh[row 3].s_m"),
     ("comma", replace("range_deg: [-35, 115]", "range_deg: ['-35,5', 115]"), "-35,5",
-     "joints[joint 1].range_deg[1]", "decimal point"),
-    ("unit in value", replace("s_m: 0.355", "s_m: 355 mm"), "row: 3", "dh[row 3].s_m", "unit is in"),
+     "joints[joint 1].range_deg[1]"),
+    ("unit in value", replace("s_m: 0.355", "s_m: 355 mm"), "row: 3", "dh[row 3].s_m"),
     ("missing key", replace("{row: 3, theta_off_deg: -20,  ", "{row: 3, "), "row: 3",
-     "dh[row 3].theta_off_deg", "is missing"),
-    ("row order", replace("row: 3", "row: 4"), "row: 4", "dh[row 4].row", "row 3 belongs"),
+     "dh[row 3].theta_off_deg"),
+    ("row order", replace("row: 3", "row: 4"), "row: 4", "dh[row 4].row"),
     ("duplicate key", replace("name: sarcos_dextrous\n", "name: sarcos_dextrous\nname: b\n"), "name: b",
-     "name", "given twice (first in line 2)"),
-    ("sensor kind", replace("kind: rvdt", "kind: rdvt"), "rdvt", "joints[joint 6].sensor",
-     "did you mean rvdt?"),
+     "name"),
+    ("sensor kind", replace("kind: rvdt", "kind: rdvt"), "rdvt", "joints[joint 6].sensor"),
     ("sensor without kind", replace("{kind: rvdt, bits: 12,", "{bits: 12,"), "{bits: 12",
-     "joints[joint 6].sensor", "has no kind"),
-    ("sensor key", replace("bits: 12", "bit: 12"), "bit: 12", "joints[joint 6].sensor.bit",
-     "did you mean bits?"),
+     "joints[joint 6].sensor"),
+    ("sensor key", replace("bits: 12", "bit: 12"), "bit: 12", "joints[joint 6].sensor.bit"),
     ("full scale in rad", replace("full_scale_deg: 120", "full_scale_deg: 2.0944"), "2.0944",
-     "joints[joint 6].sensor.full_scale_deg", "radians where degrees belong?"),
+     "joints[joint 6].sensor.full_scale_deg"),
     ("sensor unit", replace("full_scale_deg: 120", "full_scale_rad: 2.0944"), "full_scale_rad",
-     "joints[joint 6].sensor.full_scale_rad", "write full_scale_deg"),
+     "joints[joint 6].sensor.full_scale_rad"),
     ("missing unit", replace("max_torque_nm: 100", "max_torque: 100"), "max_torque: 100",
-     "joints[joint 1].max_torque", "did you mean max_torque_nm?"),
+     "joints[joint 1].max_torque"),
     ("range backwards", replace("[-35, 115]", "[115, -35]"), "[115, -35]",
-     "joints[joint 1].range_deg", "lower end first"),
-    ("range in rad", replace("[-35, 115]", "[-0.61, 2.0]"), "-0.61", "joints[joint 1].range_deg",
-     "radians where degrees belong?"),
-    ("range of one", replace("[-35, 115]", "[115]"), "[115]", "joints[joint 1].range_deg[2]",
-     "is missing"),
+     "joints[joint 1].range_deg"),
+    ("range in rad", replace("[-35, 115]", "[-0.61, 2.0]"), "-0.61", "joints[joint 1].range_deg"),
+    ("range of one", replace("[-35, 115]", "[115]"), "[115]", "joints[joint 1].range_deg[2]"),
     ("negative speed", replace("max_speed_deg_per_s: 180", "max_speed_deg_per_s: -180"), "-180",
-     "joints[joint 1].max_speed_deg_per_s", "greater than 0"),
+     "joints[joint 1].max_speed_deg_per_s"),
     ("fraction", replace("counts_per_rev: 400000", "counts_per_rev: 4000.5"), "4000.5",
-     "joints[joint 1].sensor.counts_per_rev", "whole number"),
-    ("free entry", replace("[theta_off_1,", "[theta_of_1,"), "theta_of_1", "free[1]", "not a D-H entry"),
-    ("free twice", replace("theta_off_2,", "theta_off_1,"), "theta_off_1, theta_off_1", "free[2]",
-     "listed twice"),
-    ("free row", replace("theta_off_2,", "theta_off_9,"), "theta_off_9", "free[2]", "rows 1 to 7"),
-    ("free of the fixture", replace("theta_off_2,", "a_0,"), "a_0,", "free[2]", "belong to the fixture"),
-    ("home outside", replace("[40.5311, ", "[140.5311, "), "140.5311", "home_deg[1]", "outside joint 1"),
-    ("home of six", replace("[40.5311, ", "["), "home_deg", "home_deg", "6 angles for 7 joints"),
-    ("counts as degrees", replace("[40.5311, ", "[45034, "), "45034", "home_deg[1]", "counts where"),
-    ("schema of a fixture", replace("sarcal/arm/1", "sarcal/fixture/1"), "schema:", "schema",
-     "this is a file of kind fixture"),
-    ("newer schema", replace("sarcal/arm/1", "sarcal/arm/2"), "schema:", "schema", "reads version 1"),
-    ("no schema", replace("schema: sarcal/arm/1\n", ""), "name:", "", "has no schema"),
+     "joints[joint 1].sensor.counts_per_rev"),
+    ("free entry", replace("[theta_off_1,", "[theta_of_1,"), "theta_of_1", "free[1]"),
+    ("free twice", replace("theta_off_2,", "theta_off_1,"), "theta_off_1, theta_off_1", "free[2]"),
+    ("free row", replace("theta_off_2,", "theta_off_9,"), "theta_off_9", "free[2]"),
+    ("free of the fixture", replace("theta_off_2,", "a_0,"), "a_0,", "free[2]"),
+    ("home outside", replace("[40.5311, ", "[140.5311, "), "140.5311", "home_deg[1]"),
+    ("home of six", replace("[40.5311, ", "["), "home_deg", "home_deg"),
+    ("counts as degrees", replace("[40.5311, ", "[45034, "), "45034", "home_deg[1]"),
+    ("schema of a fixture", replace("sarcal/arm/1", "sarcal/fixture/1"), "schema:", "schema"),
+    ("newer schema", replace("sarcal/arm/1", "sarcal/arm/2"), "schema:", "schema"),
+    ("no schema", replace("schema: sarcal/arm/1\n", ""), "name:", ""),
     ("schema not first", replace("schema: sarcal/arm/1\nname: sarcos_dextrous\n",
-                                 "name: sarcos_dextrous\nschema: sarcal/arm/1\n"), "schema:", "schema",
-     "not the first key"),
-    ("tab", replace("    name: shoulder 1", "\tname: shoulder 1"), "\tname", "", "tab"),
-    ("open bracket", replace("[-35, 115]", "[-35, 115"), "sensor: {kind: encoder", "", "not YAML"),
-    ("alias", replace("[-35, 115]", "*range"), "*range", "", "anchors and aliases"),
-    ("anchor", replace("[-35, 115]", "&range [-35, 115]"), "&range", "", "anchors and aliases"),
-    ("tag", replace("name: sarcos", "name: !!python/object:os.system sarcos"), "!!python", "", "tags"),
-    ("two documents", lambda text: text + "---\na: 1\n", "---", "", "second document"),
+                                 "name: sarcos_dextrous\nschema: sarcal/arm/1\n"), "schema:", "schema"),
+    ("tab", replace("    name: shoulder 1", "\tname: shoulder 1"), "\tname", ""),
+    ("open bracket", replace("[-35, 115]", "[-35, 115"), "sensor: {kind: encoder", ""),
+    ("alias", replace("[-35, 115]", "*range"), "*range", ""),
+    ("anchor", replace("[-35, 115]", "&range [-35, 115]"), "&range", ""),
+    ("tag", replace("name: sarcos", "name: !!python/object:os.system sarcos"), "!!python", ""),
+    ("two documents", lambda text: text + "---\na: 1\n", "---", ""),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("edit", "where", "key", "says"), [b[1:] for b in BAD], ids=[b[0] for b in BAD]
-)
+@pytest.mark.parametrize(("edit", "where", "key"), [b[1:] for b in BAD], ids=[b[0] for b in BAD])
 def test_one_mistake_gives_one_complaint_with_line_and_key(
-    edit: Callable[[str], str], where: str, key: str, says: str
+    edit: Callable[[str], str], where: str, key: str, approve: Approve
 ) -> None:
     text = edit(GOOD)
     error = complaint(text)
@@ -228,7 +216,7 @@ def test_one_mistake_gives_one_complaint_with_line_and_key(
     problem = error.problems[0]
     assert problem.line == line_of(text, where), str(error)
     assert problem.key == key
-    assert says in str(problem)
+    approve(str(problem))
     assert str(problem).startswith(f"arm.yaml:{problem.line}: ")
 
 

@@ -15,6 +15,7 @@ from operator_app.config.endpoint_line import (
     read_row,
     require_heading,
 )
+from tests.oracles.approved import Approve
 
 POINT = {"x_m": 1.25, "y_m": -0.5, "z_m": 0.75}
 
@@ -47,34 +48,29 @@ def test_a_target_out_of_sight_is_said_with_the_reason() -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "words"),
+    "line",
     [
-        ("1.0 2.0 3.0", "is no JSON"),
-        ("[1, 2, 3]", "no JSON object"),
-        ('{"x_m": 1, "y_m": 2}', "has no z_m"),
-        ('{"x_mm": 1250, "y_m": 2, "z_m": 3}', "give metres and call it x_m"),
-        ('{"x_m": 1250, "y_m": 2, "z_m": 3}', "or millimetres?"),
-        ('{"x_m": 1, "y_m": 2, "z_m": NaN}', "no number"),
-        ('{"x_m": 1, "y_m": true, "z_m": 3}', "no number"),
-        ('{"x_m": 1, "y_m": 2, "z_m": 3, "rx_deg": 4}', "has no ry_deg, rz_deg beside rx_deg"),
-        ('{"x_m": 1, "y_m": 2, "z_m": 3, "rx_rad": 4}', "give degrees and call it rx_deg"),
-        (
-            '{"x_m": 1, "y_m": 2, "z_m": 3, "rx_deg": 170, "ry_deg": 80, "rz_deg": -160}',
-            "Euler angles have names of their own",
-        ),
-        ('{"x_m": 1, "y_m": 2, "z_m": 3, "qw": 1, "qx": 1, "qy": 0, "qz": 0}', "of length 1.414"),
-        ('{"x_m": 1, "y_m": 2, "z_m": 3, "yaw_dg": 4}', "yaw_deg?"),
-        ('{"error": "laser off"}', "laser off"),
-        pytest.param("[" * 60_000, "is no JSON", id="deep"),
-        pytest.param(
-            f'{{"x_m": 1{"0" * 400}, "y_m": 2, "z_m": 3}}', "which is no number", id="huge"
-        ),
+        "1.0 2.0 3.0",
+        "[1, 2, 3]",
+        '{"x_m": 1, "y_m": 2}',
+        '{"x_mm": 1250, "y_m": 2, "z_m": 3}',
+        '{"x_m": 1250, "y_m": 2, "z_m": 3}',
+        '{"x_m": 1, "y_m": 2, "z_m": NaN}',
+        '{"x_m": 1, "y_m": true, "z_m": 3}',
+        '{"x_m": 1, "y_m": 2, "z_m": 3, "rx_deg": 4}',
+        '{"x_m": 1, "y_m": 2, "z_m": 3, "rx_rad": 4}',
+        '{"x_m": 1, "y_m": 2, "z_m": 3, "rx_deg": 170, "ry_deg": 80, "rz_deg": -160}',
+        '{"x_m": 1, "y_m": 2, "z_m": 3, "qw": 1, "qx": 1, "qy": 0, "qz": 0}',
+        '{"x_m": 1, "y_m": 2, "z_m": 3, "yaw_dg": 4}',
+        '{"error": "laser off"}',
+        pytest.param("[" * 60_000, id="deep"),
+        pytest.param(f'{{"x_m": 1{"0" * 400}, "y_m": 2, "z_m": 3}}', id="huge"),
     ],
 )
-def test_what_is_no_measurement_is_refused_in_words(line: str, words: str) -> None:
+def test_what_is_no_measurement_is_refused_in_words(line: str, approve: Approve) -> None:
     with pytest.raises(BadLine) as caught:
         read_json_line(line)
-    assert words in str(caught.value)
+    approve(str(caught.value))
 
 
 def test_a_heading_without_a_point_is_refused_before_any_row() -> None:

@@ -16,6 +16,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture, parse_fixture
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt
+from tests.oracles.approved import Approve
 
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
@@ -137,27 +138,27 @@ def test_rvdts_have_their_own_figure() -> None:
 
 
 BAD = [
-    ("{length_mm: 0.5,", "{length_mm: -0.5,", "tolerance.length_mm: must be at least 0, not -0.5"),
-    ("{length_mm: 0.5,", "{length_mm: 60,", "60 mm is more than anything here can be off"),
-    ("twist_deg: 0.1}", "twist_deg: 12}", "(limit 10 deg); write one standard deviation"),
-    ("twist_deg: 0.1}", "twist_deg: .nan}", "is not a finite number"),
-    ("{length_mm: 0.5,", "{length_m: 0.0005,", "this file wants millimetres, not metres"),
-    ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: 1", "must be a mapping"),
-    ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: false", "must be a mapping"),
-    ("accuracy_deg: 0.01", "accuracy_deg: 11", "joints[joint 1].sensor.accuracy_deg: 11 deg"),
-    ("gain: 0.005", "gain: 0.6", "joints[joint 6].sensor.gain: must be at most 0.5"),
-    ("gain: 0.005", "gain: -0.1", "joints[joint 6].sensor.gain: must be at least 0"),
-    ("backlash_deg: 0.01", "backlash_deg: -1", "joints[joint 1].backlash_deg: must be at least 0"),
-    ("sag_deg: 0.01", "sag_deg: much", "joints[joint 1].sag_deg: must be a number"),
+    ("{length_mm: 0.5,", "{length_mm: -0.5,"),
+    ("{length_mm: 0.5,", "{length_mm: 60,"),
+    ("twist_deg: 0.1}", "twist_deg: 12}"),
+    ("twist_deg: 0.1}", "twist_deg: .nan}"),
+    ("{length_mm: 0.5,", "{length_m: 0.0005,"),
+    ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: 1"),
+    ("tolerance: {length_mm: 0.5, twist_deg: 0.1}", "tolerance: false"),
+    ("accuracy_deg: 0.01", "accuracy_deg: 11"),
+    ("gain: 0.005", "gain: 0.6"),
+    ("gain: 0.005", "gain: -0.1"),
+    ("backlash_deg: 0.01", "backlash_deg: -1"),
+    ("sag_deg: 0.01", "sag_deg: much"),
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "says"), BAD)
-def test_figures_that_cannot_be_are_refused(old: str, new: str, says: str) -> None:
+@pytest.mark.parametrize(("old", "new"), BAD)
+def test_figures_that_cannot_be_are_refused(old: str, new: str, approve: Approve) -> None:
     assert old in SARCOS
     found = complaints(SARCOS.replace(old, new, 1))
     assert len(found) == 1
-    assert says in found[0]
+    approve(found[0])
 
 
 @pytest.mark.parametrize("name", ["hinge", "rigid", "ball"])

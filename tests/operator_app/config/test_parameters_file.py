@@ -20,6 +20,7 @@ from operator_app.config.parameters_file import (
     parse_parameters,
     save_parameters,
 )
+from tests.oracles.approved import Approve
 from tests.oracles.nominal_document import GOOD, complaint, document
 
 
@@ -58,50 +59,48 @@ class TestContent:
 
 # Old text, new text; the key of the one complaint; what it says.
 BAD = [
-    ("a_m: 0.2,", "a_m: -38.5,", "dh[row 0].a_m", "degrees where metres belong?"),
-    ("a_m: 0.2,", "a_mm: 200,", "dh[row 0].a_mm", "wants metres, not millimetres: write a_m"),
-    ("a_m: 0.2,", "a_m: .nan,", "dh[row 0].a_m", "not a finite number"),
-    ("a_m: 0.2,", "a_m: 0.2, a_m: 0.3,", "dh[row 0].a_m", "given twice"),
-    ("a_m: 0.2,", "", "dh[row 0].a_m", "is missing"),
-    ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 10.5", "dh[row 1].theta_off_deg",
-     "changed in one place only"),
-    ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 400", "joints[joint 1].theta_off_deg",
-     "more than a turn"),
-    ("sigma_deg: 0.001,", "sigma_deg: -0.001,", "joints[joint 1].sigma_deg", "at least 0"),
-    ("sigma_deg: 0.001,", "sigma_deg: 0.002,", "calibrated[theta_off_1]", "0.001 is not the 0.002"),
+    ("a_m: 0.2,", "a_m: -38.5,", "dh[row 0].a_m"),
+    ("a_m: 0.2,", "a_mm: 200,", "dh[row 0].a_mm"),
+    ("a_m: 0.2,", "a_m: .nan,", "dh[row 0].a_m"),
+    ("a_m: 0.2,", "a_m: 0.2, a_m: 0.3,", "dh[row 0].a_m"),
+    ("a_m: 0.2,", "", "dh[row 0].a_m"),
+    ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 10.5", "dh[row 1].theta_off_deg"),
+    ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 400", "joints[joint 1].theta_off_deg"),
+    ("sigma_deg: 0.001,", "sigma_deg: -0.001,", "joints[joint 1].sigma_deg"),
+    ("sigma_deg: 0.001,", "sigma_deg: 0.002,", "calibrated[theta_off_1]"),
     ("{entry: theta_off_1, sigma_deg: 0.001}", "{entry: theta_off_1, sigma_m: 0.001}",
-     "calibrated[theta_off_1]", "write sigma_deg"),
-    ("entry: a_0", "entry: b_0", "calibrated[b_0].entry", "not a D-H entry"),
-    ("entry: a_0", "entry: a_9", "calibrated[a_9]", "no row 9"),
-    ("entry: a_0", "entry: s_0", "calibrated[s_0]", "listed twice"),
+     "calibrated[theta_off_1]"),
+    ("entry: a_0", "entry: b_0", "calibrated[b_0].entry"),
+    ("entry: a_0", "entry: a_9", "calibrated[a_9]"),
+    ("entry: a_0", "entry: s_0", "calibrated[s_0]"),
     ("home_offset_counts: 11111}", "home_offset_counts: 11111.5}",
-     "joints[joint 1].home_offset_counts", "whole number"),
+     "joints[joint 1].home_offset_counts"),
     ("home_offset_counts: 11111}", "home_offset_counts: 3000000000}",
-     "joints[joint 1].home_offset_counts", "at most"),
-    ("joint: 2,", "joint: 3,", "joints[joint 3].joint", "joint 2 belongs"),
-    ("row: 2,", "row: 3,", "dh[row 3].row", "row 2 belongs"),
-    ("estimator: paper", "estimator: best", "estimator", "one of: paper, implicit"),
-    ("12:00:00.250000Z", "12:00:00+01:00", "utc", "no UTC time"),
-    ("2026-01-31", "2026-02-31", "utc", "no UTC time"),
-    ("0123456789abcdef0123", "XYZ3456789abcdef0123", "pose_set_sha256", "right form"),
-    ("serial: SDA-0007", "serial: ''", "arm.serial", "is empty"),
-    ("serial: SDA-0007", "serial: 7", "arm.serial", "must be text"),
-    ("rank: 14", "rank: 15", "quality.rank", "rank 15 for 14 calibrated entries"),
-    ("rank: 14", "rank: 14\n  grade: A", "quality.grade", "unknown key"),
+     "joints[joint 1].home_offset_counts"),
+    ("joint: 2,", "joint: 3,", "joints[joint 3].joint"),
+    ("row: 2,", "row: 3,", "dh[row 3].row"),
+    ("estimator: paper", "estimator: best", "estimator"),
+    ("12:00:00.250000Z", "12:00:00+01:00", "utc"),
+    ("2026-01-31", "2026-02-31", "utc"),
+    ("0123456789abcdef0123", "XYZ3456789abcdef0123", "pose_set_sha256"),
+    ("serial: SDA-0007", "serial: ''", "arm.serial"),
+    ("serial: SDA-0007", "serial: 7", "arm.serial"),
+    ("rank: 14", "rank: 15", "quality.rank"),
+    ("rank: 14", "rank: 14\n  grade: A", "quality.grade"),
     ("scaled_condition_number: 33.1", "scaled_condition_number: .inf",
-     "quality.scaled_condition_number", "not a finite number"),
-    ("code: RVDT_LINEARITY", "code: r v", "warnings[1].code", "right form"),
-    ("schema: sarcal/parameters/2", "schema: sarcal/arm/1", "schema", "this is a file of kind arm"),
-    ("schema: sarcal/parameters/2", "schema: sarcal/parameters/4", "schema", "reads version 1 and 2 and 3"),
+     "quality.scaled_condition_number"),
+    ("code: RVDT_LINEARITY", "code: r v", "warnings[1].code"),
+    ("schema: sarcal/parameters/2", "schema: sarcal/arm/1", "schema"),
+    ("schema: sarcal/parameters/2", "schema: sarcal/parameters/4", "schema"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "key", "says"), BAD, ids=[f"{b[2]}: {b[3]}" for b in BAD])
-def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
+def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: Approve) -> None:
     found = complaint(GOOD, old, new)
     assert [p.key for p in found.problems] == [key], str(found)
     (problem,) = found.problems
-    assert says in str(problem)
+    approve(str(problem))
     assert problem.line is not None
 
 

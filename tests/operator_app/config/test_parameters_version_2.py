@@ -28,6 +28,7 @@ from operator_app.config.parameters_file import (
     parse_parameters,
 )
 from operator_app.config.schema import schema_name
+from tests.oracles.approved import Approve
 from tests.oracles.nominal_document import GOOD, complaint, document
 
 
@@ -109,20 +110,20 @@ def test_what_version_2_brings_reads_back_the_same() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "key", "says"),
+    ("old", "new", "key"),
     [
-        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table", "from the lowest to the highest"),
-        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint", "there is no joint 8"),
-        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain", "greater than 0"),
-        ("side: ground", "side: table", "calibrated[theta_off_2].side", "arm, ground, hand"),
+        ("reading_deg: -230.5", "reading_deg: -270.5", "rvdt[joint 6].table"),
+        ("joint: 6\n", "joint: 8\n", "rvdt[joint 8].joint"),
+        ("gain: 0.98", "gain: 0", "rvdt[joint 6].gain"),
+        ("side: ground", "side: table", "calibrated[theta_off_2].side"),
     ],
 )  # fmt: skip
 def test_one_mistake_in_a_remedy_gives_one_complaint(
-    old: str, new: str, key: str, says: str
+    old: str, new: str, key: str, approve: Approve
 ) -> None:
     found = complaint(format_parameters(with_a_remedy()).decode(), old, new)
     assert [p.key for p in found.problems] == [key], str(found)
-    assert says in str(found)
+    approve(str(found))
 
 
 def with_correlations() -> ParametersDocument:
@@ -162,20 +163,22 @@ def test_a_parameter_without_variance_goes_with_none_and_has_no_budget() -> None
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "key", "says"),
+    ("old", "new", "key"),
     [
-        ("  theta_off_3: [", "  theta_off_3: [0.5, ", "correlations.theta_off_3", "has 3 correlations, 2 entries"),
-        ("  theta_off_3: [", "  theta_off_9: [", "correlations", "after the first, in their order"),
-        ("  theta_off_3: [", "  theta_off_3: [1", "correlations.theta_off_3[1]", "at most 1"),
-        ("{lengths: 0.25,", "{lengths: 1.25,", "budget.theta_off_1.lengths", "at most 1"),
-        ("{lengths: 0.25,", "{lengths: 0.2,", "budget.theta_off_1", "add up to 0.95, not 1"),
-        ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8", "not listed as calibrated"),
+        ("  theta_off_3: [", "  theta_off_3: [0.5, ", "correlations.theta_off_3"),
+        ("  theta_off_3: [", "  theta_off_9: [", "correlations"),
+        ("  theta_off_3: [", "  theta_off_3: [1", "correlations.theta_off_3[1]"),
+        ("{lengths: 0.25,", "{lengths: 1.25,", "budget.theta_off_1.lengths"),
+        ("{lengths: 0.25,", "{lengths: 0.2,", "budget.theta_off_1"),
+        ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8"),
     ],
 )  # fmt: skip
-def test_one_mistake_in_them_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+def test_one_mistake_in_them_gives_one_complaint(
+    old: str, new: str, key: str, approve: Approve
+) -> None:
     found = complaint(format_parameters(with_correlations()).decode(), old, new)
     assert [p.key for p in found.problems] == [key], str(found)
-    assert says in str(found)
+    approve(str(found))
     assert found.problems[0].line is not None
 
 

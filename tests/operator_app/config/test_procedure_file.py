@@ -14,6 +14,7 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
 from solver.chain.sensors import NoSensor
+from tests.oracles.approved import Approve
 
 GOOD = """schema: sarcal/procedure/1
 name: hinge
@@ -149,61 +150,55 @@ def test_what_is_wrong_in_the_arm_and_in_the_fixture_is_told_together(tmp_path: 
 
 
 BAD = [
-    ("poses: 40", "poses: 0", "capture.poses", "at least 1"),
-    ("poses: 40", "pose: 40", "capture.pose", "did you mean poses?"),
-    ("poses: 40", "poses: forty", "capture.poses", "whole number"),
-    ("speed_deg_per_s: 20", "speed_rad_per_s: 0.3", "capture.speed_rad_per_s", "speed_deg_per_s"),
-    ("speed_deg_per_s: 20", "speed_deg_per_s: 200", "capture.speed_deg_per_s", "more than joint"),
-    ("modes: {position: [1, 5]}", "modes: atuo", "modes", "did you mean auto?"),
-    ("modes: {position: [1, 5]}", "modes: {positions: [1, 5]}", "modes.positions", "position?"),
-    ("modes: {position: [1, 5]}", "modes: {position: [1, five]}", "modes.position[2]", "whole"),
-    ("modes: {position: [1, 5]}", "modes: {position: [1, 5, 9]}", "modes.position[3]", "no joint 9"),
-    ("modes: {position: [1, 5]}", "modes: {position: [1, 5, 5]}", "modes.position[3]", "twice"),
-    ("modes: {position: [1, 5]}", "modes: {position: [1]}", "capture.exploration[joint 5].joint",
-     "not in position mode"),
-    ("    - {joint: 5, from_deg: -70, to_deg: 0}\n", "", "capture.exploration", "joint 5 has no travel"),
-    ("to_deg: 48", "to_deg: 80", "capture.exploration[joint 1].to_deg", "outside its range -35 to 115"),
-    ("from_deg: -30", "from_deg: 30", "capture.exploration[joint 1].from_deg", "at most 0"),
-    ("from_deg: -70, to_deg: 0", "from_deg: -0.5, to_deg: 0", "capture.exploration[joint 5].to_deg",
-     "would travel 0.5 deg"),
-    ("timeout_syncs: 1000", "timeout_syncs: 10", "capture.settle.timeout_syncs", "before the window"),
-    ("estimator: paper", "estimator: papper", "estimator", "did you mean paper?"),
-    ("upload: true", "upload: yes", "export.upload", "write true or false"),
+    ("poses: 40", "poses: 0", "capture.poses"),
+    ("poses: 40", "pose: 40", "capture.pose"),
+    ("poses: 40", "poses: forty", "capture.poses"),
+    ("speed_deg_per_s: 20", "speed_rad_per_s: 0.3", "capture.speed_rad_per_s"),
+    ("speed_deg_per_s: 20", "speed_deg_per_s: 200", "capture.speed_deg_per_s"),
+    ("modes: {position: [1, 5]}", "modes: atuo", "modes"),
+    ("modes: {position: [1, 5]}", "modes: {positions: [1, 5]}", "modes.positions"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, five]}", "modes.position[2]"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5, 9]}", "modes.position[3]"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5, 5]}", "modes.position[3]"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1]}", "capture.exploration[joint 5].joint"),
+    ("    - {joint: 5, from_deg: -70, to_deg: 0}\n", "", "capture.exploration"),
+    ("to_deg: 48", "to_deg: 80", "capture.exploration[joint 1].to_deg"),
+    ("from_deg: -30", "from_deg: 30", "capture.exploration[joint 1].from_deg"),
+    ("from_deg: -70, to_deg: 0", "from_deg: -0.5, to_deg: 0", "capture.exploration[joint 5].to_deg"),
+    ("timeout_syncs: 1000", "timeout_syncs: 10", "capture.settle.timeout_syncs"),
+    ("estimator: paper", "estimator: papper", "estimator"),
+    ("upload: true", "upload: yes", "export.upload"),
     ("scaled_condition_number: 100", "scaled_condition_number: 0.5",
-     "acceptance.scaled_condition_number", "at least 1"),
-    ("interface: virtual", "interface: virtual, bitrate: 5", "bus.bitrate", "at least 10000"),
-    ("arm: sarcos_dextrous", "arm: sarcos", "arm", "did you mean sarcos_dextrous?"),
-    ("arm: sarcos_dextrous", "arm: ./sarcos.yaml", "arm", "no such file"),
-    ("estimator: paper", "estimator: paper\nunsensed_joints: [5]", "modes.position[2]",
-     "in position mode and unsensed"),
-    ("estimator: paper", "estimator: paper\nunsensed_joints: [8]", "unsensed_joints[1]", "no joint 8"),
-    ("poses: 40", "plan: plannd\n  poses: 40", "capture.plan", "did you mean planned?"),
-    ("poses: 40", "poses: 40\n  requested_sigma: {a_0_mm: 0.1}", "capture.requested_sigma",
-     "add plan: planned"),
+     "acceptance.scaled_condition_number"),
+    ("interface: virtual", "interface: virtual, bitrate: 5", "bus.bitrate"),
+    ("arm: sarcos_dextrous", "arm: sarcos", "arm"),
+    ("arm: sarcos_dextrous", "arm: ./sarcos.yaml", "arm"),
+    ("estimator: paper", "estimator: paper\nunsensed_joints: [5]", "modes.position[2]"),
+    ("estimator: paper", "estimator: paper\nunsensed_joints: [8]", "unsensed_joints[1]"),
+    ("poses: 40", "plan: plannd\n  poses: 40", "capture.plan"),
+    ("poses: 40", "poses: 40\n  requested_sigma: {a_0_mm: 0.1}", "capture.requested_sigma"),
     ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {a_0_m: 0.1}",
-     "capture.requested_sigma.a_0_m", "did you mean a_0_mm?"),
+     "capture.requested_sigma.a_0_m"),
     ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {theta_off_1: 0.1}",
-     "capture.requested_sigma.theta_off_1", "did you mean theta_off_1_deg?"),
+     "capture.requested_sigma.theta_off_1"),
     ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {speed: 0.1}",
-     "capture.requested_sigma.speed", "known here: theta_off_1_deg"),
+     "capture.requested_sigma.speed"),
     ("poses: 40", "plan: planned\n  poses: 40\n  requested_sigma: {a_0_mm: 0}",
-     "capture.requested_sigma.a_0_mm", "greater than 0"),
-    ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trial: true}", "modes.trial",
-     "write position: auto"),
-    ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trail: true}", "modes.trail",
-     "did you mean trial?"),
-    ("modes: {position: [1, 5]}", "modes: {position: atuo}", "modes.position", "did you mean auto?"),
+     "capture.requested_sigma.a_0_mm"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trial: true}", "modes.trial"),
+    ("modes: {position: [1, 5]}", "modes: {position: [1, 5], trail: true}", "modes.trail"),
+    ("modes: {position: [1, 5]}", "modes: {position: atuo}", "modes.position"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "key", "says"), BAD, ids=[f"{b[2]}: {b[3]}" for b in BAD])
-def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, says: str) -> None:
+@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
+def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: Approve) -> None:
     assert old in GOOD
     with pytest.raises(ConfigError) as caught:
         parse(GOOD.replace(old, new, 1))
     assert [p.key for p in caught.value.problems] == [key], str(caught.value)
     (problem,) = caught.value.problems
-    assert says in str(problem)
+    approve(str(problem))
     assert problem.line is not None
 
 

@@ -20,6 +20,7 @@ from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, resume
+from tests.oracles.approved import Approve
 from tests.oracles.journals import events, mutated_journal, written
 
 Q = [0.1] * 7
@@ -49,63 +50,60 @@ def swapped() -> bytes:
     return written(found)
 
 
-WRONG: dict[str, tuple[Callable[[], bytes], str, str]] = {
-    "sources missing": (lambda: without("opened", "sources"), "opened.sources", "is missing"),
+WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
+    "sources missing": (lambda: without("opened", "sources"), "opened.sources"),
     "sources a list": (
         lambda: changed("opened", sources=[]),
         "opened.sources",
-        "must be an object",
     ),
-    "source a number": (lambda: changed("opened", sources={"arm": 3}), "opened.sources", "text"),
-    "settings missing": (lambda: without("resumed", "settings"), "resumed.settings", "is missing"),
-    "poses text": (lambda: changed("opened", settings={"poses": "x"}), "settings", "whole number"),
-    "poses true": (lambda: changed("opened", settings={"poses": True}), "settings", "whole number"),
-    "plan": (lambda: changed("opened", settings={"plan": "later"}), "settings", "none of explore"),
-    "scenario": (lambda: changed("opened", settings={"scenario": "q"}), "settings", "none of"),
-    "seed": (lambda: changed("opened", settings={"seed": -1}), "settings", "less than 0"),
-    "serial a number": (lambda: changed("connected", serial_number=5), "serial_number", "text"),
-    "nodes": (lambda: changed("connected", nodes=[5]), "connected.nodes", "item 1: must be an"),
+    "source a number": (lambda: changed("opened", sources={"arm": 3}), "opened.sources"),
+    "settings missing": (lambda: without("resumed", "settings"), "resumed.settings"),
+    "poses text": (lambda: changed("opened", settings={"poses": "x"}), "settings"),
+    "poses true": (lambda: changed("opened", settings={"poses": True}), "settings"),
+    "plan": (lambda: changed("opened", settings={"plan": "later"}), "settings"),
+    "scenario": (lambda: changed("opened", settings={"scenario": "q"}), "settings"),
+    "seed": (lambda: changed("opened", settings={"seed": -1}), "settings"),
+    "serial a number": (lambda: changed("connected", serial_number=5), "serial_number"),
+    "nodes": (lambda: changed("connected", nodes=[5]), "connected.nodes"),
     "node": (
         lambda: changed("connected", nodes=[{"node": 1}]),
         "nodes",
-        "serial_number is missing",
     ),
     "start of 6": (
         lambda: changed("modes", modes=["free"] * 6),
         "modes.modes",
-        "7 joints need 7",
     ),
-    "mode": (lambda: changed("modes", modes=["up"] * 7), "modes.modes", "none of position, free"),
-    "mean missing": (lambda: without("pose", "mean_rad"), "pose.mean_rad", "is missing"),
-    "mean of 6": (lambda: changed("pose", mean_rad=Q[:6]), "pose.mean_rad", "7 joints need 7"),
-    "mean of text": (lambda: changed("pose", mean_rad=["a"] * 7), "mean_rad", "must be a number"),
-    "mean nested": (lambda: changed("pose", mean_rad=[Q] * 7), "mean_rad", "must be a number"),
-    "mean null": (lambda: changed("pose", mean_rad=None), "mean_rad", "must be a list, not null"),
-    "counts": (lambda: changed("pose", mean_rad=[4e5] * 7), "pose.mean_rad", "more than 62.8"),
-    "negative spread": (lambda: changed("pose", sd_rad=[-0.1] * 7), "pose.sd_rad", "item 1"),
-    "no samples": (lambda: changed("pose", samples=0), "pose.samples", "less than 1"),
-    "many samples": (lambda: changed("pose", samples=10**30), "pose.samples", "too many digits"),
-    "half a sample": (lambda: changed("pose", samples=1.5), "pose.samples", "whole number"),
-    "note a list": (lambda: changed("pose", note=[]), "pose.note", "must be text, not a list"),
-    "number negative": (lambda: changed("pose", number=-1), "pose.number", "less than 1"),
-    "pose twice": (swapped, "pose.number", "pose 1 comes after pose 2"),
-    "exclusion": (lambda: without("pose_excluded", "text"), "pose_excluded.text", "is missing"),
-    "drives": (lambda: changed("drives_chosen", drives=[1, 9]), "drives", "there is no joint 9"),
-    "sets": (lambda: changed("drives_chosen", sets=3), "drives_chosen.sets", "must be a list"),
-    "requested": (lambda: changed("campaign", requested=[]), "campaign.requested", "an object"),
-    "targets": (lambda: changed("campaign_move", targets_rad={"x": 1}), "targets_rad", "no joint"),
-    "end": (lambda: changed("campaign_ended", weak=[{}]), "campaign_ended.weak", "name is missing"),
-    "accepted": (lambda: changed("solved", accepted="yes"), "solved.accepted", "true or false"),
-    "record": (lambda: changed("solved", record=[]), "solved.record", "must be an object"),
-    "upload": (lambda: changed("exported", uploaded={}), "exported.uploaded", "slot is missing"),
+    "mode": (lambda: changed("modes", modes=["up"] * 7), "modes.modes"),
+    "mean missing": (lambda: without("pose", "mean_rad"), "pose.mean_rad"),
+    "mean of 6": (lambda: changed("pose", mean_rad=Q[:6]), "pose.mean_rad"),
+    "mean of text": (lambda: changed("pose", mean_rad=["a"] * 7), "mean_rad"),
+    "mean nested": (lambda: changed("pose", mean_rad=[Q] * 7), "mean_rad"),
+    "mean null": (lambda: changed("pose", mean_rad=None), "mean_rad"),
+    "counts": (lambda: changed("pose", mean_rad=[4e5] * 7), "pose.mean_rad"),
+    "negative spread": (lambda: changed("pose", sd_rad=[-0.1] * 7), "pose.sd_rad"),
+    "no samples": (lambda: changed("pose", samples=0), "pose.samples"),
+    "many samples": (lambda: changed("pose", samples=10**30), "pose.samples"),
+    "half a sample": (lambda: changed("pose", samples=1.5), "pose.samples"),
+    "note a list": (lambda: changed("pose", note=[]), "pose.note"),
+    "number negative": (lambda: changed("pose", number=-1), "pose.number"),
+    "pose twice": (swapped, "pose.number"),
+    "exclusion": (lambda: without("pose_excluded", "text"), "pose_excluded.text"),
+    "drives": (lambda: changed("drives_chosen", drives=[1, 9]), "drives"),
+    "sets": (lambda: changed("drives_chosen", sets=3), "drives_chosen.sets"),
+    "requested": (lambda: changed("campaign", requested=[]), "campaign.requested"),
+    "targets": (lambda: changed("campaign_move", targets_rad={"x": 1}), "targets_rad"),
+    "end": (lambda: changed("campaign_ended", weak=[{}]), "campaign_ended.weak"),
+    "accepted": (lambda: changed("solved", accepted="yes"), "solved.accepted"),
+    "record": (lambda: changed("solved", record=[]), "solved.record"),
+    "upload": (lambda: changed("exported", uploaded={}), "exported.uploaded"),
 }
 
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_wrong_content_is_one_error_that_names_file_line_and_key(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str], approve: Approve
 ) -> None:
-    make, key, words = WRONG[kind]
+    make, key = WRONG[kind]
     folder = tmp_path / "sessions" / "one"
     folder.mkdir(parents=True)
     path = folder / JOURNAL_NAME
@@ -114,7 +112,7 @@ def test_wrong_content_is_one_error_that_names_file_line_and_key(
     with pytest.raises(JournalDamagedError, match=r"line \d+: ") as refused:
         session_state(contents)
     assert key in refused.value.problem
-    assert words in refused.value.problem
+    approve(refused.value.problem)
     assert refused.value.path == path
     assert contents.events[refused.value.line - 1].name in refused.value.problem
     root = ["--sessions", str(folder.parent)]

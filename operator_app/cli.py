@@ -19,6 +19,12 @@ from operator_app.commands.completion import complete, words_to_complete
 from operator_app.commands.table import APP, COMMANDS, module
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import harmless, say, silence, stand_in_for_closed
+from operator_app.signals import (
+    INTERRUPTED,
+    ProcessEnd,
+    ending_signals_interrupt,
+    interrupted,
+)
 
 NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
 OPTION = re.compile(r"--[a-z-]+")
@@ -42,16 +48,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stand_in_for_closed()
+    process = argv is None  # else a part of one
+    end = ProcessEnd() if process else None
+    code = 1
+    try:
+        with ending_signals_interrupt(for_good=process):
+            code = _code(sys.argv[1:] if argv is None else list(argv))
+    except BaseException as error:
+        # Interrupted, an import may raise what it likes.
+        if not (isinstance(error, KeyboardInterrupt) or (interrupted() and process)):
+            raise
+        say("sarcal: interrupted.", err=True)
+        code = INTERRUPTED
+    finally:
+        if end is not None:
+            end.soon(code)
+    return code
+
+
+def _code(argv: list[str]) -> int:
     try:
         require_own_names()
     except ForeignPackageError as error:
         say(f"sarcal: {error}.", err=True)
         return 2
     try:
-        return _dispatch(sys.argv[1:] if argv is None else list(argv))
-    except KeyboardInterrupt:
-        say("sarcal: interrupted.", err=True)
-        return 130
+        return _dispatch(argv)
     except BrokenPipeError:
         silence(sys.stdout)
         return 0

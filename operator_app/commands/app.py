@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
@@ -102,20 +99,7 @@ def execute(args: argparse.Namespace) -> int:
         return made[0]
 
     reason = _plain(args, make_source()) if args.plain else _full_screen(args, make_source)
-    code = _report_end(made, reason, plain=args.plain)
-    if not args.plain:
-        threading.Thread(target=_exit_after_threads, args=(code,), daemon=True).start()
-    return code
-
-
-THREADS_PATIENCE_S = 1.5
-
-
-def _exit_after_threads(code: int) -> None:
-    """Exit even if a thread does not end: Textual's key reader may block on a closed terminal."""
-    threading.main_thread().join()
-    time.sleep(THREADS_PATIENCE_S)
-    os._exit(code)
+    return _report_end(made, reason, plain=args.plain)
 
 
 def _report_end(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
@@ -179,6 +163,7 @@ def _plain(args: argparse.Namespace, source: Sessions) -> str:
         raise _Ended(signal.Signals(number).name)
 
     before = {n: signal.signal(n, end) for n in (signal.SIGTERM, signal.SIGHUP)}
+    before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)  # each is STOP
     reason = "failed"
     try:
         reason = Plain(source, StandardTerminal(), resume=args.resume, manual=manual()).run()

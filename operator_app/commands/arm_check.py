@@ -5,8 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
-import signal
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -71,17 +69,14 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.commissioning.finding import Stage
     from operator_app.composition import open_arm
     from operator_app.config.description import describe
-    from operator_app.signals import ending_signals_interrupt, ending_signals_wait
+    from operator_app.signals import ending_signals_wait, press_ctrl_c
 
     if not 0.05 <= args.step <= 10.0:
         raise UsageError("--step: between 0.05 and 10 deg")
     if not 0.05 <= args.speed <= 10.0:
         raise UsageError("--speed: between 0.05 and 10 deg/s")
     findings: list[CheckFinding] = []
-    with (
-        ending_signals_interrupt(),
-        open_arm(opening_from(args), record_to=args.record) as rig,
-    ):
+    with open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(
                 "the embedded virtual arm is part of this program: run `sarcal controller -i loopback` in another "
@@ -95,10 +90,7 @@ def execute(args: argparse.Namespace) -> int:
                 ask=_ask,
                 step_rad=math.radians(args.step),
                 speed_rad_per_s=math.radians(args.speed),
-                # A background process gets no Ctrl-C.
-                interrupt=None
-                if signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-                else _press_ctrl_c,
+                interrupt=press_ctrl_c,
             )
             for finding in check(bench, last=Stage(args.through)):
                 findings.append(finding)
@@ -143,7 +135,3 @@ def _ask(question: str) -> bool:
     say(f"{question} [y/N] ", err=True)
     sys.stderr.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")
-
-
-def _press_ctrl_c() -> None:
-    os.kill(os.getpid(), signal.SIGINT)

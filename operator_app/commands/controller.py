@@ -119,7 +119,6 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.procedure_file import load_procedure
-    from operator_app.signals import ending_signals_interrupt
     from operator_app.virtual_arms import run_controller, virtual_arm
 
     if _HELP in args.fault:
@@ -142,7 +141,6 @@ def execute(args: argparse.Namespace) -> int:
         arm, fixture, run = procedure.arm, procedure.fixture, args.procedure
     script = script_of(args, arm.joint_count)
     with (
-        ending_signals_interrupt(),
         real_time_priority(),
         _recorded(settings, args.record),
         run_controller(

@@ -34,7 +34,6 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
     from operator_app.config.user_settings import usual_bus
-    from operator_app.signals import ending_signals_interrupt
 
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
         raise UsageError("--seconds: more than 0 and at most 1e7")
@@ -47,14 +46,13 @@ def execute(args: argparse.Namespace) -> int:
     wire = SharedBus(open_bus(settings), record_to=args.record)
     begun = time.monotonic()
     try:
-        with ending_signals_interrupt():
-            say(f"Watching {settings}; Ctrl-C ends it.", err=True)
-            while args.seconds is None or time.monotonic() < begun + args.seconds:
-                message = wire.receive(POLL_S)
-                now = time.monotonic()
-                if message is not None:
-                    _say(args, seen.take_in(message.arbitration_id, bytes(message.data), now))
-                _say(args, seen.time_passes(now))
+        say(f"Watching {settings}; Ctrl-C ends it.", err=True)
+        while args.seconds is None or time.monotonic() < begun + args.seconds:
+            message = wire.receive(POLL_S)
+            now = time.monotonic()
+            if message is not None:
+                _say(args, seen.take_in(message.arbitration_id, bytes(message.data), now))
+            _say(args, seen.time_passes(now))
     except KeyboardInterrupt:
         if args.seconds is not None:
             raise

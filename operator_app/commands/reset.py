@@ -34,9 +34,8 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.errors import DriveFault
     from operator_app.composition import open_arm
     from operator_app.messages.errors import drive_words, unwatching_words
-    from operator_app.signals import ending_signals_interrupt
 
-    with ending_signals_interrupt(), open_arm(opening_from(args), record_to=args.record) as rig:
+    with open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(
                 "the embedded virtual arm starts new in every program: there is nothing to reset; name a bus with -i, "

@@ -28,7 +28,6 @@ from operator_app.commands.options import (
 )
 from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import say
-from operator_app.signals import ending_signals_interrupt
 
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
@@ -76,7 +75,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     json_option(parser)
 
 
-@ending_signals_interrupt()  # between two placements as well, where no session is open
 def execute(args: argparse.Namespace) -> int:
     """Run and report; leave the arm held."""
     from operator_app.composition import unattended

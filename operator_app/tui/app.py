@@ -27,7 +27,7 @@ from operator_app.exit_codes import ExitCode
 from operator_app.manual.pages import Manual
 from operator_app.manual.reference import reference
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
-from operator_app.signals import ending_signals_wait
+from operator_app.signals import ENDING, ending_signals_wait
 from operator_app.tui.driver import Pressed, watched
 from operator_app.tui.lines import Clicked
 from operator_app.tui.palette import ActionProvider
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from operator_app.tui.user_interface import ScreenInterface
 
 POLL_S = 1.0 / 20.0
-ENDINGS = (signal.SIGTERM, signal.SIGHUP)
 SCREEN_PATIENCE_S = 5.0
 """Longest time, s, that the screen may take to close after a signal."""
 
@@ -108,7 +107,7 @@ class SarcalApp(App[str]):
         loop = asyncio.get_running_loop()
         if threading.current_thread() is threading.main_thread():
             # Textual does not unmount on a signal: leave in order instead.
-            for number in ENDINGS:
+            for number in ENDING if self.owns_process else ENDING[1:]:
                 signal.signal(number, lambda n, _: self._asked_to_end(signal.Signals(n).name, loop))
         self.call_after_refresh(self.run_worker, self._load())
 
@@ -308,9 +307,6 @@ def run(
         # Nothing may interrupt while the arm is held and the journal closed.
         with ending_signals_wait():
             app.close_source(reason)
-        # The process ends now: further signals are ignored.
-        for number in ENDINGS:
-            signal.signal(number, signal.SIG_IGN)
     if app.problem is not None:
         raise app.problem
     return reason

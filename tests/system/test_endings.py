@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
+
+import pytest
 
 SARCAL = (sys.executable, "-m", "operator_app.cli")
 
@@ -31,3 +34,46 @@ def test_a_tracker_that_still_writes_changes_no_exit_code(tmp_path: Path) -> Non
         said = process.stdout.read()
     assert process.returncode == 3, said
     assert "no light" in said
+
+
+def twice_interrupted(
+    folder: Path, first: signal.Signals, second: signal.Signals, wait_s: float, gap_s: float
+) -> tuple[int, str]:
+    """Exit code and messages of a run that gets two signals as soon as it has begun, or later."""
+    with subprocess.Popen(
+        [*SARCAL, "run", "--poses", "40"], stderr=subprocess.PIPE, text=True, cwd=folder
+    ) as process:
+        assert process.stderr is not None
+        begun = process.stderr.readline()
+        time.sleep(wait_s)
+        process.send_signal(first)
+        time.sleep(gap_s)
+        process.send_signal(second)
+        said = begun + process.stderr.read()
+    return process.returncode, said
+
+
+PAIRS = (
+    (signal.SIGINT, signal.SIGTERM),
+    (signal.SIGHUP, signal.SIGTERM),
+    (signal.SIGINT, signal.SIGINT),
+)
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_a_second_signal_does_not_change_the_exit_code(
+    tmp_path: Path, pair: tuple[signal.Signals, signal.Signals]
+) -> None:
+    code, said = twice_interrupted(tmp_path, *pair, 0.0, 0.1)
+    assert code == 130, said
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("pair", PAIRS)
+def test_a_second_signal_at_any_time_does_not_change_the_exit_code(
+    tmp_path: Path, pair: tuple[signal.Signals, signal.Signals]
+) -> None:
+    for wait_s in (0.0, 0.1, 0.3, 0.7, 1.5, 3.0):
+        for gap_s in (0.0, 0.001, 0.01, 0.05, 0.1, 0.4):
+            code, said = twice_interrupted(tmp_path, *pair, wait_s, gap_s)
+            assert code == 130, (wait_s, gap_s, said)

@@ -10,7 +10,9 @@ import asyncio
 import contextlib
 import gc
 import os
+import select
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar
@@ -109,6 +111,8 @@ class SarcalApp(App[str]):
             # Textual does not unmount on a signal: leave in order instead.
             for number in ENDING if self.owns_process else ENDING[1:]:
                 signal.signal(number, lambda n, _: self._asked_to_end(signal.Signals(n).name, loop))
+        if self.owns_process:
+            threading.Thread(target=self._watch_terminal, args=(loop,), daemon=True).start()
         self.call_after_refresh(self.run_worker, self._load())
 
     async def _load(self) -> None:
@@ -133,6 +137,13 @@ class SarcalApp(App[str]):
         if self.owns_process:
             leave = self._leave_without_screen
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
+
+    def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Leave when the terminal is gone; its SIGHUP comes only to who has it as controlling terminal."""
+        terminal = select.poll()
+        terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is reported unasked
+        terminal.poll()
+        self._asked_to_end(signal.SIGHUP.name, loop)
 
     def _leave_without_screen(self, reason: str) -> None:
         """Close the source from here: the loop may wait for ever on a terminal that takes no output."""

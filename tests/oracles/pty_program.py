@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import pty
+import select
 import struct
 import subprocess
 import termios
@@ -38,6 +39,8 @@ class PtyProgram:
 
     def _read(self) -> None:
         while self._reading:
+            if not select.select([self._master], [], [], 0.05)[0]:
+                continue
             try:
                 data = os.read(self._master, 65536)
             except OSError:
@@ -103,6 +106,8 @@ class PtyProgram:
 
     def hang_up(self) -> None:
         """Take the terminal away, as when its window is closed; the signals are the caller's affair."""
+        self._reading = False
+        self._reader.join()  # a read that waits would keep it open
         os.close(self._master)
         self._master = -1
 
@@ -112,7 +117,7 @@ class PtyProgram:
             self.process.terminate()
             self.process.wait(20)
         if self._master >= 0:
-            os.close(self._master)
+            self.hang_up()
 
 
 def _cpu_s(stat: Path) -> float:

@@ -187,9 +187,19 @@ def test_a_program_without_a_terminal_ends(tmp_path):
     with capturing(tmp_path) as program:
         program.hang_up()
         program.process.send_signal(signal.SIGCONT)
-        # Time enough for a screen that is still painted to fill what nobody empties.
-        wait_for_poses(tmp_path, 4)
-        program.process.send_signal(signal.SIGHUP)
+
+
+@pytest.mark.parametrize("after_s", [pytest.param(0.2, marks=pytest.mark.campaign), 1.0, 4.0])
+def test_a_terminal_that_goes_without_a_signal_ends_the_program(tmp_path, after_s):
+    program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
+    try:
+        select(after_s)
+        program.hang_up()
+        # 2: it had not even looked whether there is a terminal.
+        assert program.process.wait(PATIENCE_S) in (2, 130)
+    finally:
+        program.process.kill()
+        program.close()
 
 
 @pytest.mark.campaign

@@ -104,7 +104,7 @@ def explained(
 
 
 def _moved(arm: ArmModel, fixture: Fixture, poses: PoseSet, joint: int) -> float:
-    """Angle (rad) through which the loop says a joint turned whose reading is not used; 0 if it can't."""
+    """Range (rad) of a joint's angle as the loop determines it without its reading; 0 if the loop does not."""
     unsensed = tuple(sorted({*arm.unsensed_joints, joint}))
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
     noise = noise_model(arm, fixture, poses, np.ones(len(poses), dtype=np.bool_))

@@ -130,7 +130,7 @@ class _Reader:
         )
 
     def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
-        """Refuse poses that are of none of several arms; with a single one its reader has."""
+        """Refuse poses whose number of joints is that of none of the arms."""
         count = loaded.poses.joint_count
         if self.joints and count not in self.joints:
             known = " and ".join(map(str, sorted(self.joints)))

@@ -77,7 +77,7 @@ def load_settings() -> UserSettings:
 
 
 def settings_if_right() -> tuple[UserSettings, str]:
-    """Return the user's settings for what no bus depends on; none where the file is wrong, and that in words."""
+    """Return the user's settings and a warning. Where the file is wrong, the defaults; the bus does not use these."""
     try:
         return load_settings(), ""
     except ConfigError:

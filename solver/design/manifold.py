@@ -29,8 +29,8 @@ TOUCHING = 1.7
 """Poses within this many steps are neighbours: beyond the six around a pose, no further ring."""
 BENT = 0.35
 """A neighbour further off the tangent plane than this share of its distance is on another sheet."""
-TWINS = 0.2
-"""Tangent steps closer than this share of a step to an earlier one are not worth closing."""
+LEAST_SPACING_SHARE = 0.2
+"""Tangent steps are not closed if one before is nearer than this share of a step."""
 COARSE_STEP_RAD = 0.15
 
 
@@ -125,7 +125,7 @@ def grow_manifold(
         new = _far_from(_tree(_place(q, u, d)), _place(wave_q, wave_u, d), 0.6 * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
         # Twins of another pose's step need not be closed to be dropped.
-        alone = _spread(_place(wave_q, wave_u, d), TWINS * step_rad)
+        alone = _spread(_place(wave_q, wave_u, d), LEAST_SPACING_SHARE * step_rad)
         wave_q, wave_u = wave_q[alone], wave_u[alone]
         if len(wave_q) == 0:
             break

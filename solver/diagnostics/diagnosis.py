@@ -182,12 +182,11 @@ def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
 def _residual_tests(
     scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
 ) -> tuple[Outliers, ChangePoint | None, list[HypothesisTest]]:
-    """Look for odd poses and for steps with noise as believed; for those of a reading with `quiet` noise.
+    """Look for outliers and for steps, both against the noise model; for steps of a reading against `quiet` noise.
 
-    At no smaller scale however little is left: where most of the noise is quieter than believed, that of
-    single readings of one sensor need not be. What fixture and joints do that is neither new in every
-    pose nor quite the smooth function that it is taken for passes for a change of the geometry, and
-    hardly for one of a single reading.
+    The noise is not scaled down where the residuals are small: most of it may be below its statement and that of one
+    sensor not. `quiet` noise is used for readings only, since deflections that the smooth model describes badly look
+    like a change of the geometry and hardly like one of a single reading.
     """
     odd = find_outliers(left)
     tests = [HypothesisTest(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]

@@ -86,8 +86,9 @@ POSE_CHI2_UNPREDICTED = 20.0
 """chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound ones was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
-"""And this many times the largest of the poses before, which is large where an arm is not as its files state. With
-errors three times as large as stated 4 sound planned sessions in 100 repeat their first pose; as stated, none."""
+"""A new pose is unpredicted only if its chi2 is also this many times the largest of the poses before, which is large
+where errors exceed their statement. With errors three times as large as stated 4 sound planned sessions in 100 repeat
+their first pose; as stated, none."""
 
 # Sigmas and ratios of standard deviations
 

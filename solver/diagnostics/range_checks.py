@@ -1,7 +1,7 @@
 """Readings against the ranges that the arm file states, before anything is solved. Knows no loop.
 
 A reading outside its joint's range is either a wrong file, a wrong unit, a sensor at its end, or a
-range that was written down wrongly: none of them may reach an estimator without a word.
+range that was written down wrongly. All are reported before an estimator uses the reading.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ class WhitenedResiduals:
         )
 
     def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
-        """Return what is left over when G (m, r, c) has coefficients of known size `sd` (c,)."""
+        """Return the residuals of a model that has G (m, r, c) as well, with coefficients of known size `sd` (c,)."""
         m, r, K = self.U.shape
         s, C = self.score(G * sd)
         values, vectors = np.linalg.eigh(C + np.eye(len(s)))

@@ -325,7 +325,7 @@ class Result:
             solution=self._solution,
             checks=self._checks,
             arm=self.arm._model,
-            serial_number=self._told.state.serial_number,
+            serial_number=self._state_source.state.serial_number,
             poses=self.poses._set,
             forced=forced,
         )
@@ -357,17 +357,17 @@ class Result:
 
     @cached_property
     def _subject(self) -> Subject:
-        told = self._told
+        source = self._state_source
         return Subject(
-            name=told.procedure.name,
-            procedure=told.procedure,
-            state=told.state,
+            name=source.procedure.name,
+            procedure=source.procedure,
+            state=source.state,
             solution=self._solution,
             checks=self._checks,
         )
 
     @cached_property
-    def _told(self) -> Journalled | ImportedSession:
+    def _state_source(self) -> Journalled | ImportedSession:
         """What the session says that it was read from, or would say that it were saved to."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
@@ -387,9 +387,9 @@ class Result:
     def _document(
         self, *, session: ImportedSession | None = None, forced: str = ""
     ) -> ParametersDocument:
-        told = self._told if session is None else session
+        source = self._state_source if session is None else session
         return parameters_document(
-            self._solution, told.state, told.procedure, utc=datetime.now(UTC), forced=forced
+            self._solution, source.state, source.procedure, utc=datetime.now(UTC), forced=forced
         )
 
     def _readings(self, q_rad: ArrayLike) -> FloatArray:

@@ -54,7 +54,7 @@ class Verdict(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Judgement:
+class Adjudication:
     """A verdict with its reasons.
 
     Attributes

@@ -13,7 +13,7 @@ import numpy as np
 
 from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
 from operator_app.calibration.acceptance import (
-    Judgement,
+    Adjudication,
     causes_of,
     fit_causes,
     little_motion,
@@ -28,7 +28,7 @@ from operator_app.calibration.alternatives import (
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.excluded_poses import excluded_poses, out_of_range_besides
 from operator_app.calibration.findings import exceeded, range_finding
-from operator_app.calibration.local_minima import has_diverged, other_basin
+from operator_app.calibration.local_minima import has_diverged, local_minimum_causes
 from operator_app.calibration.motion_during_sampling import motion_causes
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
@@ -152,7 +152,7 @@ def adjudicate(
     judged: tuple[str, ...],
     known: PriorInformation,
     paper: Estimate | None = None,
-) -> Judgement:
+) -> Adjudication:
     """Weigh what is wrong with a fit, the most probable cause first.
 
     Parameters
@@ -195,11 +195,11 @@ def adjudicate(
     )
     shaken = motion_causes(arm, case.used, unsensed, labels)
     if not case.estimate.converged:
-        by_tests, shaken = _refusing_when_likely(by_tests), _refusing_when_likely(shaken)
+        by_tests, shaken = _blocking_when_probable(by_tests), _blocking_when_probable(shaken)
     slipped, by_tests = proven_by_return(since, by_tests)
     if not any(cause.blocking for cause in first):
         first, slipped = (*slipped, *first), ()
-    return Judgement(
+    return Adjudication(
         causes=(
             *first,
             *slipped,
@@ -266,7 +266,9 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     """Say that the solution is far from the nominal values, and which alternative near them fits as well."""
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
-    far = other_basin(case.model, case.found.estimate, case.found.linear.design.q, case.judged)
+    far = local_minimum_causes(
+        case.model, case.found.estimate, case.found.linear.design.q, case.judged
+    )
     return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
 
@@ -351,7 +353,7 @@ def _geometry_suspected(diagnosis: Diagnosis) -> bool:
     return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
 
 
-def _refusing_when_likely(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
+def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """What is likely wrong is why the iteration did not settle: that it did not is no help."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
@@ -396,9 +398,9 @@ def _screening_causes(
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
     """Return the finding that the poses cannot decide between solutions."""
-    if search is None or not search.rivals:
+    if search is None or not search.alternatives:
         return ()
-    solutions = {"solutions": 1 + len(search.rivals)}
+    solutions = {"solutions": 1 + len(search.alternatives)}
     return (Finding(kind=FindingKind.SECOND_SOLUTION, figures=solutions, blocking=True),)
 
 

@@ -49,7 +49,7 @@ ITERATIONS = 15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Rival:
+class AlternativeModel:
     """A mistake that may have been made: what the poses, the fixture and the sensors would then be."""
 
     finding: Finding
@@ -60,23 +60,25 @@ class Rival:
     """Another than the file's, where that is the mistake."""
 
 
-def start(arm: ArmModel, rival: Rival) -> tuple[FloatArray, float]:
+def start(arm: ArmModel, alternative: AlternativeModel) -> tuple[FloatArray, float]:
     """Parameters of a rival's loop and the mean square of what is left of the closure."""
-    arm, q = rival.arm or arm, rival.poses.q_rad
-    if not rival.unsensed:
-        model = loop_of_poses(arm, rival.fixture, rival.poses)
+    arm, q = alternative.arm or arm, alternative.poses.q_rad
+    if not alternative.unsensed:
+        model = loop_of_poses(arm, alternative.fixture, alternative.poses)
         problem = ClosureProblem.of(model, q)
         found = solve_damped(problem, nominal_vector(model.parameters), max_iterations=ITERATIONS)
         return found.x, 2.0 * found.cost / len(q)
-    fit = without_readings(arm, rival)
+    fit = without_readings(arm, alternative)
     return fit.x, float((fit.corrections**2).mean())
 
 
-def without_readings(arm: ArmModel, rival: Rival) -> ImplicitFit:
+def without_readings(arm: ArmModel, alternative: AlternativeModel) -> ImplicitFit:
     """Loops of a rival that does without some readings, closed."""
-    q, unsensed = rival.poses.q_rad, tuple(sorted(rival.unsensed))
-    model = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
-    noise = noise_model(arm, rival.fixture, rival.poses, np.ones(len(q), dtype=np.bool_))
+    q, unsensed = alternative.poses.q_rad, tuple(sorted(alternative.unsensed))
+    model = loop_of_poses(arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed)
+    noise = noise_model(
+        arm, alternative.fixture, alternative.poses, np.ones(len(q), dtype=np.bool_)
+    )
     floor = np.maximum(noise.joint_variance, 1e-8)
     return fit_implicit(
         model,
@@ -87,58 +89,58 @@ def without_readings(arm: ArmModel, rival: Rival) -> ImplicitFit:
     )
 
 
-def is_near(arm: ArmModel, rival: Rival) -> bool:
+def is_near(arm: ArmModel, alternative: AlternativeModel) -> bool:
     """Whether a rival's loop closes near its nominal values."""
 
     def near() -> bool:
-        unsensed = tuple(sorted(rival.unsensed))
+        unsensed = tuple(sorted(alternative.unsensed))
         model = loop_of_poses(
-            rival.arm or arm, rival.fixture, rival.poses, unsensed_joints=unsensed
+            alternative.arm or arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed
         )
-        return not far_from_nominal(model.parameters, start(arm, rival)[0])
+        return not far_from_nominal(model.parameters, start(arm, alternative)[0])
 
     return tried(near, otherwise=False)
 
 
-def closes(arm: ArmModel, rival: Rival, *, far: float) -> bool:
+def closes(arm: ArmModel, alternative: AlternativeModel, *, far: float) -> bool:
     """Whether a loop closes in another fixture, by far more than noise of the readings explains.
 
     `far` is the mean square of what is left of it in the fixture of the file: noise leaves a few times
     more where rotations count as well, a hand that tilts a hundred times more.
     """
-    cost = cost_of(arm, rival)
+    cost = cost_of(arm, alternative)
     return (
-        len(rival.poses) >= ALTERNATIVE_FIXTURE_POSES
+        len(alternative.poses) >= ALTERNATIVE_FIXTURE_POSES
         and cost < ALTERNATIVE_CLOSURE_M**2
         and cost * ALTERNATIVE_CLOSURE_RATIO**2 < far
     )
 
 
-def cost_of(arm: ArmModel, rival: Rival) -> float:
+def cost_of(arm: ArmModel, alternative: AlternativeModel) -> float:
     """Mean square of what is left of a rival's closure; infinite where it cannot be solved."""
-    return tried(lambda: start(arm, rival)[1], np.inf)
+    return tried(lambda: start(arm, alternative)[1], np.inf)
 
 
-def solved(arm: ArmModel, rival: Rival) -> tuple[float, int]:
+def solved(arm: ArmModel, alternative: AlternativeModel) -> tuple[float, int]:
     """chi2/dof of a rival at stated variances, and its degrees of freedom."""
-    arm = rival.arm or arm
+    arm = alternative.arm or arm
 
     def solve() -> tuple[float, int]:
-        x, _ = start(arm, rival)
-        kept = np.ones(len(rival.poses), dtype=np.bool_)
-        unsensed = tuple(sorted(rival.unsensed))
-        hard = loop_of_poses(arm, rival.fixture, rival.poses, unsensed_joints=unsensed)
+        x, _ = start(arm, alternative)
+        kept = np.ones(len(alternative.poses), dtype=np.bool_)
+        unsensed = tuple(sorted(alternative.unsensed))
+        hard = loop_of_poses(arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed)
         model, tolerance = free_within_tolerance(hard, arm)
         errors = error_model(
-            arm, rival.fixture, rival.poses, kept, unsensed_joints=unsensed, tolerance=tolerance,
-            prior=stated_priors(hard, arm, rival.fixture),
+            arm, alternative.fixture, alternative.poses, kept, unsensed_joints=unsensed, tolerance=tolerance,
+            prior=stated_priors(hard, arm, alternative.fixture),
         )  # fmt: skip
         fit = fit_mixed(
             model,
-            rival.poses.q_rad,
+            alternative.poses.q_rad,
             errors,
             in_order(model, hard, x),
-            group=rival.poses.placement,
+            group=alternative.poses.placement,
             variances=Layout.stated_variances,
         ).fit
         return fit.chi2 / max(fit.dof, 1), fit.dof

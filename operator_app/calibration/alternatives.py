@@ -15,7 +15,7 @@ import numpy as np
 from fixtures.ball import Ball
 from fixtures.base import Fixture
 from operator_app.calibration.alternative_model import (
-    Rival,
+    AlternativeModel,
     closes,
     cost_of,
     is_near,
@@ -92,9 +92,9 @@ def find_alternatives(
     deadline = thread_time() + SECONDS
     as_it_is = np.inf
     if not near and not unsensed:
-        plain = Rival(finding=NOTHING, poses=poses, fixture=fixture)
+        plain = AlternativeModel(finding=NOTHING, poses=poses, fixture=fixture)
         as_it_is = cost_of(arm, plain)
-    found: list[tuple[Rival, float]] = []
+    found: list[tuple[AlternativeModel, float]] = []
     families = (
         (
             _same_loop(fixture, poses, arm, unsensed),
@@ -108,25 +108,25 @@ def find_alternatives(
         )
     )
     for family in families:
-        for rival in _screened(arm, family, deadline, below=PROMISING * as_it_is):
-            if near and not is_near(arm, rival):
+        for alternative in _screened(arm, family, deadline, below=PROMISING * as_it_is):
+            if near and not is_near(arm, alternative):
                 continue
             if thread_time() > deadline:
                 break
-            ratio, left = solved(arm, rival)
-            if rival.fixture is not fixture and closes(arm, rival, far=as_it_is):
+            ratio, left = solved(arm, alternative)
+            if alternative.fixture is not fixture and closes(arm, alternative, far=as_it_is):
                 # So few equations close by chance nowhere, however good the statements are.
                 ratio = min(ratio, 0.99 * CHI2_PER_DOF_ALTERNATIVE)
             if ratio < CHI2_PER_DOF_ALTERNATIVE and (
                 near or ALTERNATIVE_CHI2_RATIO * ratio < scale
             ):
-                found.append((rival, _weight(ratio, left, dof)))
+                found.append((alternative, _weight(ratio, left, dof)))
         if found:
             break
-    for rival, _ in tuple(found):
+    for alternative, _ in tuple(found):
         found += [
             (shift, _weight(ratio, left, dof))
-            for shift, ratio, left in _shifted(arm, rival, unsensed)
+            for shift, ratio, left in _shifted(arm, alternative, unsensed)
             if ratio < CHI2_PER_DOF_ALTERNATIVE
         ]
     return _named(found)
@@ -142,9 +142,15 @@ def hinge_alternative(
     if not isinstance(fixture, Ball) or len(poses) < ALTERNATIVE_FIXTURE_POSES:
         return ()
     other = hinge_instead(arm, fixture, poses)
-    rival = Rival(finding=other.finding, poses=poses, fixture=other.fixture, unsensed=unsensed)
-    ratio, left = solved(arm, rival)
-    return _named([(rival, _weight(ratio, left, left))]) if ratio < CHI2_PER_DOF_ALTERNATIVE else ()
+    alternative = AlternativeModel(
+        finding=other.finding, poses=poses, fixture=other.fixture, unsensed=unsensed
+    )
+    ratio, left = solved(arm, alternative)
+    return (
+        _named([(alternative, _weight(ratio, left, left))])
+        if ratio < CHI2_PER_DOF_ALTERNATIVE
+        else ()
+    )
 
 
 def step_alternative(
@@ -157,7 +163,7 @@ def step_alternative(
     scale: float,
 ) -> tuple[Finding, ...]:
     """Name the shift that explains why a joint's reading seems wrong, if one does; `scale` as above."""
-    blind = Rival(
+    blind = AlternativeModel(
         finding=unrelated_reading(joint, arm),
         poses=poses,
         fixture=fixture,
@@ -179,7 +185,7 @@ def _weight(ratio: float, left: int, dof: int) -> float:
     return float(fits - PER_FREEDOM * max(0, dof - left))
 
 
-def _named(found: list[tuple[Rival, float]]) -> tuple[Finding, ...]:
+def _named(found: list[tuple[AlternativeModel, float]]) -> tuple[Finding, ...]:
     if not found:
         return ()
     chance = probabilities(np.array([weight for _, weight in found]))
@@ -193,7 +199,7 @@ def _named(found: list[tuple[Rival, float]]) -> tuple[Finding, ...]:
 
 def _same_loop(
     fixture: Fixture, poses: PoseSet, arm: ArmModel, unsensed: tuple[int, ...]
-) -> Iterator[Rival]:
+) -> Iterator[AlternativeModel]:
     """Mistakes of the file: a unit, a sign, two columns exchanged."""
     if unsensed:
         return
@@ -205,12 +211,12 @@ def _same_loop(
                 reported=(mistake.text, mistake.remedy),
             )
             changed = replace(poses, q_rad=mistake.q_rad)
-            yield Rival(finding=finding, poses=changed, fixture=fixture)
+            yield AlternativeModel(finding=finding, poses=changed, fixture=fixture)
     offsets = arm.table.theta_off_rad
     if LEAST_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         finding = Finding(kind=FindingKind.OFFSETS_IN_RADIANS)
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
-        yield Rival(finding=finding, poses=poses, fixture=fixture, arm=meant)
+        yield AlternativeModel(finding=finding, poses=poses, fixture=fixture, arm=meant)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -220,21 +226,21 @@ def _same_loop(
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
                 finding = Finding(kind=FindingKind.ENTRIES_EXCHANGED, names=entries)
                 table = replace(arm.table, **{f"{kind}_m": lengths[order]})
-                yield Rival(
+                yield AlternativeModel(
                     finding=finding, poses=poses, fixture=fixture, arm=replace(arm, table=table)
                 )
 
 
 def _frozen(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
-) -> Iterator[Rival]:
+) -> Iterator[AlternativeModel]:
     """A sensor that reads the same in a run of poses: the loops close without that run."""
     sigma = arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
             rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
             if len(rest) >= 4 and j not in unsensed:
-                yield Rival(
+                yield AlternativeModel(
                     finding=Finding(
                         kind=FindingKind.READING_FROZEN,
                         joint=j,
@@ -248,20 +254,20 @@ def _frozen(
 
 def _blind(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
-) -> Iterator[Rival]:
+) -> Iterator[AlternativeModel]:
     """A fixture that is another one; a sensor that says nothing in any pose."""
     for other in instead(arm, fixture, poses):
-        yield Rival(finding=other.finding, poses=poses, fixture=other.fixture)
+        yield AlternativeModel(finding=other.finding, poses=poses, fixture=other.fixture)
     yield from _unread(arm, fixture, poses, unsensed)
 
 
 def _unread(
     arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
-) -> Iterator[Rival]:
+) -> Iterator[AlternativeModel]:
     """A sensor that says nothing in any pose."""
     for j in range(1, poses.joint_count + 1):
         if j not in unsensed:
-            yield Rival(
+            yield AlternativeModel(
                 finding=unrelated_reading(j, arm),
                 poses=poses,
                 fixture=fixture,
@@ -270,8 +276,8 @@ def _unread(
 
 
 def _shifted(
-    arm: ArmModel, blind: Rival, unsensed: tuple[int, ...]
-) -> list[tuple[Rival, float, int]]:
+    arm: ArmModel, blind: AlternativeModel, unsensed: tuple[int, ...]
+) -> list[tuple[AlternativeModel, float, int]]:
     """A joint that `blind` does without, read again with a shift taken out: that rival, solved."""
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:
@@ -290,23 +296,25 @@ def _shifted(
         return []
     back = q.copy()
     back[shift.first :, joint - 1] -= shift.size_rad
-    rival = Rival(
+    alternative = AlternativeModel(
         finding=reading_step(joint, shift.size_rad, shift.first, arm, blind.poses.label),
         poses=replace(blind.poses, q_rad=back),
         fixture=blind.fixture,
         unsensed=unsensed,
     )
-    return [(rival, *solved(arm, rival))]
+    return [(alternative, *solved(arm, alternative))]
 
 
 def _screened(
-    arm: ArmModel, rivals: Iterator[Rival], deadline: float, *, below: float
-) -> list[Rival]:
+    arm: ArmModel, alternatives: Iterator[AlternativeModel], deadline: float, *, below: float
+) -> list[AlternativeModel]:
     """The most promising rivals by the closure that is left when every equation counts the same."""
-    costs: list[tuple[float, int, Rival]] = []
-    for number, rival in enumerate(rivals):
+    costs: list[tuple[float, int, AlternativeModel]] = []
+    for number, alternative in enumerate(alternatives):
         if thread_time() > deadline:
             break
-        costs.append((cost_of(arm, rival), number, rival))
+        costs.append((cost_of(arm, alternative), number, alternative))
     costs.sort(key=lambda cost: cost[:2])
-    return [rival for cost, _, rival in costs[:TRIED] if np.isfinite(cost) and cost <= below]
+    return [
+        alternative for cost, _, alternative in costs[:TRIED] if np.isfinite(cost) and cost <= below
+    ]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Fixture
-from operator_app.calibration.acceptance import Judgement
+from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
@@ -218,7 +218,7 @@ class Diagnosed:
     shares: Mapping[str, float]
     known: PriorInformation
     indistinguishable: tuple[IndistinguishablePlacements, ...]
-    judgement: Judgement
+    adjudication: Adjudication
 
 
 def prepare(task: Task) -> Prepared:
@@ -375,7 +375,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         indistinguishable=indistinguishable_placements(screened.model, whole.estimate)
         if closes
         else (),
-        judgement=adjudicate(
+        adjudication=adjudicate(
             part,
             arm,
             fixture,
@@ -440,7 +440,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         known=known,
         same=diagnosed.indistinguishable,
         as_stated=unidentifiable if task.by_paper else known.by_files,
-        judgement=diagnosed.judgement,
+        adjudication=diagnosed.adjudication,
         limits=task.limits,
     )
 

@@ -178,7 +178,7 @@ def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
     q = even_poses(arm)
     entries = (DhEntry.parse(name) for name in found.identified)
     nominal = arm.table.stacked()
-    believed = replace(
+    nominal_arm = replace(
         found,
         hand=with_entries(found.hand, {e.name: float(nominal[e.kind, e.row - 1]) for e in entries}),
         best=None,
@@ -186,7 +186,7 @@ def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
     tip, sigma = found.tip_with_sigma_m(q)
     return HandErrors(
         tip_m=tip,
-        before_m=np.linalg.norm(tip - believed.T_base(q)[:, :3, 3], axis=-1),
+        before_m=np.linalg.norm(tip - nominal_arm.T_base(q)[:, :3, 3], axis=-1),
         after_m=sigma,
     )
 

@@ -77,15 +77,15 @@ class LoopAtReading:
             j for j in range(1, len(self.reading_rad) + 1) if j not in self.model.unsensed_joints
         )
 
-    def fit(self, *disbelieved: int) -> ClosureFit:
-        """Close it; of the readings of `disbelieved` joints (1-based) nothing is believed."""
+    def fit(self, *ignored_joints: int) -> ClosureFit:
+        """Close it; of the readings of `ignored_joints` joints (1-based) nothing is believed."""
         model, x0, q0 = self.model, self.prior.mean, self.reading_rad
         S, Q = self.prior.covariance, self.reading_sd_rad**2
-        unknown = [j - 1 for j in disbelieved]
+        unknown = [j - 1 for j in ignored_joints]
         Q[unknown] = UNKNOWN_RAD**2
         x, q = x0.copy(), q0.copy()
         u = model.initial_unsensed(x, q[None])
-        dof, size, moved, by_belief = 0, np.inf, np.inf, 0.0
+        dof, size, moved, by_prior = 0, np.inf, np.inf, 0.0
         for _ in range(ROUNDS):
             error = model.loop(x, q[None], u)
             size = float(np.abs(error.residual).max())
@@ -98,7 +98,7 @@ class LoopAtReading:
             V = of_x + (B * Q) @ B.T
             pull = np.linalg.lstsq(V, w - A @ (x - x0) - B @ (q - q0), rcond=1e-12)[0]
             dx, dq = x0 - S @ (A.T @ pull) - x, q0 - Q * (B.T @ pull) - q
-            by_belief = float(pull @ of_x @ pull)
+            by_prior = float(pull @ of_x @ pull)
             moved = max(float(np.abs(dx).max(initial=0.0)), float(np.abs(dq).max()))
             share = min(1.0, LONGEST_STEP / max(moved, 1e-300))
             dx, dq = share * dx, share * dq
@@ -109,7 +109,7 @@ class LoopAtReading:
         by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
         by_readings[unknown] = 0.0
         left = max(dof - len(unknown), 0)
-        return ClosureFit(chi2=by_belief + float(by_readings.sum()), dof=left, q_rad=q)
+        return ClosureFit(chi2=by_prior + float(by_readings.sum()), dof=left, q_rad=q)
 
 
 def loop_at_reading(

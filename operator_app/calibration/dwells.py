@@ -23,7 +23,7 @@ LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
 """Of a step without samples, this many median steps or this share of the dwell count as observed, no more."""
 
-HALVINGS = 6
+MOST_BISECTIONS = 6
 """How often the spread is halved to tell dwells from a creep between them."""
 
 EDGE_SIGMAS = 5.0
@@ -87,7 +87,7 @@ def find_dwells(
         for a, b in _at_rest(observed_s[begin:end], q_rad[begin:end], dwell_s, limit):
             first, last = begin + a, begin + b
             found = _dwell(time_s, observed_s, q_rad, (first, last), spread_rad)
-            if isinstance(found, RefusedDwell) and depth < HALVINGS:
+            if isinstance(found, RefusedDwell) and depth < MOST_BISECTIONS:
                 pending.append((first, last + 1, 0.5 * limit, depth + 1))
             elif isinstance(found, Dwell):
                 dwells.append(found)

@@ -48,8 +48,14 @@ def explain_unidentifiable(
         back = _led_away(arm, fixture, used, unsensed, paper)
         return poses_do_not_fit(back) if back else error
     # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
-    rivals = find_alternatives(arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof)
-    return poses_do_not_fit(rivals) if rivals else PosesDoNotFitError((_open_words(paper),))
+    alternatives = find_alternatives(
+        arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof
+    )
+    return (
+        poses_do_not_fit(alternatives)
+        if alternatives
+        else PosesDoNotFitError((_open_words(paper),))
+    )
 
 
 def _led_away(

@@ -66,8 +66,10 @@ def finding_of(
             return _reading_noise(int(subject), found, scene)
         case Cause.SCATTER:
             # Coefficients are shrunk by as much as the poses leave them open: the share that these do tell counts.
-            told = float((1.0 - found.covariance / (found.size * candidate.natural) ** 2).sum())
-            rms = float(np.sqrt(found.b @ found.b / max(told, 1.0)))
+            predicted = float(
+                (1.0 - found.covariance / (found.size * candidate.natural) ** 2).sum()
+            )
+            rms = float(np.sqrt(found.b @ found.b / max(predicted, 1.0)))
             return Finding(kind=K.ALL_READINGS_NOISE, size=rms, unit="rad")
         case Cause.SCALE:
             return Finding(kind=K.ENCODER_SCALE, joint=int(subject), size=first)

@@ -49,7 +49,7 @@ def far_from_nominal(
     ]
 
 
-def other_basin(
+def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
     """Name a better solution than `estimate`, or say that it is far from where it should be.

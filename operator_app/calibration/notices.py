@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
-from operator_app.calibration.acceptance import Judgement
+from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, second_solution
 from operator_app.calibration.calibrated_arm import (
     calibrated_arm,
@@ -60,7 +60,7 @@ def with_notices(
     known: PriorInformation,
     same: tuple[IndistinguishablePlacements, ...],
     as_stated: tuple[str, ...],
-    judgement: Judgement,
+    adjudication: Adjudication,
     limits: AcceptanceLimits,
 ) -> Solution:
     """Add the accuracy of the tool, the verdict, and every notice in its order.
@@ -78,7 +78,7 @@ def with_notices(
         j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held
     )
     left_out = (solution.dropped_flipped, known.out_of_range, arm, poses)
-    sound = not judgement.diverged
+    sound = not adjudication.diverged
     found = (
         *(() if sound else (Finding(kind=K.DIVERGED),)),
         *_excess_noise(whole.linear.stated.chi2, whole.linear.dof),
@@ -107,7 +107,7 @@ def with_notices(
         ),
         *(
             c
-            for c in judgement.causes
+            for c in adjudication.causes
             if not c.blocking and c.kind not in OWN_NOTICE and c.sensor != "RVDT"
         ),
         *(_ill_conditioned(solution.seen, limits) if sound else ()),
@@ -117,8 +117,8 @@ def with_notices(
         solution,
         accuracy=accuracy,
         warnings=found,
-        judgement=judgement,
-        reasons=(*judgement.reasons, *(f.sentence for f in exceeded)),
+        adjudication=adjudication,
+        reasons=(*adjudication.reasons, *(f.sentence for f in exceeded)),
     )
 
 
@@ -218,7 +218,7 @@ def _lengths_exact(
     """What passes for a fixture that deflects may be link lengths that are off."""
     if components is None or tolerated:
         return ()
-    if components.flexure is None or not components.flexure.gives:
+    if components.compliance is None or not components.compliance.gives:
         return ()
     return (Finding(kind=K.LENGTHS_EXACT),)
 

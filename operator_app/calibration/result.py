@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from operator_app.calibration.acceptance import Judgement, Verdict
+from operator_app.calibration.acceptance import Adjudication, Verdict
 from operator_app.calibration.distances import Distance
 from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
 from operator_app.messages.finding import Finding
@@ -106,7 +106,9 @@ class Solution:
     warnings: tuple[Finding, ...]
     reasons: tuple[str, ...]
     assumed: tuple[str, ...] = ()
-    judgement: Judgement = field(default_factory=Judgement)
+    adjudication: Adjudication = field(
+        default_factory=Adjudication, metadata={"record": "judgement"}
+    )
     hand: TipSigma | None = None
     accuracy: HandAccuracy | None = None
     implicit: Estimate | None = None
@@ -129,12 +131,12 @@ class Solution:
         """Which of the three classes it is of."""
         if not self.accepted:
             return Verdict.NOT_ACCEPTED
-        return self.judgement.verdict
+        return self.adjudication.verdict
 
     @property
     def causes(self) -> tuple[Finding, ...]:
         """What is wrong, the most probable first."""
-        return self.judgement.causes
+        return self.adjudication.causes
 
     @property
     def within(self) -> dict[str, float]:

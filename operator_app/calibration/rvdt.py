@@ -138,10 +138,10 @@ def _noise_of_rvdts(
     still = {j: np.ones(len(samples), dtype=np.bool_) for j in sensors}
     if spread is not None:
         still = {j: ~moved_while_read(s, spread[:, j - 1]) for j, s in sensors.items()}
-    untold = [
+    unmeasured = [
         j for j in sensors if spread is None or not spread[still[j] & (samples > 1), j - 1].any()
     ]
-    by_name = _beside_quiet(whole) if untold else {}
+    by_name = _beside_quiet(whole) if unmeasured else {}
     found = {
         j: single_noise(
             sensor,

@@ -42,7 +42,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 
     So it is where the solution is astray: stiffer fixtures and longer samples lead nothing back.
     """
-    if solution.components is None or solution.judgement.diverged:
+    if solution.components is None or solution.adjudication.diverged:
         return ()
     budget, estimate = solution.components.budget, solution.estimate
     found = []

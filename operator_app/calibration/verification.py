@@ -192,7 +192,7 @@ def verify_poses(
     stated = found.chi2
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
     if made is not None and bool(found.closed.all()):
-        found, odd, shift, stated = _as_foretold(arm, fixture, made, given, start, found, odd)
+        found, odd, shift, stated = _with_prediction(arm, fixture, made, given, start, found, odd)
     return VerificationResult(
         verification=found,
         nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
@@ -203,7 +203,7 @@ def verify_poses(
     )
 
 
-def _as_foretold(
+def _with_prediction(
     arm: ArmModel,
     fixture: Fixture,
     made: MadeFrom,
@@ -218,31 +218,31 @@ def _as_foretold(
     """
     from scipy.special import chdtrc
 
-    told = predict_new_poses(arm, fixture, made, poses, start)
-    if told is None:
+    predicted = predict_new_poses(arm, fixture, made, poses, start)
+    if predicted is None:
         return found, odd, None, found.chi2
-    named = find_outliers(told.left)
+    named = find_outliers(predicted.left)
     # A shift is one only if it is there without the poses that are wrong by themselves.
-    shift = shifted(named.rest, told.subjects)
-    left = told.left
+    shift = shifted(named.rest, predicted.subjects)
+    left = predicted.left
     if shift is not None:
-        left = left.with_columns(told.subjects[shift.subject])
+        left = left.with_columns(predicted.subjects[shift.subject])
         named = find_outliers(left)
     chi2, dof = leave_one_out_chi2(left)
     return (
         replace(
             found,
             chi2=replace(
-                told.chi2,
-                low=told.chi2.low / LEARNED_VARIANCE_FACTOR,
-                high=told.chi2.high * LEARNED_VARIANCE_FACTOR,
+                predicted.chi2,
+                low=predicted.chi2.low / LEARNED_VARIANCE_FACTOR,
+                high=predicted.chi2.high * LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
         tuple(pose.pose for pose in named.odd),
         shift,
-        chi2_test(told.left.chi2, told.left.dof),
+        chi2_test(predicted.left.chi2, predicted.left.dof),
     )
 
 

@@ -49,14 +49,14 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
             h.parameter.name: {"source": h.source, "share": h.share, "remedy": h.remedy}
             for h in source_sensitivities(solution)
         },
-        "stated_chi2_per_dof": solution.judgement.stated_chi2_per_dof,
+        "stated_chi2_per_dof": solution.adjudication.stated_chi2_per_dof,
         "assumed": list(solution.assumed),
         "global_start": None
         if search is None
         else {
             "starts": search.starts,
             "starts_in_best": search.best.starts,
-            "distinct_solutions": 1 + len(search.rivals),
+            "distinct_solutions": 1 + len(search.alternatives),
         },
         "scaled_condition_number_at_readings": None,
         "unidentifiable": [],
@@ -73,7 +73,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
                 "threshold": t.threshold if math.isfinite(t.threshold) else None,
                 "false_alarm": t.false_alarm,
             }
-            for t in solution.judgement.tests
+            for t in solution.adjudication.tests
         ],
         "verdict_reasons": list(solution.reasons),
         "warnings": notices_data(solution.warnings),
@@ -117,11 +117,11 @@ def _components_data(found: VarianceComponents | None) -> dict[str, Any]:
     if found is None:
         return {"variance_components": {}}
     # A rigid fixture is given as zero, not left out.
-    rigid = {} if found.flexure is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
+    rigid = {} if found.compliance is None else {"fixture_mm": 0.0, "fixture_mrad": 0.0}
     return {
         "variance_components": rigid,
         "variance_components_interval": {},
-        "flexure_p_value": None if found.flexure is None else found.flexure.p_value,
+        "flexure_p_value": None if found.compliance is None else found.compliance.p_value,
     }
 
 

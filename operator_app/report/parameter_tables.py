@@ -133,11 +133,11 @@ def _beside(p: Parameter, places: int, other: Estimate) -> Cell:
 
 
 def estimators_table(
-    estimate: Estimate, beside: Estimate | None, *, astray: bool = False
+    estimate: Estimate, beside: Estimate | None, *, diverged: bool = False
 ) -> FactTable | None:
     """Values and sigmas of both estimators from the same poses, and their difference; None for a single one.
 
-    `astray` says that the solution diverged: neither estimate is usable.
+    `diverged` says that the solution diverged: neither estimate is usable.
     """
     if beside is None:
         return None
@@ -175,7 +175,7 @@ def estimators_table(
         ),
         rows=tuple(rows),
         note="The solution diverged: neither estimate is usable."
-        if astray
+        if diverged
         else "Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
         "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only what "
         "its own residuals scatter"

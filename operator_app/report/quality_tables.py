@@ -46,7 +46,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     )
     freedom = f"{plural(solution.model.equations_per_pose, 'equation')} a pose, less parameters"
     ended = "converged" if estimate.converged else "did not converge"
-    if solution.judgement.diverged and estimate.converged:
+    if solution.adjudication.diverged and estimate.converged:
         ended += ", astray"
 
     def key(figure: Figure, *key: str) -> Figure:
@@ -66,7 +66,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     if (read := solution.condition_at_readings) is not None:
         figure = CONDITION(read, key=("scaled_condition_number_at_readings",))
         rows[1:1] = [("scaled, at the joints as read", figure, "as the paper took it")]
-    if (stated := solution.judgement.stated_chi2_per_dof) is not None:
+    if (stated := solution.adjudication.stated_chi2_per_dof) is not None:
         ratio = CHI2(stated, key=("stated_chi2_per_dof",))
         rows.append(("chi2/dof at stated noise", ratio, "1 or less when all is as stated"))
     rows += [
@@ -315,7 +315,7 @@ def tests_table(solution: Solution) -> FactTable | None:
             Figure(t.threshold),
             Figure(t.false_alarm, digits=2),
         )
-        for t in solution.judgement.tests
+        for t in solution.adjudication.tests
     )
     return None if not rows else FactTable(
         ident="tests",

@@ -31,12 +31,14 @@ LARGEST = 3
 """Sources of error that are named where not all can be shown."""
 
 
-def components_table(found: VarianceComponents | None, *, astray: bool = False) -> FactTable | None:
+def components_table(
+    found: VarianceComponents | None, *, diverged: bool = False
+) -> FactTable | None:
     """Size of every estimated source of error, with its interval.
 
-    Where the solution diverged (`astray`) there is no note on the fixture's compliance.
+    Where the solution diverged (`diverged`) there is no note on the fixture's compliance.
     """
-    if found is None or (not found.components and found.flexure is None):
+    if found is None or (not found.components and found.compliance is None):
         return None
     rows: list[tuple[Cell, ...]] = []
     for c in found.components:
@@ -54,10 +56,10 @@ def components_table(found: VarianceComponents | None, *, astray: bool = False) 
             )
         )
     note = ""
-    if found.flexure is not None and not astray:
-        p = found.flexure.p_value
+    if found.compliance is not None and not diverged:
+        p = found.compliance.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
-        asks = "ask" if found.flexure.gives else "do not ask"
+        asks = "ask" if found.compliance.gives else "do not ask"
         note = (
             f"The data {asks} for a fixture that gives more than stated (score test, p {chance})."
         )

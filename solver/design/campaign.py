@@ -28,7 +28,7 @@ from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.paths import Route
 from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
-from solver.design.stop_rule import PrecisionStatus, StopDecision, judge_standing
+from solver.design.stop_rule import PrecisionStatus, StopDecision, stop_decision
 from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
@@ -354,7 +354,7 @@ class Campaign:
         if not self.settings.requested or self.plan is None:
             return None
         task = self.task if self.estimate is None else replace(self.task, noise=self.estimate.noise)
-        return judge_standing(
+        return stop_decision(
             information_of(task, self.plan.x, self.readings_rad),
             self.plan.information,
             self.settings.requested,

@@ -87,7 +87,7 @@ def standard_deviations(information: FloatArray) -> FloatArray:
     return np.asarray(np.where(touched, np.inf, np.sqrt(variance) / d))
 
 
-def judge_standing(
+def stop_decision(
     information: FloatArray,
     candidates: PoseInformation,
     requested: Mapping[str, float],

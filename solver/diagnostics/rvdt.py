@@ -29,7 +29,7 @@ from solver.diagnostics.limits import (
 from solver.diagnostics.pose_adjustment import loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
 from solver.diagnostics.smooth_curve import Scatter
-from solver.estimators.component_report import flexure_test
+from solver.estimators.component_report import compliance_test
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.linear_fit import LinearFit
@@ -180,7 +180,7 @@ def _without_compliance(
     between poses counts against the sensor.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
-    compliance = flexure_test(fit.stated, fit.design) if uncertain else None
+    compliance = compliance_test(fit.stated, fit.design) if uncertain else None
     return {**noise, **uncertain} if compliance is not None and compliance.gives else noise
 
 

@@ -15,7 +15,7 @@ from solver.estimators.effects import LinearModel
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import MixedFit
 
-FLEXURE_LEVEL = 0.01
+COMPLIANCE_LEVEL = 0.01
 """The fixture is taken to give as stated unless the data would look like this less often."""
 
 TWO_SIDED = 1.959963984540054
@@ -47,7 +47,7 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlexureTest:
+class ComplianceTest:
     """Score test of a fixture that gives as stated against one that gives more.
 
     Attributes
@@ -57,7 +57,7 @@ class FlexureTest:
     p_value
         Chance of so large a statistic where the statement holds.
     gives
-        Whether the data ask for more at `FLEXURE_LEVEL`.
+        Whether the data ask for more at `COMPLIANCE_LEVEL`.
     """
 
     statistic: float
@@ -97,7 +97,7 @@ def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
     return tuple(out)
 
 
-def flexure_test(stated: LinearFit, design: LinearModel) -> FlexureTest | None:
+def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | None:
     """Test at the stated variances whether the fixture's noise is larger, one component at a time."""
     from scipy.special import ndtr
 
@@ -108,7 +108,7 @@ def flexure_test(stated: LinearFit, design: LinearModel) -> FlexureTest | None:
     z = found.score[slots] / np.sqrt(np.diagonal(found.information)[slots])
     statistic = float(np.maximum(z, 0.0).max() ** 2)
     p_value = min(1.0, len(slots) * float(ndtr(-np.sqrt(statistic))))
-    return FlexureTest(statistic=statistic, p_value=p_value, gives=p_value < FLEXURE_LEVEL)
+    return ComplianceTest(statistic=statistic, p_value=p_value, gives=p_value < COMPLIANCE_LEVEL)
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:

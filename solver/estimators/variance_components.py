@@ -16,7 +16,12 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import back_to_caller, canonical_order
-from solver.estimators.component_report import Component, FlexureTest, components, flexure_test
+from solver.estimators.component_report import (
+    ComplianceTest,
+    Component,
+    compliance_test,
+    components,
+)
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings, closure_sigmas
@@ -60,7 +65,7 @@ class VarianceComponents:
     """
 
     components: tuple[Component, ...]
-    flexure: FlexureTest | None
+    compliance: ComplianceTest | None = field(metadata={"record": "flexure"})
     noise: NoiseModel
     curves_rad: dict[int, FloatArray]
     repeatability: FloatArray
@@ -285,7 +290,7 @@ def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
     design, stated = fit.design, fit.stated
     return VarianceComponents(
         components=components(found, design),
-        flexure=flexure_test(stated, design),
+        compliance=compliance_test(stated, design),
         noise=noise_left(found, back),
         curves_rad={
             a.joint: -found.shift[back, a.joint - 1]

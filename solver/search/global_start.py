@@ -51,7 +51,7 @@ CLOSED = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Basin:
+class LocalMinimum:
     """One solution of the search.
 
     Attributes
@@ -86,18 +86,18 @@ class GlobalStart:
         Number of poses the search itself used.
     set_aside
         Poses (indices) taken with the hand the other way round on the hinge: no part of any solution.
-        `Basin.flipped` counts among the others.
+        `LocalMinimum.flipped` counts among the others.
     """
 
-    basins: tuple[Basin, ...]
+    minima: tuple[LocalMinimum, ...]
     starts: int
     search_poses: int
     set_aside: tuple[int, ...] = ()
 
     @property
-    def best(self) -> Basin:
+    def best(self) -> LocalMinimum:
         """The best solution: where an estimator should start."""
-        return self.basins[0]
+        return self.minima[0]
 
     @property
     def x(self) -> FloatArray:
@@ -105,10 +105,10 @@ class GlobalStart:
         return self.best.x
 
     @property
-    def rivals(self) -> tuple[Basin, ...]:
+    def alternatives(self) -> tuple[LocalMinimum, ...]:
         """Distinct solutions that fit as well: the poses cannot decide between them."""
         bound = max(FITS_AS_WELL * self.best.rms, CLOSED)
-        return tuple(b for b in self.basins[1:] if b.rms <= bound and not b.flipped)
+        return tuple(b for b in self.minima[1:] if b.rms <= bound and not b.flipped)
 
 
 def global_start(
@@ -175,7 +175,7 @@ def _solve(
     here = [names.index(p.name) for p in model.parameters]
     problem = ClosureProblem.of(sensed, q)
 
-    found: list[tuple[FloatArray, Basin]] = []
+    found: list[tuple[FloatArray, LocalMinimum]] = []
     best = np.inf
     for x0, count in search.candidates():
         fit = solve_damped(problem, x0, max_iterations=FIRST_POLISH)
@@ -184,7 +184,7 @@ def _solve(
         best = min(best, fit.cost)
         x = nearest_equivalent(sensed, fit.x, nominal)
         error = sensed.reduced(x, q)
-        basin = Basin(
+        minimum = LocalMinimum(
             x=x[here],
             rms=float(np.sqrt(np.mean(error.residual**2))),
             starts=count,
@@ -192,19 +192,19 @@ def _solve(
         )
         for k, (other, known) in enumerate(found):
             if _same_loop(sensed, x, other):
-                better = min(basin, known, key=lambda b: b.rms)
-                merged = Basin(
+                better = min(minimum, known, key=lambda b: b.rms)
+                merged = LocalMinimum(
                     x=better.x,
                     rms=better.rms,
                     starts=known.starts + count,
                     flipped=better.flipped,
                 )
-                found[k] = (x if better is basin else other, merged)
+                found[k] = (x if better is minimum else other, merged)
                 break
         else:
-            found.append((x, basin))
-    basins = sorted((b for _, b in found), key=lambda b: (bool(b.flipped), b.rms))
-    return GlobalStart(basins=tuple(basins), starts=starts, search_poses=search.poses)
+            found.append((x, minimum))
+    minima = sorted((b for _, b in found), key=lambda b: (bool(b.flipped), b.rms))
+    return GlobalStart(minima=tuple(minima), starts=starts, search_poses=search.poses)
 
 
 def _upright(

@@ -27,7 +27,7 @@ SEARCH_EQUATIONS = 72
 POLISHED = 6
 """Basins that are polished: the true one's cost is orders below the next, so it is among the first."""
 
-SAME_BASIN = 0.02
+SAME_MINIMUM = 0.02
 """Starts that end within this of each other (rad) ended in one basin."""
 
 
@@ -78,7 +78,7 @@ class StartSearch:
         """Whole starts (P,) of the best basins with the number of starts that ended there."""
         return [
             (self._whole(self.fit.x[members[0]]), len(members))
-            for members in _basins(self.fit, self._angles())[:POLISHED]
+            for members in _minima(self.fit, self._angles())[:POLISHED]
         ]
 
     def _angles(self) -> list[int]:
@@ -121,13 +121,13 @@ class StartSearch:
         )
 
 
-def _basins(fit: BatchFit, angles: list[int]) -> list[IntArray]:
+def _minima(fit: BatchFit, angles: list[int]) -> list[IntArray]:
     """Members of each basin, by rising cost; the first member of each is its best."""
     left = np.argsort(fit.cost, kind="stable")
     found = []
     while len(left):
         apart = wrap_angle(fit.x[left][:, angles] - fit.x[left[0], angles])
-        same = np.abs(apart).max(-1, initial=0.0) < SAME_BASIN
+        same = np.abs(apart).max(-1, initial=0.0) < SAME_MINIMUM
         found.append(left[same])
         left = left[~same]
     return found

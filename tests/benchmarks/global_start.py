@@ -62,7 +62,7 @@ def main() -> int:
             if not good:
                 failed.append(f"{kind} {seed}")
             share = found.best.starts / found.starts
-            rows[kind].append((good, seconds, share, len(found.rivals)))
+            rows[kind].append((good, seconds, share, len(found.alternatives)))
         if sys.stderr.isatty():
             print(f"\r{seed + 1}/{count}", end="", file=sys.stderr)
     print(
@@ -76,10 +76,12 @@ def main() -> int:
     names = {"exact": "none", "sensors": "encoders, RVDTs 1 %"}
     good = True
     for kind, values in rows.items():
-        solved, seconds, share, rivals = (np.array(column) for column in zip(*values, strict=True))
+        solved, seconds, share, alternatives = (
+            np.array(column) for column in zip(*values, strict=True)
+        )
         print(
             f"{names[kind]:22} {solved.sum():4d}/{count:<4d} {seconds.mean():13.2f} {seconds.max():6.2f}"
-            f" {np.median(share):21.1%} {share.min():7.1%} {(rivals > 0).sum():5d}"
+            f" {np.median(share):21.1%} {share.min():7.1%} {(alternatives > 0).sum():5d}"
         )
         good &= solved.mean() >= GOAL_SOLVED and seconds.max() <= GOAL_SECONDS
     if failed:

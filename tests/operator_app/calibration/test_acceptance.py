@@ -35,12 +35,12 @@ def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_
 ) -> None:
     assert sound.verdict is Verdict.ACCEPTED
     assert sound.causes == ()
-    codes = [t.code for t in sound.judgement.tests]
+    codes = [t.code for t in sound.adjudication.tests]
     assert {"CHI2_STATED", "STEP", "POSE", "PULL", "PULLS", "PREDICTION"} <= set(codes)
-    for test in sound.judgement.tests:
+    for test in sound.adjudication.tests:
         assert not test.fires
         assert 0.0 < test.false_alarm < 0.01
-    assert sound.judgement.stated_chi2_per_dof is not None
+    assert sound.adjudication.stated_chi2_per_dof is not None
 
 
 def test_what_a_fixtures_file_states_is_known_where_poses_tell_less(sound: Solution) -> None:
@@ -138,7 +138,7 @@ def test_a_slip_of_the_hands_half_is_no_length_and_no_outliers() -> None:
 def test_a_length_that_no_test_is_sure_of_is_doubted_in_words_and_refuses_nothing() -> None:
     """It was ACCEPTED without a word, with an offset 4.2 of its sigmas off."""
     found = solved(fault("elbow 5 mm", 3005).taken)
-    assert not any(test.fires for test in found.judgement.tests)
+    assert not any(test.fires for test in found.adjudication.tests)
     assert found.verdict is Verdict.WITH_WARNINGS
     assert {c.code for c in found.causes} == {"LENGTH_s_3", "LENGTH_s_5"}
     assert not any(c.certain for c in found.causes)
@@ -186,7 +186,7 @@ def test_a_stuck_sensor_is_told_from_a_joint_that_stands_still() -> None:
 
 def test_the_paper_is_judged_by_its_distance_from_what_the_noise_says() -> None:
     found = solved(session(SEED), estimator="paper")
-    test = next(t for t in found.judgement.tests if t.code == "PAPER_DISTANCE")
+    test = next(t for t in found.adjudication.tests if t.code == "PAPER_DISTANCE")
     assert (found.verdict is Verdict.NOT_ACCEPTED) == test.fires
 
 
@@ -203,12 +203,12 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
     found = session(SEED, poses=13)
     readings = found.readings.copy()
     readings[3, 3] += np.deg2rad(3.0)
-    judgement = solved(replace(found, readings=readings)).judgement
-    assert judgement is not None
-    assert judgement.stated_chi2_per_dof is not None
-    assert judgement.stated_chi2_per_dof > 20.0
-    assert judgement.causes[0].code == "OUTLIERS"
-    assert judgement.verdict is Verdict.NOT_ACCEPTED
+    adjudication = solved(replace(found, readings=readings)).adjudication
+    assert adjudication is not None
+    assert adjudication.stated_chi2_per_dof is not None
+    assert adjudication.stated_chi2_per_dof > 20.0
+    assert adjudication.causes[0].code == "OUTLIERS"
+    assert adjudication.verdict is Verdict.NOT_ACCEPTED
 
 
 @pytest.mark.campaign
@@ -221,9 +221,9 @@ def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_un
         noise.normal(size=found.readings.shape)
     readings = found.readings + np.deg2rad(2.0) * noise.normal(size=found.readings.shape)
     taken = replace(found, readings=readings)
-    judgement = solved(taken).judgement
-    assert judgement is not None
-    assert judgement.verdict is Verdict.NOT_ACCEPTED
+    adjudication = solved(taken).adjudication
+    assert adjudication is not None
+    assert adjudication.verdict is Verdict.NOT_ACCEPTED
     poses = poses_of(taken)
     blind = UnidentifiableError(
         (UnidentifiableDirection(parameters=("theta_off_1",), weights=(1.0,)),)

@@ -50,7 +50,7 @@ def test_a_large_shift_of_an_analogue_sensor_is_named_as_one() -> None:
     case = CASES["joint slips 50 counts"](3015)
     assert case.causes == ("STEP_JOINT_7",)
     poses = parse_poses(case.taken.csv().encode(), "poses.csv").poses
-    judgement = calibrate(*packaged(), poses).judgement
-    assert judgement is not None
-    assert judgement.causes[0].code == "STEP_JOINT_7"
-    assert judgement.causes[0].blocking
+    adjudication = calibrate(*packaged(), poses).adjudication
+    assert adjudication is not None
+    assert adjudication.causes[0].code == "STEP_JOINT_7"
+    assert adjudication.causes[0].blocking

@@ -210,7 +210,7 @@ def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Sol
 
 
 def return_test(solution: Solution) -> hypothesis_tests.Test:
-    (found,) = (t for t in solution.judgement.tests if t.code.startswith("RETURN"))
+    (found,) = (t for t in solution.adjudication.tests if t.code.startswith("RETURN"))
     return found
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.design.d_optimal import choose_poses
-from solver.design.stop_rule import PrecisionStatus, judge_standing, standard_deviations
+from solver.design.stop_rule import PrecisionStatus, standard_deviations, stop_decision
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def requests(told, chosen, factor: float) -> dict[str, float]:
 
 
 def test_reached(told, chosen) -> None:
-    decision = judge_standing(told.of(chosen), told, requests(told, chosen, 1.01), poses_left=5)
+    decision = stop_decision(told.of(chosen), told, requests(told, chosen, 1.01), poses_left=5)
     assert decision.standing is PrecisionStatus.REACHED
     assert decision.stop
     # Lengths, twists and give have no part in it: the result's sigmas may be ten times those asked for.
@@ -28,7 +28,7 @@ def test_reached(told, chosen) -> None:
 def test_going_on_names_the_weakest_and_the_forecast_is_enough(told, chosen) -> None:
     goal = requests(told, chosen, 0.8)
     goal["s_1"] *= 0.7
-    decision = judge_standing(told.of(chosen), told, goal, poses_left=60)
+    decision = stop_decision(told.of(chosen), told, goal, poses_left=60)
     assert decision.standing is PrecisionStatus.GOING_ON
     assert decision.weak[0].name == "s_1"
     assert 3 < decision.poses_needed < 60
@@ -37,7 +37,7 @@ def test_going_on_names_the_weakest_and_the_forecast_is_enough(told, chosen) -> 
 
 def test_a_request_out_of_reach_goes_on_while_poses_help(told, chosen) -> None:
     goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
-    decision = judge_standing(told.of(chosen), told, goal, poses_left=10)
+    decision = stop_decision(told.of(chosen), told, goal, poses_left=10)
     assert decision.standing is PrecisionStatus.GOING_ON
     assert decision.poses_needed is None
     assert [w.name for w in decision.weak] == ["alpha_0"]
@@ -48,21 +48,21 @@ def test_a_request_out_of_reach_goes_on_while_poses_help(told, chosen) -> None:
 def test_hopeless_when_no_pose_helps_any_more(told, chosen) -> None:
     goal = {"alpha_0": 1e-9, "theta_off_1": 1.0}
     # After 1,200 poses ten more are nothing.
-    decision = judge_standing(told.of(list(chosen) * 100), told, goal, poses_left=10)
+    decision = stop_decision(told.of(list(chosen) * 100), told, goal, poses_left=10)
     assert decision.standing is PrecisionStatus.HOPELESS
     assert decision.stop
     assert [w.name for w in decision.weak] == ["alpha_0"]
 
 
 def test_no_pose_left_says_what_stays_weak(told, chosen) -> None:
-    decision = judge_standing(told.of(chosen), told, {"alpha_0": 1e-9}, poses_left=0)
+    decision = stop_decision(told.of(chosen), told, {"alpha_0": 1e-9}, poses_left=0)
     assert decision.standing is PrecisionStatus.HOPELESS
     assert decision.text.startswith("alpha_0 not known as well as requested")
 
 
 def test_forecast_is_never_better_than_all_poses_could_be(told, chosen) -> None:
     goal = requests(told, chosen, 0.5)
-    decision = judge_standing(told.of(chosen), told, goal, poses_left=4)
+    decision = stop_decision(told.of(chosen), told, goal, poses_left=4)
     root = told.root
     # Four more poses cannot beat four times the whole region's information.
     everything = told.of(chosen) + 4.0 * np.einsum("mrp,mrq->pq", root, root)
@@ -73,7 +73,7 @@ def test_forecast_is_never_better_than_all_poses_could_be(told, chosen) -> None:
 def test_too_few_poses_leave_parameters_open(told) -> None:
     sigma = standard_deviations(told.of([0, 1]))
     assert np.isinf(sigma).any()
-    decision = judge_standing(
+    decision = stop_decision(
         told.of([0, 1]), told, dict.fromkeys(told.parameters, 1.0), poses_left=20
     )
     assert decision.standing is PrecisionStatus.GOING_ON
@@ -81,4 +81,4 @@ def test_too_few_poses_leave_parameters_open(told) -> None:
 
 def test_unknown_name_is_a_wrong_call(told, chosen) -> None:
     with pytest.raises(ValueError, match="a_9"):
-        judge_standing(told.of(chosen), told, {"a_9": 1.0}, poses_left=1)
+        stop_decision(told.of(chosen), told, {"a_9": 1.0}, poses_left=1)

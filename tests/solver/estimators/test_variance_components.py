@@ -102,8 +102,8 @@ def test_components_separate() -> None:
         whole = found(simulation, seed)
         estimate, vc = whole.estimate, whole.components
         assert vc.converged
-        assert vc.flexure is not None
-        assert vc.flexure.gives
+        assert vc.compliance is not None
+        assert vc.compliance.gives
         assert {c.name: c.unit for c in vc.components}["fixture_m"] == "m"
         assert vc.sd("fixture_m") == pytest.approx(1e-3, rel=0.35)
         for component in vc.components:
@@ -123,8 +123,8 @@ def test_what_gives_as_stated_is_no_surprise(truth: Truth) -> None:
     surprises = 0
     for seed in range(8):
         vc = found(simulation, seed, errors).components
-        assert vc.flexure is not None
-        surprises += vc.flexure.gives
+        assert vc.compliance is not None
+        surprises += vc.compliance.gives
         assert vc.sd("fixture_m") >= 1e-4 * (1.0 - 1e-9)
     # At 1 %: two of eight have a chance of 3e-3.
     assert surprises <= 1
@@ -135,7 +135,7 @@ def test_without_any_source_it_is_the_plain_estimator(truth: Truth) -> None:
     plain = estimate_implicit(loop_of(truth), q, STATED)
     whole = estimate_with_errors(loop_of(truth), q, exact(40))
     assert whole.components.components == ()
-    assert whole.components.flexure is None
+    assert whole.components.compliance is None
     assert whole.estimate.x == pytest.approx(plain.x, abs=1e-9)
     assert whole.estimate.covariance == pytest.approx(plain.covariance, rel=1e-5)
     assert whole.estimate.chi2 == pytest.approx(plain.chi2, rel=1e-6)

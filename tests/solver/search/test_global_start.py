@@ -48,7 +48,7 @@ def test_offsets_anywhere_and_hinge_unknown(seed):
     off = wrap_angle(found.x[1:6] - problem.offsets[1:6])
     assert np.abs(off).max() < 1e-9
     assert not found.best.flipped
-    assert found.rivals == ()
+    assert found.alternatives == ()
     assert 10 < found.best.starts <= found.starts
 
 
@@ -79,9 +79,9 @@ def test_the_paper_arm_from_nothing(hinge_data, truth):
 def test_an_elbow_that_stands_still_may_be_bent_either_way():
     problem = wild_problem(3, still=(4,))
     found = global_start(nothing_known(), problem.q, starts=300)
-    assert len(found.rivals) == 1
+    assert len(found.alternatives) == 1
     assert found.best.rms < CLOSED
-    solutions = [found.best, *found.rivals]
+    solutions = [found.best, *found.alternatives]
     elbow = problem.q[0, 3]
     bends = [float(wrap_angle(b.x[3] + elbow)) for b in solutions]
     assert bends[0] == pytest.approx(-bends[1], abs=1e-8)
@@ -161,7 +161,7 @@ def test_a_ball_from_nothing():
     found = global_start(model, q, starts=400)
     assert found.best.rms < 1e-12
     assert np.abs(wrap_angle(found.x[:5] - offsets[1:6])).max() < 1e-9
-    assert found.rivals == ()
+    assert found.alternatives == ()
 
 
 def test_placements_from_nothing():

@@ -1,7 +1,7 @@
-"""An arm on the bench, tried in a safe order before it is first used; asks before anything moves.
+"""Acceptance check of an arm on the bench in a safe order; asks before anything moves.
 
-The order and the questions. The requirements are in `clauses` and `motion_checks`, those of a CAN bus in `can_checks`.
-A failure ends the check: at once while drives are on, otherwise after the last read-only check.
+Requirements are in `clauses` and `motion_checks`, those of a CAN bus in `can_checks`. A failure ends the check: at
+once while drives are on, otherwise after the last read-only check.
 """
 
 from __future__ import annotations
@@ -30,34 +30,34 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 
 STOP: Final = "STOP"
-"""The clause without which no drive is enabled again."""
-LEFT_OUT: Final = {
-    "overload": "more joints held than may be, against a fixture: it would load arm and fixture to their limits",
-    "faults": "counts lost, nodes that restart or answer twice, modes refused: the virtual arm has them all "
+"""Name of the clause that must pass before drives are enabled again."""
+NOT_TESTED: Final = {
+    "overload": "more joints in position mode than the mobility, with a fixture: it would load both to their limits",
+    "faults": "count loss, nodes that restart or answer twice, modes refused: the virtual arm has them all "
     "(sarcal controller --fault help)",
-    "upload": "a document taken and read back: it would replace what the arm has; `sarcal export --upload` "
+    "upload": "upload of a document and reading it back: it would replace the arm's own; `sarcal export --upload` "
     "reads back what it writes",
-    "closed chain": "two joints that move the others through a fixture: the hand is free; the first run shows it",
+    "closed chain": "two joints that move the others through a fixture: the tool is free; the first run shows it",
 }
-"""What of the contract no bench can show, and why."""
+"""Requirements that cannot be tested on a bench, and why."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An arm on the bench that is not connected yet, and how it is tried.
+    """An arm on the bench, not yet connected, and the settings of the check.
 
     Attributes
     ----------
     description
         The arm file's joints.
     ask
-        Answers for whoever stands beside it.
+        Asks the person beside the arm.
     step_rad, speed_rad_per_s
-        How far and how fast each joint is turned.
+        Angle and speed of the test motion of each joint.
     interrupt
-        As if Ctrl-C were pressed; None where nobody can.
+        Triggers Ctrl-C; None if not possible.
     bounds
-        What counts as still.
+        Limits of the comparisons.
     """
 
     arm: Arm
@@ -70,16 +70,16 @@ class Bench:
 
     @property
     def joints(self) -> int:
-        """How many there are."""
+        """Number of joints."""
         return len(self.description.joints)
 
     @property
     def moving(self) -> Bounds:
-        """What counts as there, for steps of this size."""
+        """Limits for motions of this step."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
-    def away(self, joint: int) -> float:
-        """A target a step from where a joint is, the way in which its range is longer."""
+    def step_target(self, joint: int) -> float:
+        """Target one step away, in the direction with more range."""
         here = self.arm.snapshot().joints[joint - 1].position_rad
         ends = self.description.joints[joint - 1]
         up = ends.upper_rad - here >= here - ends.lower_rad
@@ -87,7 +87,7 @@ class Bench:
 
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
-    """Check an arm up to and with a stage; the caller closes it whatever happens."""
+    """Check an arm up to and including a stage; the caller closes it in any case."""
     found: list[ArmIdentity] = []
 
     def look() -> Iterator[Clause]:
@@ -102,23 +102,23 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
         Stage.LEAVE: lambda: _leave(bench, found[0]),
         Stage.SILENCE: lambda: _silence(bench),
     }
-    for stage, tried in stages.items():
-        fine, names = True, set[str]()
+    for stage, run in stages.items():
+        passed, names = True, set[str]()
         try:
-            for clause in tried():
+            for clause in run():
                 names.add(clause.name)
-                fine = fine and clause.passed is not False
+                passed = passed and clause.passed is not False
                 yield CheckFinding.of(stage, clause)
-                if not fine and stage is not Stage.LOOK:
-                    return  # an arm that fails once its drives are on is not moved any further
+                if not passed and stage is not Stage.LOOK:
+                    return  # no further motion after a failure with drives on
         except HardwareError as error:
-            fine = False
+            passed = False
             yield CheckFinding(stage=stage, name="no error", passed=False, text=str(error))
-        if not fine or (stage is Stage.HOLD and STOP not in names):
-            return  # nothing enables the drives of an arm whose STOP was not tried
+        if not passed or (stage is Stage.HOLD and STOP not in names):
+            return  # drives are not enabled without a tested STOP
         if stage is last:
             break
-    for name, why in LEFT_OUT.items() if last is Stage.SILENCE else ():
+    for name, why in NOT_TESTED.items() if last is Stage.SILENCE else ():
         yield CheckFinding(
             stage=Stage.SILENCE, name=name, passed=None, text=f"not on a bench: {why}"
         )
@@ -128,11 +128,11 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     arm, n = bench.arm, bench.joints
     found = f"{identity.model}, serial {identity.serial_number}"
     yield Clause(name="connect", passed=True, text=found)
-    for words in identity.configured:
-        yield Clause(name="configured", passed=True, text=words)
+    for text in identity.configured:
+        yield Clause(name="configured", passed=True, text=text)
     yield from clauses.names_itself(identity, bench.description.model, n)
     if isinstance(arm, CanopenArm):
-        yield from can_checks.told(arm.drive_facts())
+        yield from can_checks.drive_settings(arm.drive_facts())
     yield clauses.drives_off(arm)
     yield from clauses.is_pictured(arm, n)
     yield from clauses.goes_on(arm)
@@ -154,8 +154,8 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         lambda: arm.move({1: here}, speed_rad_per_s=bench.speed_rad_per_s),
     )
     kept = len(arm.active_parameters())
-    words = f"it keeps a parameter document of {kept} bytes" if kept else "it keeps no parameters"
-    yield Clause(name="parameters", passed=True, text=words)
+    text = f"it stores a parameter document of {kept} bytes" if kept else "it stores no parameters"
+    yield Clause(name="parameters", passed=True, text=text)
     if isinstance(arm, CanopenArm):
         yield can_checks.excludes_others(arm)
 
@@ -166,9 +166,7 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         "The drives will be enabled. Nothing should move, and then STOP is tried. Keep clear, with a hand "
         "on the emergency stop. Enable them?"
     ):
-        text = (
-            "not tried: nobody agreed to it; nothing after it is tried on an arm whose STOP was not"
-        )
+        text = "not tried: declined; without a tested STOP no later check is run"
         yield replace(declined(), text=text)
         return
     before = arm.capture(bench.bounds.samples).mean_rad
@@ -177,8 +175,7 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     for joint, ends in enumerate(bench.description.joints, 1):
         yield from clauses.keeps_within_limits(arm, joint, ends, bench.speed_rad_per_s)
     if not identity.keeps_parameters or bench.ask(
-        "What is no parameter document will be sent to the controller, which must refuse it and keep what it has. "
-        "Send it?"
+        "An invalid parameter document will be sent to the controller, which must refuse it and keep its own. Send it?"
     ):
         yield from clauses.keeps_its_document(arm)
     else:
@@ -203,18 +200,18 @@ def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     if identity.by_hand:
-        yield Clause(name="by hand", passed=None, text="not tried: a person moves this arm")
+        yield Clause(name="by hand", passed=None, text="not tried: this arm is moved by hand")
         return
     for joint in range(1, bench.joints + 1):
         yield from _turn(bench, joint)
 
 
 def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
-    """Twice there and back: halted on the way back, interrupted on the way there, stopped on the way home."""
+    """Move a joint twice there and back: halted, interrupted and stopped on the way."""
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
     home = float(start[joint - 1])
-    way = bench.away(joint) - arm.snapshot().joints[joint - 1].position_rad
+    way = bench.step_target(joint) - arm.snapshot().joints[joint - 1].position_rad
     if not bench.ask(
         f"Joint {joint} will turn by {deg(way, sign=True)} and back, twice, at {deg(speed)}/s, and be halted, "
         "interrupted and stopped on the way. Turn it?"
@@ -243,7 +240,7 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
         passed=right,
         text="it turned in the sense of the arm file"
         if right
-        else "it turned otherwise: look at direction, and at the order of joints, in the bus profile",
+        else "it turned otherwise: check direction, and the order of joints, in the bus profile",
         joint=joint,
     )
     yield from motion_checks.halts(back)
@@ -260,7 +257,7 @@ def _free(bench: Bench) -> Iterator[Clause]:
     arm = bench.arm
     for joint in range(1, bench.joints + 1):
         if not bench.ask(
-            f"Joint {joint} will be let free: it gives way to a hand, and to its weight. Support the arm. "
+            f"Joint {joint} will be set to free mode: it yields to a push, and to its weight. Support the arm. "
             "Free it?"
         ):
             yield declined(joint)
@@ -269,14 +266,14 @@ def _free(bench: Bench) -> Iterator[Clause]:
         modes[joint - 1] = JointMode.FREE
         arm.set_modes(modes)
         before = arm.snapshot().joints[joint - 1].position_rad
-        yield Clause(name="frees", passed=True, text="it says that it is free", joint=joint)
+        yield Clause(name="frees", passed=True, text="it reports free mode", joint=joint)
         yield clauses.refuses_to_move_free(arm, joint, bench.speed_rad_per_s)
         arm.hold()
-        gave = arm.snapshot().joints[joint - 1].position_rad - before
+        moved = arm.snapshot().joints[joint - 1].position_rad - before
         yield Clause(
             name="takes up",
             passed=True,
-            text=f"it says that it holds again; free, it gave way by {deg(gave, sign=True)}",
+            text=f"it reports position mode again; in free mode it moved by {deg(moved, sign=True)}",
             joint=joint,
         )
 
@@ -298,5 +295,5 @@ def _silence(bench: Bench) -> Iterator[Clause]:
     if isinstance(bench.arm, CanopenArm):
         yield from can_checks.stops_alone(bench.arm, bench.ask, bench.bounds)
     else:
-        text = "not tried: only a bus says how its drives would notice that this program is gone"
+        text = "not tried: only for an arm on a CAN bus"
         yield Clause(name="guard", passed=None, text=text)

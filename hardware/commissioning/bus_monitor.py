@@ -1,4 +1,4 @@
-"""What happens on a bus, in sentences, from its frames alone: for whoever watches beside a session. Sends nothing."""
+"""Describes the traffic on a bus in sentences, from its frames alone; sends nothing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from hardware.canopen.objects import (
 )
 
 SILENT_S: Final = 1.5
-"""A node whose heartbeat does not come for so long has fallen silent."""
+"""Time without heartbeat after which a node is reported as silent."""
 _NMT = {
     1: "start",
     2: "stop",
@@ -40,23 +40,16 @@ _ABORT, _INITIATE_DOWNLOAD = 0x80, 1
 
 
 class BusMonitor:
-    """Takes frames in, in their order, and says what changed.
-
-    Parameters
-    ----------
-    profile
-        Which nodes are joints, and what their frames carry.
+    """Takes in frames in order and describes what changed; `profile` defines the joints and their frames.
 
     Attributes
     ----------
     frames
-        How many, by identifier.
-    positions
-        6064h of each joint as a TPDO brought it last.
-    drives
-        State of each joint's drive.
+        Number of frames by identifier.
+    positions, drives
+        Last 6064h and drive state of each joint.
     nodes
-        NMT state in the last heartbeat of every node heard.
+        NMT state in the last heartbeat of every node.
     """
 
     def __init__(self, profile: BusProfile) -> None:
@@ -82,7 +75,7 @@ class BusMonitor:
         self._stopped: set[int] = set()
 
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
-        """Take in a frame; sentences about what it changes."""
+        """Take in a frame; yield sentences on what it changes."""
         self.frames[identifier] += 1
         if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
             yield from self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
@@ -102,14 +95,14 @@ class BusMonitor:
             yield from self._sdo(identifier, data)
 
     def time_passes(self, now_s: float) -> Iterator[str]:
-        """Say who has fallen silent."""
+        """Yield a sentence for each node that has fallen silent."""
         for node, heard in self._heard_s.items():
             if now_s - heard > SILENT_S and node not in self._silent:
                 self._silent.add(node)
                 yield f"{self._who(node)}: no heartbeat for {now_s - heard:.1f} s"
 
     def summary(self) -> dict[str, object]:
-        """What was seen, as data."""
+        """Summary as JSON data."""
         return {
             "frames": sum(self.frames.values()),
             "syncs": self.frames[COB_SYNC],
@@ -152,11 +145,11 @@ class BusMonitor:
             self._stopped.discard(joint)
         elif word is not None and joint not in self._stopped:
             self._stopped.add(joint)
-            yield f"joint {joint}: told to quick stop"
+            yield f"joint {joint}: quick stop commanded"
         if mode is not None and self._modes.get(joint) != mode:
             self._modes[joint] = mode
             name = JOINT_MODE.get(mode)
-            yield f"joint {joint}: told to be in {f'mode {mode}' if name is None else name.value} mode"
+            yield f"joint {joint}: {f'mode {mode}' if name is None else name.value} mode commanded"
 
     def _who(self, node: int) -> str:
         if node == OPERATOR_NODE:

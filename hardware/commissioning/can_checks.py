@@ -1,4 +1,4 @@
-"""What only an arm on a CAN bus can show: what its drives say of themselves, its clock, another operator, silence."""
+"""Checks of an arm on a CAN bus: drive settings, SYNC period, a second operator, loss of the operator."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster
 
 HOLDS_AFTER_STOP: Final = 5
-"""605Ah from here on: the drive stays in *quick stop active*; below, it lets the joint go."""
-PERIOD_SHARE: Final = 0.2
-"""By how much SYNC may be off its period on the average."""
+"""605Ah from which the drive stays in *quick stop active*; below, it releases the joint."""
+PERIOD_TOLERANCE: Final = 0.2
+"""Relative tolerance of the mean SYNC period."""
 
 
-def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
-    """What drives say they would do."""
+def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
+    """Modes, quick stop option and operator time-out of the drives."""
     for drive in facts:
         lacking, option = drive.unsupported_modes, drive.quick_stop_option
         yield Clause(
             name="modes",
             passed=None if lacking is None else not lacking,
-            text="6502h does not say which modes it has"
+            text="it has no 6502h (supported modes)"
             if lacking is None
             else f"6502h lacks mode {', '.join(map(str, lacking))}"
             if lacking
@@ -38,7 +38,7 @@ def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
         yield Clause(
             name="quick stop",
             passed=None if option is None else option >= HOLDS_AFTER_STOP,
-            text="605Ah does not say what it does after a quick stop"
+            text="it has no 605Ah (quick stop option)"
             if option is None
             else f"605Ah = {option}: it {'holds' if option >= HOLDS_AFTER_STOP else 'lets go'} after a "
             "quick stop",
@@ -48,19 +48,19 @@ def told(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Whether a drive watches for the operator: what a run refuses fails, what it puts up with is said."""
+    """Operator time-out of a drive: fails if a run refuses it, undecided if above the advised one."""
     guard = drive.operator_timeout_s
     if guard is None:
         passed, text = (
             False,
-            "1016h: it does not watch for the operator's heartbeat, and goes on when this program dies",
+            "1016h: it does not monitor the operator's heartbeat, and goes on when this program dies",
         )
     else:
-        passed, text = True, f"1016h: it misses the operator after {guard:.2f} s"
+        passed, text = True, f"1016h: it stops without the operator after {guard:.2f} s"
         if guard > MAX_OPERATOR_TIMEOUT_S:
             passed, text = (
                 False,
-                f"{text}, and no run is begun with more than {MAX_OPERATOR_TIMEOUT_S:g} s",
+                f"{text}; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s",
             )
         elif guard > ADVISED_OPERATOR_TIMEOUT_S:
             passed, text = (
@@ -71,14 +71,14 @@ def _guard(drive: DriveFacts) -> Clause:
 
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
-    """Every SYNC is answered, one a period; that they are late is this computer's doing."""
+    """The mean SYNC period is as configured; a deviation is this computer's."""
     period_s = arm.real_period_s
-    if period_s is None:  # as fast as a simulated arm answers
+    if period_s is None:  # fast forward
         return
     before, begun = arm.snapshot().sync_count, time.monotonic()
     arm.capture(bounds.samples)
     mean_s = (time.monotonic() - begun) / max(arm.snapshot().sync_count - before, 1)
-    kept = abs(mean_s - period_s) <= PERIOD_SHARE * period_s
+    kept = abs(mean_s - period_s) <= PERIOD_TOLERANCE * period_s
     late = "" if kept else ": this computer is too busy, or its adapter too slow"
     yield Clause(
         name="period",
@@ -88,7 +88,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
 
 
 def excludes_others(arm: CanopenArm) -> Clause:
-    """A second program is told that somebody is at work here, before it sends anything: this arm runs on."""
+    """A second program is refused before it sends anything, and this one goes on."""
     other = arm.another()
     try:
         other.connect()
@@ -100,7 +100,7 @@ def excludes_others(arm: CanopenArm) -> Clause:
         other.close()
         passed, text = False, "a second program was let in: its frames pass, and ours do not"
     if passed is not False:
-        # One that is refused late, or that breaks down, may have been let in before.
+        # It may have sent frames before it was refused or failed.
         try:
             arm.capture(2)
         except HardwareError as error:
@@ -109,11 +109,11 @@ def excludes_others(arm: CanopenArm) -> Clause:
 
 
 def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
-    """Without the operator's heartbeat the drives stop and hold by themselves."""
+    """Without the operator's heartbeat the drives stop and hold."""
     guards = [drive.operator_timeout_s for drive in arm.drive_facts()]
     longest = max((guard for guard in guards if guard is not None), default=0.0)
     if longest == 0.0 or None in guards:
-        yield Clause(name="guard", passed=None, text="not every drive watches for the operator")
+        yield Clause(name="guard", passed=None, text="not every drive monitors the operator")
         return
     if not ask(
         f"This program will fall silent for {2 * longest:.1f} s while the drives are enabled, as if it were "
@@ -125,18 +125,18 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     before = arm.capture(bounds.samples).mean_rad
     arm.fall_silent()
     threading.Event().wait(2 * longest)
-    # Before connecting, which resets their communication: that stops drives that would not stop alone.
+    # Before connecting: its communication reset would stop drives too.
     states = arm.read_states_unconnected()
     on = [j for j, state in enumerate(states, 1) if state is DriveState.OPERATION_ENABLED]
     arm.connect()
     faults = arm.snapshot().faults
-    arm.reset_stop()  # they have tripped for it, and a tripped arm is not read
+    arm.reset_stop()  # the drives have tripped, and a tripped arm cannot be captured
     reasons = sorted({f"{fault.text} ({fault.code:04X}h)" for fault in faults})
     yield Clause(
         name="stops alone",
         passed=not on,
         text=f"{joints_words(on)} was still enabled {2 * longest:.1f} s after this program fell silent"
         if on
-        else f"no drive was enabled any more; they say: {', '.join(reasons) or 'nothing'}",
+        else f"no drive stayed enabled; faults: {', '.join(reasons) or 'none'}",
     )
     yield from is_still("held alone", before, arm.capture(bounds.samples).mean_rad, bounds)

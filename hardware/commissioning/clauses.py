@@ -1,7 +1,6 @@
-"""What every arm owes the workflow, at rest: each clause tries it and says how it came out.
+"""Requirements on every arm at rest; each function tests one and yields its result.
 
-Stated once, for `sarcal arm-check` and for the contract that packages with arms of their own run
-(`sarcal.arm_contract`). Knows the `Arm` protocol; no bus, no order and no screen.
+Used by `sarcal arm-check` and by the contract test for arms of other packages (`sarcal.arm_contract`).
 """
 
 from __future__ import annotations
@@ -28,26 +27,26 @@ _POLL_S: Final = 0.005
 
 
 class Ranged(Protocol):
-    """A joint as its file has it."""
+    """Range and speed limit of a joint in its file."""
 
     @property
     def lower_rad(self) -> float:
-        """Lower end of its range."""
+        """Lower end of the range."""
         ...
 
     @property
     def upper_rad(self) -> float:
-        """Upper end of its range."""
+        """Upper end of the range."""
         ...
 
     @property
     def max_speed_rad_per_s(self) -> float:
-        """Fastest that it may be told to go."""
+        """Speed limit."""
         ...
 
 
 def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
-    """It is the arm of the file, has a serial number, and a node or part for each joint, in order."""
+    """Model of the arm file, a serial number, and one node or part for each joint in order."""
     yield Clause(
         name="name",
         passed=identity.model == model,
@@ -56,7 +55,7 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
     yield Clause(
         name="serial",
         passed=bool(identity.serial_number.strip()),
-        text=f"its serial number is {identity.serial_number!r}; poses of two arms must not get into one session",
+        text=f"its serial number is {identity.serial_number!r}; it keeps poses of two arms apart",
     )
     roles = [node.role for node in identity.nodes if node.role.startswith("joint")]
     yield Clause(
@@ -67,15 +66,15 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
 
 
 def is_pictured(arm: Arm, joints: int) -> Iterator[Clause]:
-    """A snapshot has every joint in order, in radians, fresh and finite; no STOP is latched."""
+    """The snapshot has every joint in order, finite, in radians and recent; no STOP is latched."""
     found = arm.snapshot()
     wrong = []
     if [joint.joint for joint in found.joints] != list(range(1, joints + 1)):
         wrong.append(f"{len(found.joints)} joints instead of {joints}, or in another order")
     if not (np.all(np.isfinite(found.positions_rad)) and np.all(np.isfinite(found.torques_nm))):
-        wrong.append("a position or a torque is no number")
+        wrong.append("a position or a torque is not finite")
     elif np.abs(found.positions_rad).max(initial=0.0) >= LARGEST_RAD:
-        wrong.append("a position is beyond two turns: angles are in radians")
+        wrong.append("a position is beyond two turns: angles must be in radians")
     oldest_s = max((joint.age_s for joint in found.joints), default=0.0)
     if not 0.0 <= oldest_s < FRESH_S:
         wrong.append(f"a joint is {oldest_s:.2f} s old")
@@ -84,12 +83,13 @@ def is_pictured(arm: Arm, joints: int) -> Iterator[Clause]:
     yield Clause(
         name="picture",
         passed=not wrong,
-        text="; ".join(wrong) or f"every joint is there; the oldest is {1e3 * oldest_s:.0f} ms old",
+        text="; ".join(wrong)
+        or f"every joint is present; the oldest is {1e3 * oldest_s:.0f} ms old",
     )
 
 
 def goes_on(arm: Arm) -> Iterator[Clause]:
-    """Samples are counted on."""
+    """The sample counter advances."""
     before = arm.snapshot().sync_count
     arm.capture(2)
     more = arm.snapshot().sync_count - before
@@ -97,30 +97,30 @@ def goes_on(arm: Arm) -> Iterator[Clause]:
 
 
 def reads(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """A reading is statistics over the samples asked for, of every joint, where the snapshot has it."""
+    """A reading has the requested samples, finite values for every joint, and agrees with the snapshot."""
     reading = arm.capture(bounds.samples)
     wrong = []
     if reading.samples != bounds.samples:
         wrong.append(f"{reading.samples} samples instead of {bounds.samples}")
     values = (reading.mean_counts, reading.mean_rad, reading.sd_rad)
     if any(v.shape != (joints,) or not np.all(np.isfinite(v)) for v in values):
-        wrong.append("not a number for each joint")
+        wrong.append("not one finite number for each joint")
     elif np.any(reading.sd_rad < 0.0):
         wrong.append("a negative standard deviation")
     else:
         apart = np.abs(reading.mean_rad - arm.snapshot().positions_rad)
         if apart.max(initial=0.0) > bounds.once_rad:
-            wrong.append(f"the snapshot is {deg(float(apart.max()))} from it")
+            wrong.append(f"it differs from the snapshot by {deg(float(apart.max()))}")
     yield Clause(
         name="reading",
         passed=not wrong,
         text="; ".join(wrong)
-        or f"{bounds.samples} samples of {joints} joints, where the snapshot has them",
+        or f"{bounds.samples} samples of {joints} joints, equal to the snapshot",
     )
 
 
 def settles(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """At rest it settles; where nothing is allowed to spread, it does not."""
+    """At rest it settles; with a negative spread it does not."""
     wide = [bounds.once_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
@@ -128,12 +128,12 @@ def settles(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
         name="settles",
         passed=rests and not never,
         text=f"it {'rests' if rests else 'does not rest'} within {deg(wide[0])}"
-        + (", and is said to rest within less than nothing" if never else ""),
+        + (", and reports settling within a negative spread" if never else ""),
     )
 
 
 def is_enabled_unmoved(arm: Arm, bounds: Bounds) -> Iterator[Clause]:
-    """Taking control enables every drive, in position mode, and moves nothing."""
+    """Taking control enables every drive in position mode without motion."""
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
     joints = arm.snapshot().joints
@@ -147,7 +147,7 @@ def is_enabled_unmoved(arm: Arm, bounds: Bounds) -> Iterator[Clause]:
 
 
 def reads_modes_back(arm: Arm, modes: Sequence[JointMode]) -> Iterator[Clause]:
-    """Every joint says that it has the mode it was given; and holds again."""
+    """Every joint reports the mode it was given, then position mode after `hold`."""
     arm.set_modes(modes)
     given = [j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m]
     arm.hold()
@@ -155,9 +155,9 @@ def reads_modes_back(arm: Arm, modes: Sequence[JointMode]) -> Iterator[Clause]:
     yield Clause(
         name="modes read back",
         passed=not given and not held,
-        text=f"{joints_words(given or held)} says otherwise"
+        text=f"{joints_words(given or held)} reports another mode"
         if given or held
-        else "every joint says that it has the mode it was given, and then that it holds",
+        else "every joint reports the mode it was given, then that it holds",
     )
 
 
@@ -169,7 +169,7 @@ def is_refused(
     kind: type[HardwareError] = CommandRefused,
     joint: int | None = None,
 ) -> Clause:
-    """Whether an act, harmless even where it is not refused, is refused in words."""
+    """The act is refused with a reason; it is harmless if not refused."""
     try:
         act()
     except kind as error:
@@ -180,10 +180,7 @@ def is_refused(
 def keeps_within_limits(
     arm: Arm, joint: int, ranged: Ranged, speed_rad_per_s: float
 ) -> Iterator[Clause]:
-    """Targets beyond either end of a joint's range, and speeds above its own, are refused.
-
-    Where one is not, the move ends with its first sample, or has no way to go.
-    """
+    """Targets beyond the range and speeds above the limit are refused; else the move ends with its first sample."""
     here = arm.snapshot().joints[joint - 1].position_rad
     margin = math.radians(2.0)
     for beyond in (ranged.lower_rad - margin, ranged.upper_rad + margin):
@@ -204,7 +201,7 @@ def keeps_within_limits(
 
 
 def refuses_to_move_free(arm: Arm, joint: int, speed_rad_per_s: float) -> Clause:
-    """A joint that is free is not moved; it is asked to go where it is."""
+    """A move of a joint in free mode, to its present position, is refused."""
     here = arm.snapshot().joints[joint - 1].position_rad
     return is_refused(
         "free stays free",
@@ -215,34 +212,33 @@ def refuses_to_move_free(arm: Arm, joint: int, speed_rad_per_s: float) -> Clause
 
 
 def keeps_its_document(arm: Arm) -> Iterator[Clause]:
-    """What is no parameter document is refused, and what is kept stays."""
+    """An invalid parameter document is refused, and the stored one stays."""
     before = arm.active_parameters()
     yield is_refused(
-        "document", "what is no parameter document", _uploading(arm), kind=HardwareError
+        "document",
+        "an invalid parameter document",
+        lambda: arm.upload_parameters(NO_DOCUMENT),
+        kind=HardwareError,
     )
     after = arm.active_parameters()
-    text = f"its document of {len(before)} bytes is as it was"
+    text = f"its document of {len(before)} bytes is unchanged"
     if after != before:
-        text = f"it kept {len(after)} bytes of that in the place of "
+        text = f"it stored {len(after)} bytes of the invalid document in place of "
         if before:
             arm.upload_parameters(before)
             text += f"{len(before)}, which were uploaded again"
         else:
-            text += "none: whatever reads its parameters takes it for one; export a document to it"
+            text += "none: export a valid document to it"
     yield Clause(name="keeps", passed=after == before, text=text)
 
 
-def _uploading(arm: Arm) -> Callable[[], object]:
-    return lambda: arm.upload_parameters(NO_DOCUMENT)
-
-
 def stays_stopped(arm: Arm, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
-    """STOP, once pressed, is latched: nothing is moved and nothing enabled."""
+    """STOP is latched: moves and enabling are refused."""
     here = arm.snapshot().joints[joint - 1].position_rad
     yield Clause(
         name="STOP latches",
         passed=arm.snapshot().stopped,
-        text="it says that STOP is latched" if arm.snapshot().stopped else "STOP is not latched",
+        text="it reports STOP latched" if arm.snapshot().stopped else "STOP is not latched",
     )
     yield is_refused(
         "no move stopped",
@@ -254,10 +250,7 @@ def stays_stopped(arm: Arm, joint: int, speed_rad_per_s: float) -> Iterator[Clau
 
 
 def resets_unmoved(arm: Arm, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """The reset of STOP leaves the drives off, and moves nothing; `before` is where the joints were.
-
-    A joint settles in its brake, or against its blocked valve.
-    """
+    """The reset of STOP leaves the drives off and the joints at `before`, but for settling in brake or valve."""
     arm.reset_stop()
     found = arm.snapshot()
     on = [j.joint for j in found.joints if j.drive is DriveState.OPERATION_ENABLED]
@@ -267,23 +260,23 @@ def resets_unmoved(arm: Arm, before: FloatArray, bounds: Bounds) -> Iterator[Cla
     yield Clause(
         name="reset",
         passed=not wrong,
-        text="; ".join(wrong) or "the reset lifts STOP, and leaves the drives off",
+        text="; ".join(wrong) or "the reset releases STOP and leaves the drives off",
     )
     settled = replace(bounds, still_rad=bounds.once_rad)
     yield from is_still("reset holds", before, arm.capture(bounds.samples).mean_rad, settled)
 
 
 def leaves_and_returns(arm: Arm, identity: ArmIdentity) -> Iterator[Clause]:
-    """It closes with a word, twice; says nothing then; connects again as the same arm, its drives off."""
-    words = [arm.close(), arm.close()]
+    """It closes, also twice; refuses a snapshot then; connects again as the same arm with drives off."""
+    results = [arm.close(), arm.close()]
     yield Clause(
         name="closes",
-        passed=all(words),
-        text="it is held and closed, also when told twice"
-        if all(words)
-        else "it did not answer when it was told to hold, or some drive did not let go",
+        passed=all(results),
+        text="it is held and closed, also when closed twice"
+        if all(results)
+        else "it did not answer when it was closed, or a drive still follows commands",
     )
-    yield is_refused("closed", "to look at a closed arm", arm.snapshot, kind=HardwareError)
+    yield is_refused("closed", "a snapshot of a closed arm", arm.snapshot, kind=HardwareError)
     again = arm.connect()
     same = replace(again, configured=()) == replace(identity, configured=())
     yield Clause(
@@ -293,8 +286,7 @@ def leaves_and_returns(arm: Arm, identity: ArmIdentity) -> Iterator[Clause]:
         if same
         else f"it connects again as {again}, and was {identity}",
     )
-    # Between the two a person may have unbolted the hand.
-    yield drives_off(arm)
+    yield drives_off(arm)  # a person may have unbolted the tool meanwhile
 
 
 def drives_off(arm: Arm) -> Clause:
@@ -305,18 +297,18 @@ def drives_off(arm: Arm) -> Clause:
 
 
 def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """No joint has turned between two readings."""
+    """No joint moved between two readings."""
     gone = np.abs(after - before)
     most = float(gone.max(initial=0.0))
     yield Clause(
         name=name,
         passed=most <= bounds.still_rad,
-        text=f"no joint turned by more than {deg(most)} (joint {int(np.argmax(gone)) + 1})",
+        text=f"no joint moved by more than {deg(most)} (joint {int(np.argmax(gone)) + 1})",
     )
 
 
 def seconds_to_stop(arm: Arm, begun_s: float) -> float | None:
-    """Seconds until no drive is enabled; None if that takes too long."""
+    """Seconds until no drive is enabled; None after `STOPS_WITHIN_S`."""
     while (seconds := time.monotonic() - begun_s) < STOPS_WITHIN_S:
         joints = arm.snapshot().joints
         if all(joint.drive is not DriveState.OPERATION_ENABLED for joint in joints):

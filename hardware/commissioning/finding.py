@@ -1,4 +1,4 @@
-"""What was tried on a bench and how it came out, in words with units. Knows no arm and no screen."""
+"""Stages, results and limits of the bench check."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from enum import Enum
 from typing import Final
 
 Ask = Callable[[str], bool]
-"""Puts a question to whoever stands beside the arm; whether it is answered with yes."""
+"""Asks the person beside the arm a question; returns whether the answer is yes."""
 
 
 class Stage(Enum):
-    """What is tried, in this order; each stage needs the ones before it."""
+    """Stages in order; each needs the ones before it."""
 
     LOOK = "look"
-    """Nothing is enabled."""
+    """No drive is enabled."""
     HOLD = "hold"
-    """Drives on, nothing moves; what must be refused; STOP."""
+    """Drives on, no motion; refusals; STOP."""
     MOVE = "move"
-    """One joint at a time by a little and back: halted, interrupted and stopped on the way."""
+    """One joint at a time, there and back: halted, interrupted and stopped on the way."""
     FREE = "free"
-    """One joint at a time lets go."""
+    """One joint at a time in free mode."""
     LEAVE = "leave"
     """Closed as at the end of a session, and connected again."""
     SILENCE = "silence"
-    """The operator's heartbeat ends, as when this program is killed."""
+    """Loss of the operator's heartbeat, as when this program is killed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clause:
-    """One thing that an arm has to do: `passed` is None where it could not be found out; `text` says why."""
+    """Result of one requirement; `passed` is None if it could not be tested."""
 
     name: str
     passed: bool | None
@@ -41,7 +41,7 @@ class Clause:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckFinding:
-    """A clause, and the stage in which it was tried."""
+    """A clause with its stage."""
 
     stage: Stage
     name: str
@@ -51,7 +51,7 @@ class CheckFinding:
 
     @classmethod
     def of(cls, stage: Stage, clause: Clause) -> CheckFinding:
-        """Say in which stage it was."""
+        """Add the stage to a clause."""
         return cls(
             stage=stage,
             name=clause.name,
@@ -62,22 +62,12 @@ class CheckFinding:
 
 
 SCATTER_RAD: Final = math.radians(0.5)
-"""Of single samples; an RVDT's noise is much of it."""
+"""Limit of the scatter of single samples, mostly RVDT noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bounds:
-    """How near is near enough.
-
-    Attributes
-    ----------
-    samples
-        Of each reading.
-    still_rad
-        What a joint at rest may seem to turn between two readings.
-    near_rad
-        What a joint may miss of its target.
-    """
+    """Limits of comparisons: samples per reading, change of a joint at rest, distance from a target."""
 
     samples: int
     still_rad: float
@@ -85,21 +75,21 @@ class Bounds:
 
     @property
     def once_rad(self) -> float:
-        """What a single sample of a joint at rest may be off, noise and all."""
+        """Limit of the error of a single sample at rest."""
         return max(self.still_rad, self.near_rad, SCATTER_RAD)
 
 
 BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.radians(0.5))
-"""Of an arm whose hand is free."""
+"""For an arm without fixture."""
 
 
 def declined(joint: int | None = None) -> Clause:
-    """What nobody wanted tried."""
-    return Clause(name="agreed", passed=None, text="not tried: nobody agreed to it", joint=joint)
+    """Result of a check that the person declined."""
+    return Clause(name="agreed", passed=None, text="not tried: declined", joint=joint)
 
 
 def deg(angle_rad: float, *, sign: bool = False) -> str:
-    """Write an angle with its unit."""
+    """Format an angle in degrees."""
     return f"{math.degrees(angle_rad):{'+' if sign else ''}.3f} deg"
 
 

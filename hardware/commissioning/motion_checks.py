@@ -1,6 +1,6 @@
-"""What an arm owes the workflow on the way: it goes, it is halted by a word, by Ctrl-C and by STOP.
+"""Requirements on a moving arm: it reaches targets, and is halted by a watch, by Ctrl-C and by STOP.
 
-Clauses as in `hardware.commissioning.clauses`: for `sarcal arm-check` and for the contract of outside packages.
+As `hardware.commissioning.clauses`, for `sarcal arm-check` and for the contract test of other packages.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from hardware.errors import Stopped
 
 _WINDOW, _LONG_SYNCS = 5, 1000
 _IN_FLIGHT_S: Final = 0.5
-"""How long an interrupt may take to arrive."""
+"""Time for an interrupt to arrive."""
 ENOUGH: Final = "that is enough"
 
 
 @dataclass(slots=True)
 class OnTheWay:
-    """A watch that acts once, when a joint has gone so far, and keeps where that was."""
+    """A watch that acts once after a part of the motion, and keeps the position."""
 
     joint: int
     after_rad: float
@@ -41,7 +41,7 @@ class OnTheWay:
     at_rad: float | None = None
 
     def __call__(self, snapshot: ArmSnapshot) -> str | None:
-        """Look at a sample of the move."""
+        """Check a sample of the move."""
         here = float(snapshot.positions_rad[self.joint - 1])
         if self.at_rad is not None or abs(here - self.start_rad) < self.after_rad:
             return None
@@ -51,15 +51,7 @@ class OnTheWay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """One joint that is to turn, and how that is judged.
-
-    Attributes
-    ----------
-    target_rad, speed_rad_per_s
-        Where to, and how fast.
-    part_rad
-        How far it has gone by then, where something is done to it on the way.
-    """
+    """Motion of one joint, and its limits; `part_rad` is the travel after which a watch acts."""
 
     arm: Arm
     joint: int
@@ -69,25 +61,25 @@ class Turn:
     part_rad: float = 0.0
 
     def go(self, watch: Watch | None = None) -> MoveResult:
-        """Have the joint turn."""
+        """Move the joint."""
         return self.arm.move(
             {self.joint: self.target_rad}, speed_rad_per_s=self.speed_rad_per_s, watch=watch
         )
 
     def on_the_way(self, act: Callable[[], str | None]) -> OnTheWay:
-        """Make a watch that acts once when the part is gone."""
+        """Make a watch that acts once after `part_rad`."""
         start = float(self.arm.capture(self.bounds.samples).mean_rad[self.joint - 1])
         return OnTheWay(joint=self.joint, after_rad=self.part_rad, act=act, start_rad=start)
 
     def ran_on(self, watch: OnTheWay) -> str:
-        """Say how far it went after the watch had acted."""
+        """Travel after the watch acted, as text."""
         here = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
         return f"came to rest {deg(abs(here - at))} on"
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
-    """It goes where it is told, alone, and rests there."""
+    """It reaches its target and comes to rest."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
     start = arm.capture(bounds.samples).mean_rad
     way = turn.target_rad - float(start[joint - 1])
@@ -95,19 +87,19 @@ def goes(turn: Turn) -> Iterator[Clause]:
     spread = [bounds.once_rad] * len(start)
     rests = arm.settle(window=_WINDOW, spread_rad=spread, timeout_syncs=_LONG_SYNCS)
     went = float(arm.capture(bounds.samples).mean_rad[joint - 1] - start[joint - 1])
-    fine = moved.reached and rests and abs(went - way) <= bounds.near_rad
-    why = "" if moved.reached else f", and says {moved.reason!r}"
+    passed = moved.reached and rests and abs(went - way) <= bounds.near_rad
+    why = "" if moved.reached else f", and reports {moved.reason!r}"
     yield Clause(
         name="moves",
-        passed=fine,
-        text=f"told to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{why}"
+        passed=passed,
+        text=f"commanded to turn by {deg(way, sign=True)}, it reads {deg(went, sign=True)}{why}"
         + ("" if rests else ", and does not come to rest"),
         joint=joint,
     )
 
 
 def halts(turn: Turn) -> Iterator[Clause]:
-    """Whoever watches a move sees it, and ends it with a sentence."""
+    """A watch ends the move with its reason."""
     watch = turn.on_the_way(lambda: ENOUGH)
     moved = turn.go(watch)
     halted = not moved.reached and moved.reason == ENOUGH
@@ -116,13 +108,13 @@ def halts(turn: Turn) -> Iterator[Clause]:
         passed=halted,
         text=f"a watch ended the move; it {turn.ran_on(watch)}"
         if halted
-        else f"a watch could not end the move, which says {moved.reason!r}",
+        else f"a watch could not end the move, which reports {moved.reason!r}",
         joint=turn.joint,
     )
 
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
-    """Ctrl-C in a move leaves the arm held, its drives on."""
+    """Ctrl-C in a move leaves the arm holding with its drives on."""
 
     def press() -> None:
         interrupt()
@@ -133,7 +125,7 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
         turn.go(watch)
         threading.Event().wait(_IN_FLIGHT_S)
     except KeyboardInterrupt:
-        if watch.at_rad is None:  # not ours: somebody wants all of this to end
+        if watch.at_rad is None:  # the user's own
             raise
         interrupted = True
     found = turn.arm.snapshot()
@@ -148,11 +140,10 @@ def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause
 
 
 def is_stopped(turn: Turn) -> Iterator[Clause]:
-    """STOP from another thread ends a move and latches; its reset moves nothing and leaves the drives off."""
+    """STOP from another thread ends a move and latches; its reset causes no motion and leaves the drives off."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
 
     def press() -> None:
-        # From another thread: the one that moves the arm is busy.
         presser = threading.Thread(target=arm.stop)
         presser.start()
         presser.join()
@@ -164,7 +155,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     except Stopped:
         stopped = True
     seconds = seconds_to_stop(arm, time.monotonic())
-    rests = arm.snapshot().positions_rad  # a stopped arm is not read otherwise
+    rests = arm.snapshot().positions_rad  # a stopped arm cannot be captured
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
     text = f"it came to rest {deg(abs(gone - at))} after STOP"
@@ -181,12 +172,12 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
 
 
 def moved_alone(before: np.ndarray, after: np.ndarray, joint: int, bounds: Bounds) -> Clause:
-    """No other joint turned with it."""
+    """No other joint moved."""
     others = np.delete(np.abs(after - before), joint - 1)
     most = float(others.max(initial=0.0))
     return Clause(
         name="alone",
         passed=most <= max(bounds.still_rad, bounds.near_rad),
-        text=f"no other joint turned by more than {deg(most)}",
+        text=f"no other joint moved by more than {deg(most)}",
         joint=joint,
     )

@@ -1,7 +1,7 @@
-"""Which nodes are on a bus, and whether they are set up as this program drives them. Moves and enables nothing.
+"""Finds the nodes on a bus and compares their set-up with a bus profile; enables nothing.
 
-Listens first: where anything is heard that only a master sends, nothing is sent at all. Then every node number
-is asked for its device type, and whoever answers for who it is. Knows SDO; no session and no arm file.
+It listens first, and sends nothing if another master is heard. Then every node number is asked for its device type,
+and the nodes that answer for their identity and set-up.
 """
 
 from __future__ import annotations
@@ -47,18 +47,18 @@ from hardware.canopen.supervision import operator_monitoring_differences
 from hardware.errors import BusError, HardwareError, SdoRefused
 
 LISTEN_S: Final = 1.2
-"""Some heartbeats of an operator, and one of the slowest node that is driven, fit in here."""
+"""Several heartbeats of an operator, and one of the slowest node allowed."""
 ANSWERS_S: Final = 0.6
 NODES: Final = range(1, 127)
-MOST_NAMED: Final = 6
-"""Kinds of frames of others that a sentence names."""
-NO_WATCH: Final = (
-    "node {}: without 1016h nothing says that it notices when the operator is gone: keep a hand on the hardware "
-    "stop, and see what it does (sarcal arm-check)"
+MAX_NAMED: Final = 6
+"""Kinds of foreign frames named in a message."""
+NO_OPERATOR_MONITORING: Final = (
+    "node {}: it has no 1016h, so it may go on without the operator's heartbeat: keep a hand on the hardware stop, "
+    "and test it (sarcal arm-check)"
 )
 _POLL_S: Final = 0.02
-_LONGEST: Final = 10
-"""Times `ANSWERS_S`, on a bus where the answers do not end."""
+_MAX_ANSWER_PERIODS: Final = 10
+"""Limit of the wait for answers, in `ANSWERS_S`."""
 _READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
 _UPLOAD_ANSWER: Final = 2
 _SUPERVISES: Final = ((ARM, ARM_JOINTS), (TOKEN, 0))
@@ -71,27 +71,21 @@ class FoundNode:
     Attributes
     ----------
     device_type, device_name, serial_number
-        1000h, 1008h and 1018h; None or "" where it has none.
+        1000h, 1008h and 1018h; None or "" if absent.
     drive
-        Whether it is a CiA 402 servo drive.
+        Whether it is a supported drive.
     position_counts
         6064h of a drive.
     heard
-        Whether it sent a heartbeat while it was listened to.
-    problems
-        What is not as this program drives it, in words.
-    unread
-        Why it was not looked at to the end, in words: one of the problems.
-    notes
-        What it does not say and somebody should know, in words.
-    pdos
-        The PDOs of a drive that are in use.
+        Whether its heartbeat was heard.
+    problems, unread, notes
+        Differences from the profile; why it could not be read to the end (one of the problems); remarks.
+    pdos, room
+        Valid PDOs of a drive, and what its PDOs could be set up of.
     described
-        The objects in which a drive describes itself, of those that can be compared with an arm file.
-    room
-        What the PDOs of a drive could be set up of.
+        Objects of a drive that can be compared with an arm file.
     supervises
-        Whether it says which arm this is (2020h) and who is in control (2010h).
+        Whether it has the supervisor's objects 2020h (arm) and 2010h (control token).
     """
 
     node: int
@@ -112,9 +106,10 @@ class FoundNode:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Probe:
-    """What a bus holds. `busy` says who works on it, in words; then nobody was asked anything.
+    """Result of a probe.
 
-    `meanwhile` says the same of somebody who came while the nodes were asked: their answers may be to others.
+    `busy` describes another master that was heard, in which case nothing was sent; `meanwhile` one that was heard
+    later: answers may have been to its requests.
     """
 
     busy: str
@@ -123,8 +118,8 @@ class Probe:
     meanwhile: str = ""
 
 
-class _Ears:
-    """Receives in a thread of its own: notes who speaks, hands SDO answers on."""
+class _Listener:
+    """Receives in a thread: counts heartbeats, SDO answers and frames of other masters."""
 
     def __init__(self, wire: SharedBus, profile: BusProfile) -> None:
         self._wire, self._profile = wire, profile
@@ -138,30 +133,26 @@ class _Ears:
         self._thread.start()
 
     def listen(self, seconds: float) -> None:
-        """Let time pass."""
+        """Wait; the thread goes on receiving."""
         self._closing.wait(seconds)
 
-    def listen_to_the_last(self) -> None:
-        """Let time pass until no node has answered any more for `ANSWERS_S`.
-
-        Counted in looks, not by the clock: a computer that is late itself would take its own lateness for the
-        end of the answers.
-        """
-        looks = round(ANSWERS_S / _POLL_S)
+    def wait_for_answers(self) -> None:
+        """Wait until no node has answered for `ANSWERS_S`, counted in polls so that host latency does not end it."""
+        polls = round(ANSWERS_S / _POLL_S)
         known = quiet = 0
-        for _ in range(_LONGEST * looks):
+        for _ in range(_MAX_ANSWER_PERIODS * polls):
             self.listen(_POLL_S)
             quiet = 0 if self.answers.total() > known else quiet + 1
             known = self.answers.total()
-            if quiet >= looks:
+            if quiet >= polls:
                 return
 
-    def told(self) -> str:
-        """Say what came from masters so far, and forget it; empty if nothing did."""
+    def take_masters(self) -> str:
+        """Describe the frames of other masters so far, and clear them; empty if there were none."""
         seen, self.masters = self.masters, Counter()
-        listed = [f"{words}{f', {n} times' if n > 1 else ''}" for words, n in list(seen.items())]
-        more = f"; and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else ""
-        return "; ".join(listed[:MOST_NAMED]) + more
+        listed = [f"{text}{f', {n} times' if n > 1 else ''}" for text, n in list(seen.items())]
+        more = f"; and {len(listed) - MAX_NAMED} more" if len(listed) > MAX_NAMED else ""
+        return "; ".join(listed[:MAX_NAMED]) + more
 
     def close(self) -> None:
         """End the thread."""
@@ -179,8 +170,8 @@ class _Ears:
 
     def _take_in(self, message: can.Message) -> None:
         identifier, data = message.arbitration_id, bytes(message.data)
-        if words := describe_master_frame(self._profile, identifier, data):
-            self.masters[words] += 1
+        if text := describe_master_frame(self._profile, identifier, data):
+            self.masters[text] += 1
         if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
             self.heartbeats[identifier - COB_HEARTBEAT] += 1
         elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
@@ -200,55 +191,48 @@ def probe(
     listen_s: float = LISTEN_S,
     record_to: Path | None = None,
 ) -> Probe:
-    """Look who is on a bus, and compare the drives that a profile names with it.
-
-    Raises
-    ------
-    BusError
-        It cannot be opened, or takes no frames.
-    """
+    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails."""
     wire = SharedBus(opener(settings), record_to=record_to)
-    ears = _Ears(wire, profile)
+    listener = _Listener(wire, profile)
     try:
-        ears.listen(listen_s)
-        if others := ears.told():
-            busy = f"somebody else is at work on this bus: {others}"
-            return Probe(busy=busy, heard=tuple(sorted(ears.heartbeats)), nodes=())
+        listener.listen(listen_s)
+        if others := listener.take_masters():
+            busy = f"another program works on this bus: {others}"
+            return Probe(busy=busy, heard=tuple(sorted(listener.heartbeats)), nodes=())
         for node in NODES:
             wire.send(COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
-                ears.listen(_POLL_S)  # slow adapters take a few frames at a time
-        ears.listen_to_the_last()
-        answers = dict(ears.answers)
+                listener.listen(_POLL_S)  # slow adapters take a few frames at a time
+        listener.wait_for_answers()
+        answers = dict(listener.answers)
         access = ObjectAccess(wire.send, sorted(answers))
-        ears.deliver = access.deliver
+        listener.deliver = access.deliver
         found = tuple(
-            _look_at(access, profile, node, ears, answers[node]) for node in sorted(answers)
+            _read_node(access, profile, node, listener, answers[node]) for node in sorted(answers)
         )
-        came = ears.told()
+        came = listener.take_masters()
         return Probe(
             busy="",
-            heard=tuple(sorted(ears.heartbeats)),
+            heard=tuple(sorted(listener.heartbeats)),
             nodes=found,
-            meanwhile=came and f"somebody else came to work on this bus meanwhile: {came}",
+            meanwhile=came and f"another program started to work on this bus meanwhile: {came}",
         )
     finally:
-        ears.close()
+        listener.close()
         wire.close()
 
 
-def _look_at(
-    access: ObjectAccess, profile: BusProfile, node: int, ears: _Ears, answers: int
+def _read_node(
+    access: ObjectAccess, profile: BusProfile, node: int, listener: _Listener, answers: int
 ) -> FoundNode:
-    kind = ears.device_types.get(node, 0)
+    kind = listener.device_types.get(node, 0)
     drive = profile.is_drive(kind)
-    heard = ears.heartbeats[node] > 0
+    heard = listener.heartbeats[node] > 0
     problems, name, serial, position = list[str](), "", None, None
     supervises, notes = False, list[str]()
     pdos, described, room = tuple[ActivePdo, ...](), tuple[int, ...](), NO_PDO_CAPABILITY
     unread = ""
     if answers > 1:
-        # Nothing that it says can be told from what the other one says.
         unread = f"two devices answer as node {node}: give one of them another number"
     else:
         try:
@@ -258,15 +242,15 @@ def _look_at(
                 problems += map(str, maps.pdo_differences(access, node, profile))
             elif drive:
                 problems.append(
-                    f"node {node}: a drive that the bus profile {profile.name} does not name"
+                    f"node {node}: a drive that is not in the bus profile {profile.name}"
                 )
             else:
                 supervises = all(_number(access, node, i, s) is not None for i, s in _SUPERVISES)
             if drive:
-                watch = operator_monitoring_differences(access, node)
-                problems += map(str, watch or ())
-                if watch is None:
-                    notes.append(NO_WATCH.format(node))
+                monitoring = operator_monitoring_differences(access, node)
+                problems += map(str, monitoring or ())
+                if monitoring is None:
+                    notes.append(NO_OPERATOR_MONITORING.format(node))
                 pdos = read_pdos(access, node)
                 described = read_description_objects(access, node)
                 room = read_pdo_capability(access, node)

@@ -1,4 +1,4 @@
-"""A bus profile from what was found on a bus: which PDOs carry what is needed. Pure: knows no bus and no file."""
+"""Drafts a bus profile from the nodes found on a bus."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FRAME_BITS: Final = 64
 
 
 class DraftRefused(Exception):
-    """No profile can drive what was found; `reasons` are sentences, each naming its node."""
+    """No profile is possible; `reasons` are sentences, each with its node."""
 
     def __init__(self, reasons: Sequence[str]) -> None:
         self.reasons = tuple(reasons)
@@ -32,21 +32,16 @@ class DraftRefused(Exception):
 
 
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
-    """Profile of the drives found, in the order of their node numbers; joints in this order.
+    """Profile of the drives found, joints in order of node numbers; `DraftRefused` if it is not possible.
 
-    It has their PDOs as they are; with `configure` as they are to be written into them whenever they are
-    connected to: as few as hold what is needed, on the identifiers that CiA 301 gives them.
-
-    Raises
-    ------
-    DraftRefused
-        There is no drive, or one cannot be driven as it is set up.
+    With their present PDOs; with `configure` with PDOs to be written at every connection: the fewest that carry the
+    objects needed, on CiA 301's identifiers.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:
         raise DraftRefused(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
-    lacks = _has_no_room if configure else _lacks
-    reasons = [text for node in drives for text in lacks(node)]
+    obstacles = _configuration_obstacles if configure else _obstacles
+    reasons = [text for node in drives for text in obstacles(node)]
     if reasons:
         raise DraftRefused(reasons)
     supervisor = next((node.node for node in nodes if node.supervises), None)
@@ -75,7 +70,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
 def _chosen(
     pdos: Iterable[ActivePdo], wanted: Sequence[int], *, sent: bool
 ) -> tuple[ActivePdo, ...]:
-    """Fewest PDOs that carry all that is wanted, lowest numbers first; those that carry some, if none do."""
+    """The fewest usable PDOs that carry the wanted objects, or as many of them as possible."""
     usable = [pdo for pdo in pdos if pdo.sent is sent and not _unusable(pdo)]
     left, found = set(wanted), list[ActivePdo]()
     while left:
@@ -104,12 +99,12 @@ def _unusable(pdo: ActivePdo) -> str:
             i for i, _, _ in pdo.entries if i not in COMMAND_OBJECTS and i not in ZERO_OBJECTS
         ]
         if others:
-            return f"carries {others[0]:04X}h, which is not for this program to command"
+            return f"carries {others[0]:04X}h, which this program does not command"
     return ""
 
 
-def _lacks(node: FoundNode) -> Iterator[str]:
-    """What keeps a drive from being driven."""
+def _obstacles(node: FoundNode) -> Iterator[str]:
+    """Why a drive cannot be driven with its present PDOs."""
     if not node.pdos:
         yield _unread(node)
         return
@@ -129,9 +124,9 @@ def _lacks(node: FoundNode) -> Iterator[str]:
 
 
 def _unread(node: FoundNode) -> str:
-    """Why nothing is known of a drive's PDOs."""
-    told = node.unread or next(iter(node.problems), "its PDOs could not be read")
-    return told if told.lower().startswith(f"node {node.node}") else f"node {node.node}: {told}"
+    """Why a drive's PDOs are not known."""
+    text = node.unread or next(iter(node.problems), "its PDOs could not be read")
+    return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
 
 def _pdos(found: Iterable[ActivePdo]) -> tuple[Pdo, ...]:
@@ -139,7 +134,7 @@ def _pdos(found: Iterable[ActivePdo]) -> tuple[Pdo, ...]:
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
-    """Maps that hold what is needed between them, in frames of 8 bytes."""
+    """Maps of the needed objects in frames of 8 bytes."""
     bits = dict(node.room.bits)
     frames, left = list[tuple[Entry, ...]](), 0
     for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:
@@ -161,8 +156,8 @@ def _set_up(node: FoundNode, *, sent: bool) -> tuple[Pdo, ...]:
     )
 
 
-def _has_no_room(node: FoundNode) -> Iterator[str]:
-    """What keeps a drive's PDOs from being set up."""
+def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
+    """Why a drive's PDOs cannot be set up."""
     if not node.room.bits:
         yield _unread(node)
         return

@@ -322,7 +322,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         beating.stop()
         own.shutdown()
         assert code == 3
-        assert "somebody else is at work on this bus: " in said
+        assert "another program works on this bus: " in said
         assert "the heartbeat of an operator, node 127 (77Fh)" in said
         assert "Nobody was asked anything" in said
         watcher.send_signal(signal.SIGINT)
@@ -332,7 +332,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         "joint 3: has booted",
         "the operator (node 127): operational",
         "node 16: 2010h sub 0 is written",
-        "joint 2: told to be in free mode",
+        "joint 2: free mode commanded",
         "joint 1: drive operation enabled",
         "nothing was sent",
     ):
@@ -360,7 +360,7 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
         code, out, said = finish(start(tmp_path, "arm-check", *bus))
         assert code == 0, (out, said)
         assert "Enable them? [y/N]" in said
-        assert "not tried: nobody agreed to it" in out
+        assert "not tried: declined" in out
         # What the controller records is all that both sides said, in the order of time.
         controller.send_signal(signal.SIGINT)
         controller.wait(PATIENCE_S)

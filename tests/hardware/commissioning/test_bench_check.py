@@ -22,7 +22,7 @@ from hardware.arm_description import (
 )
 from hardware.buses.python_can import BusSettings
 from hardware.canopen.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
-from hardware.commissioning.bench_check import LEFT_OUT, check
+from hardware.commissioning.bench_check import NOT_TESTED, check
 from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.finding import BENCH, CheckFinding, Stage
 from hardware.commissioning.motion_checks import Turn, is_interrupted
@@ -150,18 +150,16 @@ def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench: B
     for name in ("alone", "halts", "Ctrl-C", "STOP on the way", "frees", "free stays free"):
         assert [f.joint for f in findings if f.name == name] == tried_joints, name
     assert [f.joint for f in findings if f.name == "agreed"] == others * 2
-    assert [f.name for f in findings if f.passed is None and f.name != "agreed"] == list(LEFT_OUT)
+    assert [f.name for f in findings if f.passed is None and f.name != "agreed"] == list(NOT_TESTED)
     # The way in which there is more room, by the encoder to the count; and home again.
     there, _ = [f.text for f in findings if f.name == "moves" and f.joint == 1]
-    assert there == "told to turn by -1.000 deg, it reads -1.000 deg"
+    assert there == "commanded to turn by -1.000 deg, it reads -1.000 deg"
     assert bench.plant.angles_rad[0] == pytest.approx(home, abs=1e-3)
     assert len([q for q in who.asked if "will turn by" in q]) == 7
-    assert len([q for q in who.asked if "will be let free" in q]) == 7
+    assert len([q for q in who.asked if "will be set to free mode" in q]) == 7
     assert "fall silent for 3.0 s" in who.asked[-1]
     (alone,) = [f for f in findings if f.name == "stops alone"]
-    assert alone.text == (
-        "no drive was enabled any more; they say: operator's heartbeat lost (8130h)"
-    )
+    assert alone.text == ("no drive stayed enabled; faults: operator's heartbeat lost (8130h)")
 
 
 def test_looking_asks_nothing_and_enables_nothing(bench: Bench) -> None:
@@ -184,7 +182,7 @@ def test_where_stop_was_not_tried_nothing_is_enabled_at_all(bench: Bench) -> Non
     who = Bystander("Enable them?", "Turn it?", "Free it?", "Close it?")
     findings = tried(bench.arm(), who)
     assert failed(findings) == []
-    assert "nothing after it" in findings[-1].text
+    assert "no later check is run" in findings[-1].text
     assert len(who.asked) == 1
     assert {f.stage for f in findings} == {Stage.LOOK, Stage.HOLD}
     assert all(command.mode is None for command in bench.plant.commands)
@@ -194,7 +192,7 @@ def test_a_joint_that_nobody_wants_turned_stays(bench: Bench) -> None:
     before = bench.plant.angles_rad[2]
     findings = tried(bench.arm(), Bystander(*others_than(5)), Stage.MOVE)
     assert [f.text for f in findings if f.joint == 3 and f.stage is Stage.MOVE] == [
-        "not tried: nobody agreed to it"
+        "not tried: declined"
     ]
     assert bench.plant.angles_rad[2] == pytest.approx(before, abs=1e-3)
 

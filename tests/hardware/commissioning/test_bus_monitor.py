@@ -32,9 +32,11 @@ def test_emergencies_commands_and_writes_are_named() -> None:
     assert said(monitor, 0x084, bytes(8)) == ["joint 4: its error is over"]
     assert said(monitor, 0x000, b"\x82\x00") == ["NMT command to all nodes: reset communication"]
     assert said(monitor, 0x205, struct.pack("<Hib", 0x0F, 7, 10)) == [
-        "joint 5: told to be in free mode"
+        "joint 5: free mode commanded"
     ]
-    assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == ["joint 5: told to quick stop"]
+    assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == [
+        "joint 5: quick stop commanded"
+    ]
     assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
     assert said(monitor, 0x610, bytes.fromhex("2100200064000000")) == [
         "node 16: 2000h sub 0 is written"

@@ -5,19 +5,19 @@ from __future__ import annotations
 import pytest
 
 from hardware.canopen.supervision import DriveFacts
-from hardware.commissioning.can_checks import told
+from hardware.commissioning.can_checks import drive_settings
 from hardware.commissioning.clauses import keeps_its_document
 
 
 @pytest.mark.parametrize(
     ("guard_s", "passed", "words"),
     [
-        (None, False, "does not watch"),
+        (None, False, "does not monitor"),
         (0.5, True, "after 0.50 s"),
         (2.0, True, "after 2.00 s"),
         (2.1, None, "after 2.10 s"),
         (10.0, None, "advised: 2 s"),
-        (10.1, False, "no run is begun with more than 10 s"),
+        (10.1, False, "at most 10 s"),
     ],
 )
 def test_what_a_run_puts_up_with_does_not_fail_and_is_said(
@@ -26,7 +26,7 @@ def test_what_a_run_puts_up_with_does_not_fail_and_is_said(
     drive = DriveFacts(
         joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=guard_s
     )
-    (guard,) = [clause for clause in told([drive]) if clause.name == "guard"]
+    (guard,) = [clause for clause in drive_settings([drive]) if clause.name == "guard"]
     assert guard.passed is passed
     assert words in guard.text
 
@@ -49,7 +49,7 @@ class Credulous:
 
 @pytest.mark.parametrize(
     ("before", "words", "uploads"),
-    [(b"good", "4, which were uploaded again", 2), (b"", "in the place of none:", 1)],
+    [(b"good", "4, which were uploaded again", 2), (b"", "in place of none:", 1)],
 )
 def test_only_what_was_uploaded_again_is_said_to_be(
     before: bytes, words: str, uploads: int

@@ -75,16 +75,15 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> N
     assert (found[1].problems, found[1].notes) == ((), ())
     assert "node 2, 1016h: expected node 127's heartbeat watched" in found[2].problems[0]
     assert found[3].problems == ()
-    assert found[3].notes[0].startswith("node 3: without 1016h nothing says that it notices")
+    assert found[3].notes[0].startswith("node 3: it has no 1016h")
     assert found[16].notes == ()
 
 
 def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
     bus.other_operator = True
     found = look(bus)
-    assert (
-        "somebody else is at work on this bus: the heartbeat of an operator, node 127 (77Fh)"
-        in (found.busy)
+    assert "another program works on this bus: the heartbeat of an operator, node 127 (77Fh)" in (
+        found.busy
     )
     assert found.nodes == ()
     assert 127 in found.heard
@@ -119,7 +118,7 @@ def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(
     for _ in range(2):
         bus.say(identifier, bytes.fromhex(data))
     found = look(bus)
-    assert found.busy == f"somebody else is at work on this bus: {words}, 2 times"
+    assert found.busy == f"another program works on this bus: {words}, 2 times"
     assert bus.sent == []
 
 
@@ -142,7 +141,9 @@ def test_who_comes_while_the_nodes_are_asked_is_named(bus: FakeArmBus) -> None:
     bus.send = and_another  # type: ignore[method-assign]
     found = look(bus)
     assert len(found.nodes) == 8
-    assert "came to work on this bus meanwhile: a read of 6064h of node 8 (608h)" in found.meanwhile
+    assert (
+        "started to work on this bus meanwhile: a read of 6064h of node 8 (608h)" in found.meanwhile
+    )
 
 
 def test_many_kinds_of_frames_are_told_in_a_sentence(bus: FakeArmBus) -> None:

@@ -30,7 +30,7 @@ NUMBERS = re.compile(r"-[\d.][\d.eE+-]*(,[\d.eE+-]+)+")
 OPTION = re.compile(r"--[a-z-]+")
 
 DESCRIPTION = """\
-Calibrate a redundant arm without any external measuring device: the hand is bolted to the table
+Calibrate a redundant arm without an external measuring device: the tool is bolted to the table
 through a passive hinge, the arm moves inside the closed chain, and its joint readings alone give
 the joint-angle offsets and where the hinge is. Without a command, the terminal app opens: on the
 embedded virtual arm, or on a bus named with -i, -c and -b."""

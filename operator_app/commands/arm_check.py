@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=1.0,
         metavar="DEG",
-        help="how far each joint is turned (default 1 deg; the hand must be free to move)",
+        help="how far each joint is turned (default 1 deg; the tool must be free to move)",
     )
     parser.add_argument(
         "--speed",

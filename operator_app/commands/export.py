@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--into",
         type=a_path,
         metavar="FILE",
-        help="your own URDF, xacro with literal numbers or UR default_kinematics.yaml: written anew with only "
+        help="your own URDF, xacro with literal numbers or UR default_kinematics.yaml: written again with only "
         "origins of joints changed (default -o: FILE_calibrated in the session folder)",
     )
     parser.add_argument(

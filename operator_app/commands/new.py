@@ -87,21 +87,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tip", type=a_name, metavar="LINK", help="link that the chain ends at, e.g. the flange"
     )
     fixture = parser.add_argument_group(
-        "fixture, measured in the base (frame 0) and the hand (frame n)"
+        "fixture, measured in the base (frame 0) and on the tool (frame n)"
     )
     fixture.add_argument(
         "--arm", type=a_name, help="arm file or built-in name; for a procedure, too"
     )
-    fixture.add_argument("--kind", choices=("hinge", "ball"), help="what holds the hand")
+    fixture.add_argument("--kind", choices=("hinge", "ball"), help="what constrains the tool")
     for side, where in (
         ("hand", "in the last frame of the arm's D-H table"),
-        ("base", "in its frame 0; default: where the hand has it at the arm's home_deg"),
+        ("base", "in its frame 0; default: where the tool has it at the arm's home_deg"),
     ):
         fixture.add_argument(
             f"--{side}-point",
             type=a_name,
             metavar="X,Y,Z",
-            help=f"a point of the hinge axis, the same one in hand and base, or the ball's centre, {where}, mm",
+            help=f"a point of the hinge axis, the same one on tool and base, or the ball's centre, {where}, mm",
         )
         fixture.add_argument(
             f"--{side}-direction",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from operator_app.calibration.result import Solution
-from operator_app.messages.calibration import halving_remedy
+from operator_app.messages.calibration import source_remedy
 from solver.chain.parameters import Parameter
 from solver.diagnostics.limits import COARSE_SIGMA_M, COARSE_SIGMA_RAD
 from solver.diagnostics.stated_sizes import exceeded_specifications
@@ -60,7 +60,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
                 source=source,
                 share=part / sd**2,
                 then=float(np.sqrt(max(sd**2 - 0.75 * part, 0.0))),
-                remedy=halving_remedy(source),
+                remedy=source_remedy(source),
             )
         )
     found.sort(

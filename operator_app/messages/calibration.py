@@ -39,13 +39,15 @@ def poses_named(labels: tuple[str, ...]) -> str:
     return f"pose{'s' * (len(labels) > 1)} {', '.join(labels[:NAMED])}{more}"
 
 
-def halving_remedy(source: str) -> str:
+def source_remedy(source: str) -> str:
     """Return what halves a source of the uncertainty budget."""
     kind, _, joint = source.rpartition("_")
-    return HALVING.get(kind, HALVING.get(source, HALVING[""])).format(joint=joint)
+    return SOURCE_REMEDIES.get(kind, SOURCE_REMEDIES.get(source, SOURCE_REMEDIES[""])).format(
+        joint=joint
+    )
 
 
-HALVING = {
+SOURCE_REMEDIES = {
     "": "take more poses that differ more",
     "rvdt_curve": "replace the RVDT of joint {joint} or measure its linearity on a bench",
     "rvdt_gain": "set the scale factor of joint {joint}'s RVDT twice as accurately and state its gain",
@@ -643,7 +645,7 @@ def _range(f: Finding) -> str:
 
 def _narrowing(f: Finding) -> str:
     if f.names:
-        return halving_remedy(f.names[0])
+        return source_remedy(f.names[0])
     return "take more poses that differ more: every joint through a larger part of its range"
 
 

@@ -45,9 +45,9 @@ from operator_app.report.uncertainty_tables import (
     budget_table,
     components_table,
     distance_table,
-    halving_table,
     posterior_data,
     scale_table,
+    sensitivity_table,
 )
 from operator_app.units.figure import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 
@@ -154,7 +154,7 @@ def facts_of(
             scale_table(solution),
             remedy_table(solution),
             budget_table(solution),
-            halving_table(solution),
+            sensitivity_table(solution),
             tolerated_table(solution),
             tests_table(solution),
             observability_table(solution),

@@ -119,7 +119,7 @@ def budget_table(solution: Solution) -> FactTable | None:
     )
 
 
-def halving_table(solution: Solution) -> FactTable | None:
+def sensitivity_table(solution: Solution) -> FactTable | None:
     """Largest source of the widest sigmas, and the sigma with that source halved."""
     found = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []

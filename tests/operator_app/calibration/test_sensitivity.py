@@ -6,10 +6,11 @@ from dataclasses import replace
 
 from fixtures.hinge import Hinge
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.sensitivity import REMEDIES, WORST, remedy_of, source_sensitivities
+from operator_app.calibration.sensitivity import WORST, source_sensitivities
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
+from operator_app.messages.calibration import SOURCE_REMEDIES, source_remedy
 from tests.oracles.shop_floor import Sizes, session
 
 
@@ -45,9 +46,8 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said() -> None:
 
 
 def test_every_source_has_a_remedy_of_its_own() -> None:
-    sources = (*REMEDIES, "rvdt_curve_6", "rvdt_gain_6", "rvdt_noise_7")
-    assert len({remedy_of(source) for source in sources}) == len(sources)
+    assert len({source_remedy(source) for source in SOURCE_REMEDIES}) == len(SOURCE_REMEDIES)
 
 
 def test_a_joint_beyond_nine_keeps_its_number() -> None:
-    assert "joint 10 " in remedy_of("rvdt_curve_10")
+    assert "joint 10 " in source_remedy("rvdt_curve_10")

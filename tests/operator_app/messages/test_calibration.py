@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from operator_app.messages.calibration import HALVING, MESSAGES, halving_remedy
+from operator_app.messages.calibration import MESSAGES, SOURCE_REMEDIES, source_remedy
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 
 K = FindingKind
@@ -99,7 +99,9 @@ def test_every_message_is_as_approved(snapshot: SnapshotAssertion) -> None:
             listed.append(shown(replace(found, probability=0.3), f"{kind.name}, less likely"))
         if "{several:" in text:
             listed.append(shown(replace(found, poses=("7",)), f"{kind.name}, one pose"))
-    listed += [f"budget {source}\n  -> {halving_remedy(source)}" for source in HALVING if source]
+    listed += [
+        f"budget {source}\n  -> {source_remedy(source)}" for source in SOURCE_REMEDIES if source
+    ]
     assert "\n\n".join(listed) == snapshot
 
 

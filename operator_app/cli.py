@@ -148,12 +148,21 @@ def _in_words(error: Exception) -> str:
     return text if isinstance(error, ConfigError) else harmless(text)
 
 
+ALSO_CALLED = {
+    "calibrate": "solve (from a file of poses) or run (with an arm)",
+    "list": "session list",
+    "upload": "export SESSION --upload",
+    "manual": "help",
+}
+
+
 class _Parser(argparse.ArgumentParser):
     """Reports unknown commands with a suggestion; makes typed text harmless."""
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
-            near = difflib.get_close_matches(unknown[1], COMMANDS, n=1)
+            meant = ALSO_CALLED.get(unknown[1])
+            near = [meant] if meant else difflib.get_close_matches(unknown[1], COMMANDS, n=1)
             hint = f"did you mean {near[0]}? " if near else ""
             message = f"there is no command {unknown[1]!r}; {hint}all: {', '.join(COMMANDS)}"
         super().error(harmless(message))

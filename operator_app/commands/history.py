@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from pathlib import Path
 
 from operator_app.commands.options import a_name, a_path, json_option, sessions_option
 from operator_app.exit_codes import ExitCode, UsageError
@@ -16,7 +17,11 @@ LONGEST_DAYS = 36500.0
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument(
-        "serial", type=a_name, metavar="SERIAL", help="serial number of the arm, e.g. SDA-0001"
+        "serial",
+        type=a_name,
+        nargs="?",
+        metavar="SERIAL",
+        help="serial number of the arm, e.g. SDA-0001; may be left out where all sessions are of one",
     )
     parser.add_argument(
         "--kept-mounted",
@@ -41,6 +46,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     json_option(parser)
 
 
+def _only_serial(root: Path) -> str:
+    """Return the serial number of the one arm that there are sessions of."""
+    from operator_app.session.store.folders import list_sessions
+    from operator_app.session.workflow.importing import UNSTATED
+
+    states = [entry.state for entry in list_sessions(root)]
+    serials = sorted({s.serial_number for s in states if s is not None} - {"", UNSTATED})
+    if len(serials) != 1:
+        raise UsageError(f"of which arm? serial numbers in {root}: {', '.join(serials) or 'none'}")
+    return serials[0]
+
+
 def execute(args: argparse.Namespace) -> int:
     """Read the sessions and report."""
     from datetime import timedelta
@@ -58,7 +75,7 @@ def execute(args: argparse.Namespace) -> int:
             "sessions without a serial number may be of several arms; import with --serial"
         )
     found = arm_history(
-        args.serial,
+        args.serial or _only_serial(args.sessions),
         args.sessions,
         kept_mounted=args.kept_mounted,
         interval=None if args.every is None else timedelta(days=math.ceil(args.every)),

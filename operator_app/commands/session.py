@@ -20,8 +20,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "action",
         choices=("list", "show", "repair"),
-        help="list all; show one; or repair a damaged journal: lines with a matching checksum are kept, the others "
-        "are reported, the damaged file is kept beside it",
+        nargs="?",
+        default="list",
+        help="list all (the default); show one; or repair a damaged journal: lines with a matching checksum are kept, the "
+        "others are reported, the damaged file is kept beside it",
     )
     parser.add_argument(
         "name",
@@ -75,7 +77,7 @@ def execute(args: argparse.Namespace) -> int:
                     problem = fact["problem"].replace(f"{fact['folder']}/", "")
                     rows.append([fact["folder"], "", "", "", problem])
                     continue
-                stage = "captured"
+                stage = "captured" if fact["poses"] else "begun"
                 if fact["solved"]:
                     stage = "accepted" if fact["solved"]["accepted"] else "not accepted"
                 if fact["exported"]:

@@ -45,6 +45,14 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         It is no YAML mapping at all. Problems that leave the rest readable are in the result.
     """
     text = _decode(data, file)
+    if text.lstrip().startswith("<"):
+        raise only(
+            file,
+            1,
+            None,
+            "is XML and not YAML",
+            "of a URDF an arm file is made first: sarcal new arm --urdf FILE",
+        )
     try:
         node = _composed(text, file)
     except yaml.reader.ReaderError as error:

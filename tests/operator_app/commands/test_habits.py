@@ -17,7 +17,13 @@ HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
 
 @pytest.mark.parametrize(
-    ("typed", "meant"), [("runn", "run"), ("sovle", "solve"), ("exprot", "export")]
+    ("typed", "meant"),
+    [
+        ("runn", "run"),
+        ("sovle", "solve"),
+        ("exprot", "export"),
+        ("upload", "export SESSION --upload"),
+    ],
 )
 def test_a_misspelt_command_gets_the_right_one(
     typed: str, meant: str, capsys: pytest.CaptureFixture[str]

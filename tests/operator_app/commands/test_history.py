@@ -96,6 +96,17 @@ def test_a_slipped_joint_is_named_with_session_and_size(
     assert found["due"] == f"{BEGAN + SESSIONS * MONTH:%Y-%m-%dT%H:%M:%SZ}"
 
 
+def test_the_serial_may_be_left_out_where_there_is_one(
+    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = asked([], sessions, capsys)
+    assert (code, "serial numbers" in err, "SDA-7, SDA-8" in err) == (2, True, True)
+    calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial="SDA-9")
+    code, out, _ = asked([], tmp_path, capsys)
+    assert code == 0
+    assert "SDA-9: 1 accepted calibration" in out
+
+
 def test_text_page_and_what_stays_mounted(
     sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -79,6 +79,7 @@ def test_lines_of_keys_and_items() -> None:
         (b"", None),
         (b"\n# only a comment\n", None),
         (b"- a\n- b\n", 1),
+        (b'<?xml version="1.0"?>\n<robot name="x"/>\n', 1),
         (b"just text\n", 1),
         (b"a: 1\n\tb: 2\n", 2),
         (b"a:\n\t- 1\n", 2),

@@ -26,7 +26,7 @@ from operator_app.session.store.folders import (
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.parameters import parameters_document
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
-from operator_app.session.workflow.importing import UNSTATED
+from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 from operator_app.session.workflow.opening import Choices, resume
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def arm_history(
             if event.name == "verified"
         ]
     if not calibrations:
-        known = ", ".join(sorted(serials - {"", UNSTATED})) or "none"
+        known = ", ".join(sorted(serials - {"", UNKNOWN_SERIAL_NUMBER})) or "none"
         raise SessionError(
             f"{root}: no accepted calibration of an arm with serial number {serial}",
             f"serial numbers there: {known}; another folder: --sessions",

@@ -49,10 +49,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _only_serial(root: Path) -> str:
     """Return the serial number of the one arm that there are sessions of."""
     from operator_app.session.store.folders import list_sessions
-    from operator_app.session.workflow.importing import UNSTATED
+    from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 
     states = [entry.state for entry in list_sessions(root)]
-    serials = sorted({s.serial_number for s in states if s is not None} - {"", UNSTATED})
+    serials = sorted(
+        {s.serial_number for s in states if s is not None} - {"", UNKNOWN_SERIAL_NUMBER}
+    )
     if len(serials) != 1:
         raise UsageError(f"of which arm? serial numbers in {root}: {', '.join(serials) or 'none'}")
     return serials[0]

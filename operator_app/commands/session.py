@@ -22,8 +22,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("list", "show", "repair"),
         nargs="?",
         default="list",
-        help="list all (the default); show one; or repair a damaged journal: lines with a matching checksum are kept, the "
-        "others are reported, the damaged file is kept beside it",
+        help="list all (the default); show one; or repair a damaged journal: lines with a matching checksum are "
+        "kept, the others are reported, the damaged file is kept beside it",
     )
     parser.add_argument(
         "name",

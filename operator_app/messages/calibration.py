@@ -42,9 +42,8 @@ def poses_named(labels: tuple[str, ...]) -> str:
 def source_remedy(source: str) -> str:
     """Return what halves a source of the uncertainty budget."""
     kind, _, joint = source.rpartition("_")
-    return SOURCE_REMEDIES.get(kind, SOURCE_REMEDIES.get(source, SOURCE_REMEDIES[""])).format(
-        joint=joint
-    )
+    written = SOURCE_REMEDIES.get(source) or SOURCE_REMEDIES.get(kind, SOURCE_REMEDIES[""])
+    return written.format(joint=joint)
 
 
 SOURCE_REMEDIES = {

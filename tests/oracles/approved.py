@@ -15,7 +15,7 @@ FILE = Path(__file__).resolve().parents[1] / "approved_words.json"
 class Approve:
     """What one test was told, by the test's name; called a second time, by name and number.
 
-    Its temporary `folder` is written as `$TMP`.
+    Its temporary `folder` is written as `$TMP`; how lines are broken does not count.
     """
 
     def __init__(self, name: str, *, folder: Path, write: bool) -> None:
@@ -24,7 +24,7 @@ class Approve:
     def __call__(self, said: str) -> None:
         """Hold a sentence to the approved one."""
         self._calls += 1
-        said = said.replace(str(self._folder), "$TMP")
+        said = " ".join(said.replace(str(self._folder), "$TMP").split())
         key = self._name if self._calls == 1 else f"{self._name} #{self._calls}"
         with FILE.open("r+" if self._write else "r", encoding="utf-8") as file:
             fcntl.flock(file, fcntl.LOCK_EX if self._write else fcntl.LOCK_SH)

@@ -18,6 +18,7 @@ from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.description import describe
 from operator_app.session.store.journal import read_journal
+from tests.oracles.approved import Approve
 from tests.oracles.toy_arm import PROCEDURE, package, toy
 
 
@@ -73,20 +74,20 @@ def test_it_is_calibrated_by_name(
 
 
 @pytest.mark.parametrize(
-    ("options", "code", "words"),
+    ("options", "code"),
     [
-        (["-i", "line_arm"], 3, "no arm answers at ''"),
-        (["-i", "line_arm", "-c", "127.0.0.1:1"], 3, "no arm answers at '127.0.0.1:1'"),
-        (["-i", "line_arms"], 2, "Arms that installed packages offer: line_arm, moving_line_arm"),
-        (["-i", "line_arm", "-c", "here:1", "--record"], 2, "does not record"),
+        (["-i", "line_arm"], 3),
+        (["-i", "line_arm", "-c", "127.0.0.1:1"], 3),
+        (["-i", "line_arms"], 2),
+        (["-i", "line_arm", "-c", "here:1", "--record"], 2),
     ],
 )
 def test_what_is_wrong_is_one_error(
-    desk: Path, capsys: pytest.CaptureFixture[str], options: list[str], code: int, words: str
+    desk: Path, capsys: pytest.CaptureFixture[str], options: list[str], code: int, approve: Approve
 ) -> None:
     assert main(["run", "quick.yaml", *options]) == code
     told = capsys.readouterr().err
-    assert words in told
+    approve(told)
     assert "Traceback" not in told
     assert not list(desk.glob("sessions/*")), "nothing was begun"
 
@@ -173,11 +174,11 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
 
 
 @pytest.mark.parametrize(
-    ("name", "code", "words"),
+    ("name", "code"),
     [
-        ("nothing", "import no_such_library\n", "No module named 'no_such_library'"),
-        ("text", "OFFER = 'an arm'\n", "is a str and no sarcal.arms.ArmOffer"),
-        ("broken", BROKEN, "the arm broken failed: KeyError: 'deg'. Tell its author"),
+        ("nothing", "import no_such_library\n"),
+        ("text", "OFFER = 'an arm'\n"),
+        ("broken", BROKEN),
     ],
     ids=["nothing", "text", "broken"],
 )
@@ -188,13 +189,13 @@ def test_a_package_that_is_wrong_is_named(
     capsys: pytest.CaptureFixture[str],
     name: str,
     code: str,
-    words: str,
+    approve: Approve,
 ) -> None:
     offered(tmp_path / "site", name, code)
     monkeypatch.syspath_prepend(tmp_path / "site")
     assert main(["run", "quick.yaml", "-i", name]) == 3
     told = capsys.readouterr().err
-    assert words in told
+    approve(told)
     assert name in told
 
 

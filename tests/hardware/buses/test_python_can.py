@@ -11,6 +11,7 @@ from hardware.buses import python_can
 from hardware.buses.python_can import BusSettings, bus_settings, open_bus, open_sender
 from hardware.buses.shared_bus import Frame
 from hardware.errors import BusError
+from tests.oracles.approved import Approve
 
 
 @pytest.fixture(autouse=True)
@@ -70,21 +71,21 @@ def test_a_broken_environment_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("code", "channel", "words"),
+    ("code", "channel"),
     [
-        (19, "vcan0", "ip link add vcan0 type vcan"),
-        (19, "can0", "ip link set can0 up type can bitrate 500000"),
-        (100, "vcan0", "is down"),
-        (97, "vcan0", "-i loopback"),
-        (93, "vcan0", "-i loopback"),
-        (1, "vcan0", "may not open"),
-        (13, "vcan0", "may not open"),
-        (5, "vcan0", "cannot be opened"),
+        (19, "vcan0"),
+        (19, "can0"),
+        (100, "vcan0"),
+        (97, "vcan0"),
+        (93, "vcan0"),
+        (1, "vcan0"),
+        (13, "vcan0"),
+        (5, "vcan0"),
     ],
 )
-def test_a_kernel_error_becomes_what_to_do(code: int, channel: str, words: str) -> None:
+def test_a_kernel_error_becomes_what_to_do(code: int, channel: str, approve: Approve) -> None:
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)
-    assert words in python_can._failure_text(settings, OSError(code, "something"))
+    approve(python_can._failure_text(settings, OSError(code, "something")))
 
 
 def test_a_missing_device_or_kernel_support_is_a_bus_error() -> None:

@@ -15,6 +15,7 @@ from hardware.arm_description import (
 )
 from hardware.canopen.identifying import check_arm
 from hardware.errors import WrongArm
+from tests.oracles.approved import Approve
 from tests.oracles.profiles import sarcos
 
 Objects = dict[tuple[int, int, int], int | str]
@@ -85,25 +86,25 @@ def test_the_arm_described_is_accepted(objects: Objects) -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "value", "words"),
+    ("place", "value"),
     [
-        ((16, 0x2020, 3), 3, "3 joints, expected 2"),
-        ((1, 0x1000, 0), 0x00010192, "joint 1 is no CiA 402 servo drive"),
-        ((1, 0x2100, 1), 2, "joint 1 has sensor kind 2, expected an encoder"),
-        ((2, 0x2100, 1), 1, "joint 2 has sensor kind 1, expected an RVDT"),
-        ((1, 0x608F, 1), 401, "joint 1 has an encoder of 401 counts in 2 turn"),
-        ((2, 0x2100, 3), 14, "joint 2 has a converter of 14 bits, expected 12"),
-        ((2, 0x2100, 2), 119_999_998, "joint 2 has an RVDT of 119.999998 deg full scale"),
-        ((1, 0x607D, 1), -49, "joint 1 has the range -49 .. 50 counts, expected -50 .. 50"),
-        ((2, 0x60C2, 1), 20, "joint 2 has a control period of 0.02 s, expected 0.01 s"),
+        ((16, 0x2020, 3), 3),
+        ((1, 0x1000, 0), 0x00010192),
+        ((1, 0x2100, 1), 2),
+        ((2, 0x2100, 1), 1),
+        ((1, 0x608F, 1), 401),
+        ((2, 0x2100, 3), 14),
+        ((2, 0x2100, 2), 119_999_998),
+        ((1, 0x607D, 1), -49),
+        ((2, 0x60C2, 1), 20),
     ],
 )
 def test_one_difference_is_named(
-    objects: Objects, place: tuple[int, int, int], value: int, words: str
+    objects: Objects, place: tuple[int, int, int], value: int, approve: Approve
 ) -> None:
     with pytest.raises(WrongArm) as wrong:
         check({**objects, place: value})
-    assert words in str(wrong.value)
+    approve(str(wrong.value))
     assert str(wrong.value).count(";") == 0
 
 

@@ -7,28 +7,29 @@ import pytest
 from hardware.canopen.supervision import DriveFacts
 from hardware.commissioning.can_checks import drive_settings
 from hardware.commissioning.clauses import keeps_its_document
+from tests.oracles.approved import Approve
 
 
 @pytest.mark.parametrize(
-    ("guard_s", "passed", "words"),
+    ("guard_s", "passed"),
     [
-        (None, False, "does not monitor"),
-        (0.5, True, "after 0.50 s"),
-        (2.0, True, "after 2.00 s"),
-        (2.1, None, "after 2.10 s"),
-        (10.0, None, "advised: 2 s"),
-        (10.1, False, "at most 10 s"),
+        (None, False),
+        (0.5, True),
+        (2.0, True),
+        (2.1, None),
+        (10.0, None),
+        (10.1, False),
     ],
 )
 def test_what_a_run_puts_up_with_does_not_fail_and_is_said(
-    guard_s: float | None, passed: bool | None, words: str
+    guard_s: float | None, passed: bool | None, approve: Approve
 ) -> None:
     drive = DriveFacts(
         joint=1, unsupported_modes=(), quick_stop_option=6, operator_timeout_s=guard_s
     )
     (guard,) = [clause for clause in drive_settings([drive]) if clause.name == "guard"]
     assert guard.passed is passed
-    assert words in guard.text
+    approve(guard.text)
 
 
 class Credulous:
@@ -48,14 +49,14 @@ class Credulous:
 
 
 @pytest.mark.parametrize(
-    ("before", "words", "uploads"),
-    [(b"good", "4, which were uploaded again", 2), (b"", "in place of none:", 1)],
+    ("before", "uploads"),
+    [(b"good", 2), (b"", 1)],
 )
 def test_only_what_was_uploaded_again_is_said_to_be(
-    before: bytes, words: str, uploads: int
+    before: bytes, approve: Approve, uploads: int
 ) -> None:
     arm = Credulous(before)
     refused, kept = keeps_its_document(arm)  # type: ignore[arg-type]
     assert (refused.passed, kept.passed) == (False, False)
-    assert words in kept.text
+    approve(kept.text)
     assert arm.uploads == uploads

@@ -13,6 +13,7 @@ from hardware.errors import CommandRefused, StopLatched
 from hardware.limits import JointLimits
 from hardware.monitors.admission import admit, admit_modes, admit_move
 from hardware.scale import JointScale
+from tests.oracles.approved import Approve
 
 LIMITS = (
     JointLimits(
@@ -63,17 +64,20 @@ def test_the_range_ends_at_its_ends() -> None:
 
 
 @pytest.mark.parametrize(
-    ("situation", "words"),
+    "situation",
     [
-        ({"in_control": False}, "control"),
-        ({"status": QUICK_STOPPED}, "quick stop active"),
-        ({"mode": None, "measured": 400}, "no known mode"),
-        ({"mode": JointMode.FREE, "measured": 400}, "free mode"),
+        {"in_control": False},
+        {"status": QUICK_STOPPED},
+        {"mode": None, "measured": 400},
+        {"mode": JointMode.FREE, "measured": 400},
     ],
 )
-def test_a_new_target_needs_the_right_situation(situation: dict[str, Any], words: str) -> None:
-    with pytest.raises(CommandRefused, match=words):
+def test_a_new_target_needs_the_right_situation(
+    situation: dict[str, Any], approve: Approve
+) -> None:
+    with pytest.raises(CommandRefused) as refused:
         try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), **situation)
+    approve(str(refused.value))
 
 
 def test_stop_is_said_as_stop() -> None:
@@ -196,22 +200,23 @@ def test_a_move_inside_all_limits_begins() -> None:
 
 
 @pytest.mark.parametrize(
-    ("targets_rad", "situation", "words"),
+    ("targets_rad", "situation"),
     [
-        ({1: 5.02}, {}, "joint 1: .*outside"),
-        ({1: 0.0, 2: 0.052}, {}, "joint 2: .*outside"),
-        ({1: 0.0, 2: 0.0}, {"speed": 1.1}, "joint 1: .*rad/s"),
-        ({2: 0.0}, {"in_control": False}, "in control"),
-        ({1: 0.0}, {"statuses": (0x0218, ENABLED)}, "joint 1: the drive is in fault"),
-        ({1: 0.0, 2: 0.0}, {"statuses": (ENABLED, 0x0218)}, "joint 2: the drive is in fault"),
-        ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}, "joint 2: .*free mode"),
+        ({1: 5.02}, {}),
+        ({1: 0.0, 2: 0.052}, {}),
+        ({1: 0.0, 2: 0.0}, {"speed": 1.1}),
+        ({2: 0.0}, {"in_control": False}),
+        ({1: 0.0}, {"statuses": (0x0218, ENABLED)}),
+        ({1: 0.0, 2: 0.0}, {"statuses": (ENABLED, 0x0218)}),
+        ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}),
     ],
 )
 def test_a_move_that_may_not_begin(
-    targets_rad: dict[int, float], situation: dict[str, Any], words: str
+    targets_rad: dict[int, float], situation: dict[str, Any], approve: Approve
 ) -> None:
-    with pytest.raises(CommandRefused, match=words):
+    with pytest.raises(CommandRefused) as refused:
         try_to_move(targets_rad, **situation)
+    approve(str(refused.value))
 
 
 def test_every_joint_moves_within_its_own_limits() -> None:

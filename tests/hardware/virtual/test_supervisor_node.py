@@ -16,6 +16,7 @@ from hardware.virtual.parameter_store import (
     ValidatedParameters,
 )
 from hardware.virtual.supervisor_node import ArmLabel
+from tests.oracles.approved import Approve
 from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, parse, rig
 
@@ -104,23 +105,23 @@ def test_roll_back_drops_what_was_staged_first(arm: Rig) -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "words"),
+    "data",
     [
-        (b"\xff\xfe", "not a parameter document"),
-        (document(serial="SDA-0008"), "for arm SDA-0008, this is arm SDA-0007"),
-        (document(OFFSETS[:6]), "6 home offsets"),
-        (document((18_001, *OFFSETS[1:])), "18001 of joint 1 is beyond +-18000"),
-        (document((-18_001, *OFFSETS[1:])), "-18001 of joint 1"),
-        (document((*OFFSETS[:6], 5121)), "5121 of joint 7 is beyond +-5120"),
+        b"\xff\xfe",
+        document(serial="SDA-0008"),
+        document(OFFSETS[:6]),
+        document((18_001, *OFFSETS[1:])),
+        document((-18_001, *OFFSETS[1:])),
+        document((*OFFSETS[:6], 5121)),
     ],
 )
 def test_a_wrong_document_is_refused_in_words_and_nothing_changes(
-    arm: Rig, data: bytes, words: str
+    arm: Rig, data: bytes, approve: Approve
 ) -> None:
     upload(arm, document(OTHER))
     arm.peer.write(16, 0x2000, 0, data)
     assert order(arm, STAGE) == 0x08000020
-    assert words in arm.peer.read(16, 0x2004).decode()
+    approve(arm.peer.read(16, 0x2004).decode())
     assert order(arm, COMMIT) == 0x08000022
     assert slots(arm) == [1, 1, 0, 0]
     assert offsets(arm) == OTHER
@@ -128,14 +129,14 @@ def test_a_wrong_document_is_refused_in_words_and_nothing_changes(
 
 
 @pytest.mark.parametrize(
-    ("angle", "words"),
+    "angle",
     [
-        (float("nan"), "not a finite number"),
-        (float("inf"), "not a finite number"),
-        (2.1 / 5729.578, "is not its theta_off, which is 2.1 counts"),
+        float("nan"),
+        float("inf"),
+        2.1 / 5729.578,
     ],
 )
-def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, words: str) -> None:
+def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, approve: Approve) -> None:
     def validate(data: bytes) -> ValidatedParameters:
         return ValidatedParameters(
             arm_serial="SDA-0007",
@@ -147,7 +148,7 @@ def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, words: st
         arm.peer.take_control()
         arm.peer.write(16, 0x2000, 0, b"anything")
         assert order(arm, STAGE) == 0x08000020
-        assert words in arm.peer.read(16, 0x2004).decode()
+        approve(arm.peer.read(16, 0x2004).decode())
 
 
 def test_words_that_are_no_ascii_are_escaped() -> None:

@@ -11,6 +11,7 @@ import pytest
 from operator_app.calibration.comparison import IncomparableError, Side, compare
 from operator_app.config.parameter_records import CalibratedEntry, DocumentWarning, WhichFixture
 from operator_app.report.results.comparison import comparison_json, comparison_text
+from tests.oracles.approved import Approve
 from tests.oracles.parameter_documents import VALUES, make_document
 
 ARM_SIDE = {f"theta_off_{j}" for j in range(2, 7)}
@@ -216,17 +217,18 @@ def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    "changes",
     [
-        ({"serial": "SDA-0002"}, "serial SDA-0001, B of SDA-0002"),
-        ({"model": "franka_panda"}, "of a sarcos_dextrous, B of a franka_panda"),
+        {"serial": "SDA-0002"},
+        {"model": "franka_panda"},
     ],
 )
-def test_other_arms_are_not_compared(changes: dict[str, str], words: str) -> None:
+def test_other_arms_are_not_compared(changes: dict[str, str], approve: Approve) -> None:
     document = make_document()
     other = replace(document, arm=replace(document.arm, **changes))
-    with pytest.raises(IncomparableError, match=words):
+    with pytest.raises(IncomparableError) as refused:
         compare(make_document(), other)
+    approve(str(refused.value))
 
 
 def test_nothing_in_common_is_not_compared() -> None:

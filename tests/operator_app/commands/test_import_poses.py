@@ -16,6 +16,7 @@ from operator_app.config.joint_log import load_joint_log
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
+from tests.oracles.approved import Approve
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
@@ -166,36 +167,37 @@ def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("text", "options", "said"),
+    ("text", "options"),
     [
-        ("0.1,0.2,0.3\n" * 6, {}, "does not say its unit.*say --rad, or --deg"),
-        ("1,2,3,4\n", {"unit": "deg"}, "4 columns for an arm of 3 joints; .*--columns 2-4"),
-        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}, r"4 columns \(t, a, b, c\) for an arm of 3 .*columns a,b,c;"),
-        ("1,2\n", {"unit": "deg"}, "2 columns for an arm of 3 joints; .*--columns 1-3"),
-        ("1,2,3\n4,x,6\n", {"unit": "deg"}, r":2: joint 2: 'x' is not a number"),
-        ("1,2,3\n4,5\n", {"unit": "deg"}, ":2: 2 cells where the lines before have 3"),
-        ("1,2,900\n", {"unit": "rad"}, "^[^\n]*:1: joint 3: .*more than ten turns[^\n]*$"),
-        ("1,200,900\n" * 9, {"unit": "rad"}, r"^[^\n]*:1: joint 2: .*ten turns[^\n]*and 17 cells more[^\n]*$"),
-        ("t,a,b,c,p\n1,2,3,4,x\n", {"unit": "deg", "placement": "p"}, r"4 columns \(t, a, b, c\) .*columns a,b,c;"),
-        ("1,2,3\n", {"unit": "deg", "columns": "1-4"}, "there is no column 4; the file has 3"),
-        ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}, "names 2 columns for an arm of 3 joints"),
-        ("1,2,3\n", {"unit": "deg", "columns": "q1"}, "no column 'q1'; the file has no header"),
-        ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}, "its header says degrees"),
-        ("# nothing\n", {}, "is empty"),
-        ("a,1,2,3\n", {"unit": "deg", "placement": "hole"}, "--placement: there is no column 'hole'"),
-        ("a,1,2,3\n", {"unit": "deg", "placement": "5"}, "--placement: .*; the file has 4"),
-        ("p,a,b,c\n1,1,2,3\n,4,5,6\n", {"unit": "deg", "placement": "p"}, ":3: column 1 is empty"),
-        ("p,a,b,c\n1,1,2,3\n", {"unit": "deg"}, "4 columns .p, a, b, c. for an arm of 3"),
-        ("1,2,nan\n", {"unit": "deg"}, "not a finite number"),
+        ("0.1,0.2,0.3\n" * 6, {}),
+        ("1,2,3,4\n", {"unit": "deg"}),
+        ("t,a,b,c\n1,2,3,4\n", {"unit": "deg"}),
+        ("1,2\n", {"unit": "deg"}),
+        ("1,2,3\n4,x,6\n", {"unit": "deg"}),
+        ("1,2,3\n4,5\n", {"unit": "deg"}),
+        ("1,2,900\n", {"unit": "rad"}),
+        ("1,200,900\n" * 9, {"unit": "rad"}),
+        ("t,a,b,c,p\n1,2,3,4,x\n", {"unit": "deg", "placement": "p"}),
+        ("1,2,3\n", {"unit": "deg", "columns": "1-4"}),
+        ("1,2,3\n", {"unit": "deg", "columns": "1,1,2"}),
+        ("1,2,3\n", {"unit": "deg", "columns": "q1"}),
+        ("theta1_deg,theta2_deg,theta3_deg\n1,2,3\n", {"unit": "rad"}),
+        ("# nothing\n", {}),
+        ("a,1,2,3\n", {"unit": "deg", "placement": "hole"}),
+        ("a,1,2,3\n", {"unit": "deg", "placement": "5"}),
+        ("p,a,b,c\n1,1,2,3\n,4,5,6\n", {"unit": "deg", "placement": "p"}),
+        ("p,a,b,c\n1,1,2,3\n", {"unit": "deg"}),
+        ("1,2,nan\n", {"unit": "deg"}),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said_with_place_and_remedy(
-    tmp_path: Path, text: str, options: dict[str, str], said: str
+    tmp_path: Path, text: str, options: dict[str, str], approve: Approve
 ) -> None:
     file = tmp_path / "log.csv"
     file.write_text(text)
-    with pytest.raises(ConfigError, match=said):
-        load_joint_log(file, joint_count=3, **options)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError) as refused:
+        load_joint_log(file, joint_count=3, **options)
+    approve(str(refused.value))  # type: ignore[arg-type]
 
 
 @pytest.mark.sample(1)

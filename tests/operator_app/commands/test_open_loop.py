@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from operator_app.cli import main
+from tests.oracles.approved import Approve
 from tests.oracles.open_arm import measured_csv
 
 
@@ -71,12 +72,12 @@ def test_an_instrument_worse_than_its_file_says_proves_nothing(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "words"),
+    "arguments",
     [
-        (["{csv}"], "--open-loop"),
-        (["--open-loop", "--procedure", "hinge"], "closes the chain with a hinge"),
-        (["--open-loop", "--tracker", "lab"], "no port of a tracker"),
-        (["{csv}", "--open-loop", "--instrument", "hinge"], "no instrument"),
+        ["{csv}"],
+        ["--open-loop", "--procedure", "hinge"],
+        ["--open-loop", "--tracker", "lab"],
+        ["{csv}", "--open-loop", "--instrument", "hinge"],
     ],
 )
 def test_endpoints_are_never_ignored_in_silence(
@@ -84,12 +85,12 @@ def test_endpoints_are_never_ignored_in_silence(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     arguments: list[str],
-    words: str,
+    approve: Approve,
 ) -> None:
     csv = measured_csv(tmp_path / "open.csv")
     given = [text.format(csv=csv) for text in arguments]
     assert main(["verify", str(journalled["run"]), *given]) == 2
-    assert words in capsys.readouterr().err
+    approve(capsys.readouterr().err)
 
 
 @pytest.mark.campaign

@@ -13,6 +13,7 @@ from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
 from operator_app.config.yaml_writer import dump_strict
 from solver.chain.kinematics import forward
+from tests.oracles.approved import Approve
 
 HALF = "1.5707963267948966"
 SIX = (("0 0 0.0892", "0 0 0"), ("0 0.1358 0", f"0 {HALF} 0"), ("0 -0.1197 0.425", "0 0 0"),
@@ -144,24 +145,24 @@ def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected)
 
 
 @pytest.mark.parametrize(
-    ("more", "base", "tip", "said"),
+    ("more", "base", "tip"),
     [
-        (TORSO, "", "flange", "'torso_lift': is of type 'prismatic'"),
-        ((), "", "elbow", r"no link 'elbow'; --tip: flange, l0, l1"),
-        ((), "elbow", "", r"no link 'elbow'; --base: "),
-        (HEAD, "head", "flange", "'head' is not on the way to 'flange'; links on that way: l0, l1"),
+        (TORSO, "", "flange"),
+        ((), "", "elbow"),
+        ((), "elbow", ""),
+        (HEAD, "head", "flange"),
         (
             (*HEAD, *TORSO),
             "",
             "",
-            r"2 ends; say which with --tip: flange \(6 turning joints\), head",
         ),
-        (JAW, "", "l0", "no joint turns on the way"),
+        (JAW, "", "l0"),
     ],
 )
-def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, said) -> None:
-    with pytest.raises(ConfigError, match=said):
+def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, approve: Approve) -> None:
+    with pytest.raises(ConfigError) as refused:
         parse_urdf(robot(*six(), *more), "arm.urdf", base=base, tip=tip)
+    approve(str(refused.value))
 
 
 def test_a_file_without_joints_says_so() -> None:

@@ -22,6 +22,7 @@ from operator_app.config.urdf import format_urdf
 from operator_app.config.urdf_reading import parse_urdf
 from solver.chain.kinematics import DhTable, forward
 from tests.oracles import lbr_iiwa
+from tests.oracles.approved import Approve
 from tests.oracles.panda import FOLDER as PANDA
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
@@ -168,22 +169,23 @@ def test_any_serial_chain_reads_as_the_same_arm(seed: int) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    "change",
     [
-        (("<robot", "<model"), "is not XML"),
-        (('name="j1" type="revolute"', 'name="j1" type="prismatic"'), "of type 'prismatic'; .*revolute joints only"),
-        (('lower="-2.9"', 'lower="3.0"'), "its range goes from 3 to 2.9 rad"),
-        (('xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'), "joint 'stand': xyz is '0.1 -0.2'"),
-        (("<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"), "declares entities"),
-        (('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="l7"/>'
+        ("<robot", "<model"),
+        ('name="j1" type="revolute"', 'name="j1" type="prismatic"'),
+        ('lower="-2.9"', 'lower="3.0"'),
+        ('xyz="0.1 -0.2 0.4"', 'xyz="0.1 -0.2"'),
+        ("<robot", "<!DOCTYPE x [<!ENTITY a 'b'>]><robot"),
+        ('<link name="world"/>', ('<joint name="s" type="fixed"><parent link="l7"/>'
           '<child link="tool1"/></joint><joint name="u" type="fixed"><parent link="l6"/>'
-          '<child link="eye"/></joint>')), r"has 3 ends; say which with --tip: tool1 \(7 turning joints\), tool0"),
+          '<child link="eye"/></joint>')),
     ],
 )  # fmt: skip
-def test_what_is_no_arm_is_refused_with_a_reason(change: tuple[str, str], said: str) -> None:
+def test_what_is_no_arm_is_refused_with_a_reason(change: tuple[str, str], approve: Approve) -> None:
     text = foreign_urdf(1).decode().replace(*change)
-    with pytest.raises(ConfigError, match=said):
+    with pytest.raises(ConfigError) as refused:
         parse_urdf(text.encode(), "foreign.urdf")
+    approve(str(refused.value))
 
 
 def test_a_table_survives_to_the_last_digits_but_one() -> None:

@@ -26,6 +26,7 @@ from tests.hardware.on_fake_bus import (
     frames,
     make,
 )
+from tests.oracles.approved import Approve
 
 
 def test_a_move_reaches_its_targets_in_small_steps(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -58,21 +59,22 @@ def test_the_same_moves_take_the_same_syncs_every_time() -> None:
 
 
 @pytest.mark.parametrize(
-    ("targets", "speed", "words"),
+    ("targets", "speed"),
     [
-        ({2: 3.0}, 0.5, "outside"),
-        ({2: math.nan}, 0.5, "finite"),
-        ({2: 0.1}, 5.0, "rad/s"),
-        ({2: 0.1}, 0.0, "rad/s"),
-        ({3: 0.1}, 0.5, "free mode"),
+        ({2: 3.0}, 0.5),
+        ({2: math.nan}, 0.5),
+        ({2: 0.1}, 5.0),
+        ({2: 0.1}, 0.0),
+        ({3: 0.1}, 0.5),
     ],
 )
 def test_a_move_out_of_bounds_never_starts(
-    driven: CanopenArm, bus: FakeArmBus, targets: dict[int, float], speed: float, words: str
+    driven: CanopenArm, bus: FakeArmBus, targets: dict[int, float], speed: float, approve: Approve
 ) -> None:
     before = len(frames(bus, 0x200))
-    with pytest.raises(CommandRefused, match=words):
+    with pytest.raises(CommandRefused) as refused:
         driven.move(targets, speed_rad_per_s=speed)
+    approve(str(refused.value))
     assert len(frames(bus, 0x200)) == before
 
 

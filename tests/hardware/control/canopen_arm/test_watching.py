@@ -29,28 +29,30 @@ from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import capture_for_ever, describe, make, wait_for
+from tests.oracles.approved import Approve
 from tests.oracles.profiles import sarcos
 
 # ---- somebody else -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("frame", "words"),
+    "frame",
     [
-        ((0x203, struct.pack("<Hib", 0x0F, 5, 8)), r"a command to joint 3 \(203h\)"),
-        ((0x080, b""), "a SYNC"),
-        ((0x000, b"\x02\x03"), "an NMT command"),
-        ((0x610, bytes.fromhex("2100200000010000")), "a write to 2000h of node 16"),
-        ((0x610, bytes.fromhex("c600200000010000")), "a write to 2000h of node 16"),
-        ((0x603, bytes.fromhex("c07d600108000000")), "a write to 607Dh of node 3"),
+        (0x203, struct.pack("<Hib", 0x0F, 5, 8)),
+        (0x080, b""),
+        (0x000, b"\x02\x03"),
+        (0x610, bytes.fromhex("2100200000010000")),
+        (0x610, bytes.fromhex("c600200000010000")),
+        (0x603, bytes.fromhex("c07d600108000000")),
     ],
 )
 def test_whoever_else_commands_is_named(
-    driven: CanopenArm, bus: FakeArmBus, frame: tuple[int, bytes], words: str
+    driven: CanopenArm, bus: FakeArmBus, frame: tuple[int, bytes], approve: Approve
 ) -> None:
     bus.say(*frame)
-    with pytest.raises(OtherMaster, match=words):
+    with pytest.raises(OtherMaster) as refused:
         capture_for_ever(driven)
+    approve(str(refused.value))
     driven.hold()
 
 

@@ -12,6 +12,7 @@ import pytest
 import sarcal
 
 from operator_app.cli import main
+from tests.oracles.approved import Approve
 
 EXACT = Path(__file__).parents[3] / "data/hinge/hinge_exact.csv"
 HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
@@ -34,52 +35,51 @@ def with_nan(value: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("call", "kind", "said"),
+    ("call", "kind"),
     [
-        (lambda: sarcal.simulate(**HINGE, poses=0), ValueError, "poses=0: give a whole number, 1 or more"),
-        (lambda: sarcal.simulate(**HINGE, poses=10.5), TypeError, "poses=10.5: give a whole number"),
-        (lambda: sarcal.simulate(**HINGE, samples=0), ValueError, "samples=0: give a whole number, 1"),
-        (lambda: sarcal.simulate(**HINGE, seed=-1), ValueError, "seed=-1: give a whole number, 0 or more"),
-        (lambda: sarcal.plan(**HINGE, poses=0), ValueError, "poses=0: give"),
-        (lambda: sarcal.plan(**HINGE, poses=True), TypeError, "poses=True: give"),
-        (lambda: sarcal.plan(**HINGE, drive_joints=[0, 5]), ValueError, "drive_joints holds 0: .*1 to 7"),
-        (lambda: sarcal.plan(**HINGE, unsensed_joints=6), TypeError, r"unsensed_joints=6: .*\[6, 7\]"),
-        (lambda: calibrate(unsensed_joints="6,7"), TypeError, "unsensed_joints='6,7': give a list"),
-        (lambda: calibrate(unsensed_joints=[6.5]), TypeError, "unsensed_joints holds 6.5"),
-        (lambda: calibrate(unsensed_joints=[8]), ValueError, "unsensed_joints holds 8: .*1 to 7"),
-        (lambda: calibrate(length_tolerance_mm=-1), ValueError, "length_tolerance_mm=-1: give millimetres"),
-        (lambda: calibrate(length_tolerance_mm=float("nan")), ValueError, "length_tolerance_mm holds nan"),
-        (lambda: calibrate(length_tolerance_mm="1"), TypeError, "length_tolerance_mm: give real numbers"),
-        (lambda: calibrate(estimator="best"), ValueError, "estimator='best': give 'implicit' or 'paper'"),
-        (lambda: calibrate(poses=sarcal.poses_of(q_rad=Q[:, :6])), ValueError,
-         r"shape \(12, 6\): the arm has 7 joints; give one column a joint, in its order, and one row a pose$"),
-        (lambda: calibrate(poses=sarcal.poses_of(q_rad=Q.T)), ValueError, r"shape \(7, 12\): .*transposed"),
-        (lambda: calibrate(poses=7), TypeError, "poses=7: give a path, a data frame, or what"),
-        (lambda: calibrate(poses=Q), TypeError, "a bare array does not say its unit"),
-        (lambda: calibrate(arm=3), TypeError, "arm=3: give the path of its file, the name"),
-        (lambda: calibrate(fixture=sarcal.load_arm("franka_panda")), TypeError,
-         "fixture=<sarcal.Arm franka_panda.*load_fixture"),
-        (lambda: sarcal.load_arm(b"franka_panda"), TypeError, "arm=b'franka_panda': give the path"),
-        (lambda: sarcal.poses_of(q_rad=Q[:0]), ValueError, r"q_rad has shape \(0, 7\)"),
-        (lambda: sarcal.poses_of(q_deg=Q + 1j), TypeError, "q_deg: give real numbers, and not complex"),
-        (lambda: sarcal.poses_of(q_rad=with_nan(np.inf)), ValueError, r"q_rad holds inf at index \[3, 2\]"),
-        (lambda: sarcal.poses_of(q_rad=[[1.0, 2.0], [3.0]]), ValueError, "rows of different lengths"),
-        (lambda: sarcal.poses_of(q_rad=[["a", "b"]]), TypeError, "q_rad: give real numbers"),
-        (lambda: sarcal.poses_of(q_rad=Q, names="left"), TypeError, "names='left': give one name a pose"),
-        (lambda: sarcal.poses_of(q_rad=Q, samples=[1, 2]), ValueError, "samples has 2 entries for 12"),
-        (lambda: sarcal.poses_of(q_rad=Q, samples=2.5), TypeError, "samples=2.5: give a whole number"),
-        (lambda: sarcal.poses_of(q_rad=Q, sd_rad=[0.1, 0.2]), ValueError, r"sd_rad has shape \(2,\)"),
-        (lambda: sarcal.poses_of(q_rad=Q, endpoint_m=Q[:, :2]), ValueError, "endpoint_m has shape"),
-        (lambda: sarcal.verify("sessions/mine", EXACT), TypeError, "result='sessions/mine': give"),
-        (lambda: sarcal.compare(3, "b.yaml"), TypeError, "before=3: give a Result, or the path"),
-        (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError, "level=2: give a chance"),
+        (lambda: sarcal.simulate(**HINGE, poses=0), ValueError),
+        (lambda: sarcal.simulate(**HINGE, poses=10.5), TypeError),
+        (lambda: sarcal.simulate(**HINGE, samples=0), ValueError),
+        (lambda: sarcal.simulate(**HINGE, seed=-1), ValueError),
+        (lambda: sarcal.plan(**HINGE, poses=0), ValueError),
+        (lambda: sarcal.plan(**HINGE, poses=True), TypeError),
+        (lambda: sarcal.plan(**HINGE, drive_joints=[0, 5]), ValueError),
+        (lambda: sarcal.plan(**HINGE, unsensed_joints=6), TypeError),
+        (lambda: calibrate(unsensed_joints="6,7"), TypeError),
+        (lambda: calibrate(unsensed_joints=[6.5]), TypeError),
+        (lambda: calibrate(unsensed_joints=[8]), ValueError),
+        (lambda: calibrate(length_tolerance_mm=-1), ValueError),
+        (lambda: calibrate(length_tolerance_mm=float("nan")), ValueError),
+        (lambda: calibrate(length_tolerance_mm="1"), TypeError),
+        (lambda: calibrate(estimator="best"), ValueError),
+        (lambda: calibrate(poses=sarcal.poses_of(q_rad=Q[:, :6])), ValueError),
+        (lambda: calibrate(poses=sarcal.poses_of(q_rad=Q.T)), ValueError),
+        (lambda: calibrate(poses=7), TypeError),
+        (lambda: calibrate(poses=Q), TypeError),
+        (lambda: calibrate(arm=3), TypeError),
+        (lambda: calibrate(fixture=sarcal.load_arm("franka_panda")), TypeError),
+        (lambda: sarcal.load_arm(b"franka_panda"), TypeError),
+        (lambda: sarcal.poses_of(q_rad=Q[:0]), ValueError),
+        (lambda: sarcal.poses_of(q_deg=Q + 1j), TypeError),
+        (lambda: sarcal.poses_of(q_rad=with_nan(np.inf)), ValueError),
+        (lambda: sarcal.poses_of(q_rad=[[1.0, 2.0], [3.0]]), ValueError),
+        (lambda: sarcal.poses_of(q_rad=[["a", "b"]]), TypeError),
+        (lambda: sarcal.poses_of(q_rad=Q, names="left"), TypeError),
+        (lambda: sarcal.poses_of(q_rad=Q, samples=[1, 2]), ValueError),
+        (lambda: sarcal.poses_of(q_rad=Q, samples=2.5), TypeError),
+        (lambda: sarcal.poses_of(q_rad=Q, sd_rad=[0.1, 0.2]), ValueError),
+        (lambda: sarcal.poses_of(q_rad=Q, endpoint_m=Q[:, :2]), ValueError),
+        (lambda: sarcal.verify("sessions/mine", EXACT), TypeError),
+        (lambda: sarcal.compare(3, "b.yaml"), TypeError),
+        (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
     ],
 )  # fmt: skip
 def test_an_argument_that_is_none_is_named(
-    call: Callable[[], object], kind: type[Exception], said: str
+    call: Callable[[], object], kind: type[Exception], approve: Approve
 ) -> None:
-    with pytest.raises(kind, match=said):
+    with pytest.raises(kind) as refused:
         call()
+    approve(str(refused.value))
 
 
 def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(

@@ -24,6 +24,7 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
+from tests.oracles.approved import Approve
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
@@ -67,14 +68,15 @@ def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
     assert session.arm.active_parameters() == result.exported.parameters.read_bytes()
 
 
-@pytest.mark.parametrize(("joints", "reason"), [((), "sag"), ((1,), "sag"), ((1, 2, 5), "trip")])
+@pytest.mark.parametrize("joints", [(), (1,), (1, 2, 5)])
 def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
-    make_session: MakeSession, joints: tuple[int, ...], reason: str
+    make_session: MakeSession, joints: tuple[int, ...], approve: Approve
 ) -> None:
     session = make_session(short_procedure(3))
     session.connect()
-    with pytest.raises(GuardError, match=reason) as refused:
+    with pytest.raises(GuardError) as refused:
         session.set_modes(joints)
+    approve(str(refused.value))
     assert refused.value.remedy == "put exactly 2 in position mode"
     assert session.state.modes == ()
 

@@ -19,6 +19,7 @@ from hardware.line_stream import LONGEST
 from hardware.virtual.tracker_port import CLIENTS, serve_tracker
 from operator_app.errors import SessionError
 from operator_app.session.workflow.instrument import Instrument, TargetLostError, port_of
+from tests.oracles.approved import Approve
 
 POSE = {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "rx_deg": 0.0, "ry_deg": 0.0, "rz_deg": 90.0}
 TURNED = [1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]
@@ -47,19 +48,19 @@ def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lines", "words"),
+    "lines",
     [
-        ([], "tcp:lab:7327 measured nothing for 0 s at pose 12"),
-        ([{"pose": "11", **POSE}], "it sent pose 11"),
-        ([{"x_m": 1, "y_m": 2, "z_m": 3}], "sent no orientation for pose 12"),
-        ([{"x_m": 1000, "y_m": 2, "z_m": 3}], "for pose 12 has x_m 1000"),
-        (["hello"], "is no JSON"),
+        [],
+        [{"pose": "11", **POSE}],
+        [{"x_m": 1, "y_m": 2, "z_m": 3}],
+        [{"x_m": 1000, "y_m": 2, "z_m": 3}],
+        ["hello"],
     ],
 )
-def test_silence_and_what_is_missing_are_said_with_the_pose(lines: list, words: str) -> None:
+def test_silence_and_what_is_missing_are_said_with_the_pose(lines: list, approve: Approve) -> None:
     with pytest.raises(InstrumentError) as caught:
         says(*lines).measure("12")
-    assert words in str(caught.value)
+    approve(str(caught.value))
 
 
 def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() -> None:
@@ -182,17 +183,18 @@ def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "words"),
-    [(None, "cannot be read"), ("x_m,y_m", "no heading yet"), ("x_m,y_m\n", "has no z_m")],
+    "text",
+    [None, "x_m,y_m", "x_m,y_m\n"],
 )
 def test_a_file_without_a_heading_is_refused_at_once(
-    tmp_path: Path, text: str | None, words: str
+    tmp_path: Path, text: str | None, approve: Approve
 ) -> None:
     path = tmp_path / "seen.csv"
     if text is not None:
         path.write_text(text)
-    with pytest.raises(InstrumentError, match=words):
+    with pytest.raises(InstrumentError) as refused:
         Instrument(GrowingFile(path), full_pose=True).open()
+    approve(str(refused.value))
 
 
 def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> None:

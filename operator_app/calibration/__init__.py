@@ -1,1 +1,1 @@
-"""From poses to a judged calibration, and what later poses say of it. Knows no session, screen or bus."""
+"""From poses to a judged calibration, and what later poses say of it."""

@@ -1,8 +1,4 @@
-"""What a calibration is worth: accepted, accepted with warnings, or not, and the causes in order.
-
-Joins what the tests say (`solver.diagnostics.diagnosis`) with what was known before and what the fit itself
-shows. Knows results and words; computes no estimate.
-"""
+"""Acceptance: verdict of a calibration, and its causes from tests, fit and sigmas."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The closed loops of a whole pose set: one fixture, its placements, its measurements. No estimator.
-
-A fixture describes one loop. A pose set may hold several placements of it, endpoints seen by an
-instrument, or one placement picked out of many; what the estimators get is put together here.
-"""
+"""The closed loops of a pose set: fixture, placements and measured endpoints, and selections of poses."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ With S and Q the covariances of the unknowns phi and of the readings q, the most
     min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
 
 by Newton's iteration on the reduced equations (`solver.closing`); its value is chi2 with as many degrees of
-freedom as a pose has equations. Knows arms and fixtures; decides nothing.
+freedom as a pose has equations.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ class ClosureFit:
     chi2
         Of what that takes; infinite where it does not close at all.
     dof
-        Equations of the pose, less the readings of which nothing is believed.
+        Equations of the pose less ignored readings.
     q_rad
         (n,) joint angles with which it closes.
     """
@@ -60,9 +60,9 @@ class LoopAtReading:
     Attributes
     ----------
     model, belief
-        The loop, and what is believed of its unknowns.
+        The loop, and the prior of its unknowns.
     reading_rad, reading_sd_rad
-        (n,) what was read, and how well it is believed.
+        (n,) readings and their standard deviations.
     """
 
     model: ClosureModel
@@ -78,7 +78,7 @@ class LoopAtReading:
         )
 
     def fit(self, *ignored_joints: int) -> ClosureFit:
-        """Close it; of the readings of `ignored_joints` joints (1-based) nothing is believed."""
+        """Close the loop without the readings of `ignored_joints` (1-based)."""
         model, x0, q0 = self.model, self.prior.mean, self.reading_rad
         S, Q = self.prior.covariance, self.reading_sd_rad**2
         unknown = [j - 1 for j in ignored_joints]

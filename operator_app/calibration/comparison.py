@@ -1,6 +1,6 @@
 """Two calibrations of one arm: what changed between them, and what of that is more than noise.
 
-Pure: takes two parameter documents, knows no file and no screen. The same loop can be written in
+Pure: takes two parameter documents. The same loop can be written in
 eight ways, so the second document is first brought into the description nearest to the first. A
 difference counts as drift when it is improbable under both documents' standard deviations, at a
 level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists

@@ -1,4 +1,4 @@
-"""What a reader should know before believing a comparison of two calibrations. Knows no statistics."""
+"""Differences between two parameter documents that qualify a comparison of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Second opinions on a calibration from its own poses: jackknife, hold-out. Knows no screen."""
+"""Cross-validation of a calibration by its own poses: jackknife, held-out folds and a far block."""
 
 from __future__ import annotations
 

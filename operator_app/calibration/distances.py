@@ -1,7 +1,4 @@
-"""Distances between the sockets of a ball, with their uncertainty, beside those that were measured.
-
-Knows calibrations; no file and no screen.
-"""
+"""Distances between the sockets of a ball, with their uncertainty, beside those that were measured."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Where a recorded arm was at rest: one pose per dwell, and what came near to one and is refused. No I/O.
+"""Dwells of a recorded arm: one pose for each time at rest.
 
-A dwell: in every window of the stated time all joints stay within the stated spread. What moves slowly through
-such windows is told by the whole: it drifts by more than half of the spread. Where samples are missing for long,
-that time does not count.
+In every window of the stated time all joints stay within the stated spread, and over the whole dwell they drift by
+less than half of it. Times without samples do not count.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What is random about a pose set: everything the arm's and the fixture's files state, as one error model.
-
-Knows arms, fixtures and pose sets; estimates nothing.
-"""
+"""Stated error model of a pose set: noise, tolerances, priors and loads by the files of arm and fixture."""
 
 from __future__ import annotations
 

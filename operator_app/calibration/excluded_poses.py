@@ -1,7 +1,4 @@
-"""Poses that were left out of a fit, and why: readings that no joint can have, or the hand upside down.
-
-A row that is wrong closes no loop either way: what its readings are comes first. Knows ranges and poses; no fit.
-"""
+"""Poses excluded from a fit: readings out of range, rows in radians, poses on the flipped branch."""
 
 from __future__ import annotations
 

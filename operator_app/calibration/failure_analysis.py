@@ -1,7 +1,4 @@
-"""Why there is no calibration: what nothing can see, readings at their end, loops that nothing closes.
-
-Knows estimates and the files' objects; computes no calibration. Asks for rivals only where nothing fits.
-"""
+"""Failure analysis: why there is no calibration (unidentifiable parameters, saturated readings, open loops)."""
 
 from __future__ import annotations
 

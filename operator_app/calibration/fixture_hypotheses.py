@@ -1,8 +1,4 @@
-"""Another kind of fixture than the file says: where it would be, and the command that makes its file.
-
-Knows arms, fixtures and poses; fits nothing but where two lines or points meet best at nominal lengths and
-offsets, and judges nothing.
-"""
+"""Alternative fixtures: a hinge or ball located from the poses, and the command that writes its file."""
 
 from __future__ import annotations
 

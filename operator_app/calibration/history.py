@@ -1,6 +1,6 @@
 """Every accepted calibration and verification of one arm over time: what scatters, what shifted, when the next is due.
 
-Pure: takes documents and verdicts, knows no file and no screen. Offsets of the arm itself are judged over all
+Pure: takes documents and verdicts. Offsets of the arm itself are judged over all
 sessions; what belongs to the fixture's mounting begins anew with each mounting. Another fixture or estimator
 carries systematic errors into the parameters in another way: a history of its own.
 """

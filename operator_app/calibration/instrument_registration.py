@@ -1,8 +1,4 @@
-"""Where an instrument and its target are, as far as nobody has said: found from the measured poses themselves.
-
-A calibration starts from nominal places. Of a hinge somebody measures those with a rule; of a tracker that
-stands somewhere in the room nobody does. Knows no file and no screen.
-"""
+"""Registration of an instrument and its target: places found from the measured poses where no file states them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints that moved or shook while a pose was read: the spread of their readings says so. Knows no loop, no screen."""
+"""Motion during sampling: readings within one pose that spread by more than sensor noise."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The fit with all stated errors, from a second start where the first leads nowhere.
-
-Not converging, no matrix to invert: these are results with a cause, not tracebacks. Knows closure
-models and error models; judges nothing.
-"""
+"""The implicit fit from several starts; a start that does not converge is no exception."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether poses can judge a calibration at all: new ones, of its fixture and placement. Knows no file, no screen."""
+"""Checks that new poses can verify a calibration: none of its own, of its fixture and placement."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What an operator should know of a calibration: findings beside the causes of its verdict, in their order.
-
-Says also which limits of the procedure are exceeded. Knows results; computes no estimate.
-"""
+"""Notices about a calibration, and the limits of the procedure that it exceeds."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""The independent check that the paper announced (section 4): a closed-loop calibration against an open arm.
+"""Independent check (paper, section 4): a closed-loop calibration against endpoints of the open arm.
 
-Another instrument saw the hand while nothing held it. Its readings are calibrated by themselves, and what
-both calibrations say of the arm is compared. Both know the maker's lengths from the same file, so that
-their errors have something in common, and the test is on the cautious side. Knows no file and no screen.
+The measured endpoints are calibrated by themselves and both results are compared. Both use the maker's lengths, so
+that their errors are correlated and the test is conservative.
 """
 
 from __future__ import annotations

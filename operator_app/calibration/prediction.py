@@ -1,7 +1,4 @@
-"""What the poses of a calibration foretell of new ones: both in one error model, judged by stated sizes.
-
-Knows calibrations, files' objects and pose sets; decides nothing, knows no screen.
-"""
+"""Prediction of new poses by a calibration's own poses, both in one error model at stated sizes."""
 
 from __future__ import annotations
 
@@ -82,7 +79,7 @@ class MadeFrom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PredictedPoses:
-    """What is left of new poses, in their order, and by what columns a shift would show in them.
+    """Whitened residuals of new poses, in their order, and the columns by which a shift shows in them.
 
     `left` judges by what is stated at least; `chi2` predicts with the sizes of errors as the calibration learned them.
     """
@@ -99,7 +96,7 @@ def predict_new_poses(
     new: PoseSet,
     start: Mapping[str, float],
 ) -> PredictedPoses | None:
-    """Judge new poses by what the calibration's own poses foretell; None where no model fits both.
+    """Predict new poses by the calibration's own poses; None where no model fits both.
 
     Parameters
     ----------

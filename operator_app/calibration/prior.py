@@ -1,8 +1,7 @@
-"""What is believed of a loop's unknowns before a pose of it: by the files, and by poses of earlier placements.
+"""Prior of a loop's unknowns before a pose of a placement: by the files and by earlier placements.
 
-An arm's own entries are what earlier poses give, the files' tolerances being what was known before. Offsets
-that are counted from the fixture are about where they were: mounting it anew changes them within its tolerance.
-And a fixture that stood farther from its file's place than that allows may do so again. Knows no session.
+The arm's own entries follow from earlier poses. Offsets that are counted from the fixture change within its
+tolerance when it is remounted, and a fixture that stood farther from its nominal place may do so again.
 """
 
 from __future__ import annotations

@@ -1,7 +1,4 @@
-"""What cannot be calibrated whatever the readings weigh: blind directions, axes that leave no unique values.
-
-Knows arms, fixtures and loops; no estimator and no verdict.
-"""
+"""Refusals before a fit: unidentifiable directions, and placements without unique parameters."""
 
 from __future__ import annotations
 

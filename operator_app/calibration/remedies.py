@@ -1,7 +1,4 @@
-"""What a calibration brings for sensors that it does not believe: offsets of unsensed joints, RVDT corrections.
-
-Knows solutions and readings; no file and no screen.
-"""
+"""Offsets of unsensed joints and corrections of RVDTs that a calibration gives."""
 
 from __future__ import annotations
 

@@ -1,8 +1,6 @@
-"""What the operator can do about the widest sigmas: the largest source of each, and what less of it brings.
+"""Sensitivity of the widest sigmas: the largest source of each, and the sigma with half of that source.
 
-From the uncertainty budget alone: with a source's standard deviation halved and the poses weighed as now
-the variance falls by three quarters of its share (weighed anew it can only fall further). Knows a
-calibration; no renderer.
+With a source's standard deviation halved, at unchanged weights, the variance falls by three quarters of its share.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Follows the dataclasses: a field more or less needs no change here. Data that do not fit today's
 dataclasses are refused as a whole (`RecordError`); a field with a default may be missing, and one
-that is no longer known is passed over. Knows no journal and no number's meaning.
+that is no longer known is passed over.
 
 A dataclass becomes an object of its fields, an array ``{"shape": .., "values": [..]}``, an enum its
 name; doubles are written so that the same bits are read back, and what JSON has no number for as

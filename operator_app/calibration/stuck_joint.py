@@ -1,4 +1,4 @@
-"""A joint that does not move, or a sensor that does not say so? The loop can tell. Knows no screen."""
+"""Stuck joints and sensors: joints that turned according to the loop although their reading did not change."""
 
 from __future__ import annotations
 

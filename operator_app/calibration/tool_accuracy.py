@@ -1,4 +1,4 @@
-"""How far off the hand may be where a calibration is used: its covariance through the chain. Knows no screen."""
+"""Tool position uncertainty: the covariance of the parameters propagated through the chain."""
 
 from __future__ import annotations
 

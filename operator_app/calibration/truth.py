@@ -1,4 +1,4 @@
-"""How far a calibration is from the truth, where it is known: of a simulated arm only."""
+"""True errors of a calibration of a simulated arm, whose parameters are known."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Is a calibration right on poses it has never seen? Judged by parameters that were fixed before.
-
-Knows calibrations and pose sets; no file, no bus and no screen.
-"""
+"""Verification of a calibration by new poses, at parameters fixed before they were taken."""
 
 from __future__ import annotations
 

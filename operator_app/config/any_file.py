@@ -1,7 +1,4 @@
-"""Files of any kind, told apart by what they hold, and everything wrong with all of them at once.
-
-Knows no loop: whether what the files say can be done is judged elsewhere.
-"""
+"""Files of any kind, told apart by what they hold, and everything wrong with all of them at once."""
 
 from __future__ import annotations
 

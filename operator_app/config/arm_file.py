@@ -1,4 +1,4 @@
-"""The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors. Knows no bus and no fixture."""
+"""The arm file (``sarcal/arm/1``): D-H rows, free entries, ranges, sensors."""
 
 from __future__ import annotations
 

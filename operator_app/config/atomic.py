@@ -1,4 +1,4 @@
-"""Writing a file whole or not at all, also through a power cut. Knows nothing of what is in it."""
+"""Writing a file whole or not at all, also through a power cut."""
 
 from __future__ import annotations
 

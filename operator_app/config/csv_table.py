@@ -1,4 +1,4 @@
-"""CSV read strictly: every record with its line, every cell complained about with its column. Knows no column."""
+"""CSV read strictly: every record with its line, every cell complained about with its column."""
 
 from __future__ import annotations
 

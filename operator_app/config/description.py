@@ -1,4 +1,4 @@
-"""What the drives of an arm should say of themselves, from its arm file. Knows no bus."""
+"""What the drives of an arm should say of themselves, from its arm file."""
 
 from __future__ import annotations
 

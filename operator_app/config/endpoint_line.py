@@ -1,4 +1,4 @@
-"""What an instrument says of one pose: a JSON object a line, or a row of CSV below its heading. Knows no port.
+"""What an instrument says of one pose: a JSON object a line, or a row of CSV below its heading.
 
 ``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. The names
 are those of a poses file; how the target is turned is named as in `orientation`. `pose` may be left out: then

@@ -1,4 +1,4 @@
-"""What files state about what is not known exactly, and what is assumed where they do not. Knows no arm.
+"""What files state about what is not known exactly, and what is assumed where they do not.
 
 The figures assumed are those that an ordinary shop reaches. All are one standard deviation, 0 is
 exact: a plain ``tolerance: 0`` or ``give: 0`` stands for all figures of that mapping.

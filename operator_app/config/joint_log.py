@@ -1,7 +1,7 @@
 """Joint angles as robots log them: rows of numbers, with a header or without, in radians or degrees.
 
 For whoever has a log and no poses file. Numbers stand between commas or white space; lines that begin with
-``#`` are comments. Knows no arm and no session.
+``#`` are comments.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an arm file states of its links' weight and of which way is down. Knows no D-H row and no joint.
+"""What an arm file states of its links' weight and of which way is down.
 
 Without it, what bends under load is taken to be any smooth function of the pose.
 """

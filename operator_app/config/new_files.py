@@ -1,6 +1,6 @@
 """What `sarcal new` writes: fixture and procedure files, and packaged files under another name.
 
-Knows no command line. Everything written is read back by the same models as any other file.
+Everything written is read back by the same models as any other file.
 """
 
 from __future__ import annotations

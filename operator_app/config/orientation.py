@@ -1,4 +1,4 @@
-"""How a measured target is turned, by the names of its columns, as a rotation vector. Knows no file.
+"""How a measured target is turned, by the names of its columns, as a rotation vector.
 
 There is no default: a rotation vector and three Euler angles look alike, and mean something else.
 

@@ -1,4 +1,4 @@
-"""The result of a calibration (``sarcal/parameters/3``): what the controller is given. Knows no YAML.
+"""The result of a calibration (``sarcal/parameters/3``): what the controller is given.
 
 The document is what its file holds, in the units of the file (degrees, metres, millimetres,
 milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.

@@ -1,4 +1,4 @@
-"""The poses file (CSV): ``placement,pose,theta1_deg..thetaN_deg`` and optional columns. Knows no arm.
+"""The poses file (CSV): ``placement,pose,theta1_deg..thetaN_deg`` and optional columns.
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
 ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles

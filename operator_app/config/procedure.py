@@ -1,4 +1,4 @@
-"""A procedure (``sarcal/procedure/1``): what ``sarcal run`` does. Knows no YAML, no bus and no session.
+"""A procedure (``sarcal/procedure/1``): what ``sarcal run`` does.
 
 `ProcedureFile` is what the file holds, in its units, with SI beside it; what fits the arm is checked
 elsewhere. `Procedure` is that with the arm and the fixture it names, and the operator's choices.

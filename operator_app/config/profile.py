@@ -1,4 +1,4 @@
-"""A bus profile (``sarcal/profile/1``): how an arm's nodes are set up. Knows no YAML and no bus.
+"""A bus profile (``sarcal/profile/1``): how an arm's nodes are set up.
 
 `ProfileFile` is what the file holds; `ProfileFile.for_joints` what the hardware works with.
 """

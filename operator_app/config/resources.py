@@ -1,4 +1,4 @@
-"""Finding files by built-in name or path, and reading them with a limit. Knows no schema.
+"""Finding files by built-in name or path, and reading them with a limit.
 
 A built-in name (``hinge``) always means the packaged file; ``./hinge`` means a file of that name.
 """

@@ -1,4 +1,4 @@
-"""From a strict YAML document to a checked model, complaining about everything at once. Knows no kind.
+"""From a strict YAML document to a checked model, complaining about everything at once.
 
 Wraps pydantic: its errors become `Problem`s with file, line and key, unknown keys get the key that
 was probably meant, and a misspelt key does not also count as a missing one. A model is a `StrictModel`

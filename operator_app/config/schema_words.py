@@ -1,4 +1,4 @@
-"""Pydantic's errors in words for the operator: what is wrong and what to do. Knows no file and no kind."""
+"""Pydantic's errors in words for the operator: what is wrong and what to do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An arm as URDF, written: what simulators and motion planners take. Knows no calibration.
+"""An arm as URDF, written: what simulators and motion planners take.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.

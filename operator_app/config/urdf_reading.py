@@ -1,4 +1,4 @@
-"""The chain of a URDF between two of its links, in D-H rows. Knows no calibration."""
+"""The chain of a URDF between two of its links, in D-H rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a user always wants (``sarcal/settings/1``): interface, channel, bitrate, theme, operator. Knows no bus.
+"""What a user always wants (``sarcal/settings/1``): interface, channel, bitrate, theme, operator.
 
 One file in the platform's folder for settings. The command line, a session, a procedure, the environment and
 ``can.conf`` are all stronger. A file that is wrong is an error and not left out: it may name another bus.

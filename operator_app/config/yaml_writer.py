@@ -1,4 +1,4 @@
-"""Writing YAML that `strict_yaml` reads back as the very same values. Knows no schema.
+"""Writing YAML that `strict_yaml` reads back as the very same values.
 
 Floats are written with the digits that read back as the same double (never more than 17), text is
 quoted whenever it could be taken for anything else.

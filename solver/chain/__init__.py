@@ -1,1 +1,1 @@
-"""The open chain: D-H kinematics, arms, sensors, pose sets. Knows no loop."""
+"""The open chain: D-H kinematics, arms, sensors, pose sets."""

@@ -1,4 +1,4 @@
-"""Kinematics of a Denavit-Hartenberg chain and its exact Jacobians, for all poses at once. Knows no loop.
+"""Kinematics of a Denavit-Hartenberg chain and its exact Jacobians, for all poses at once.
 
 Distal convention (paper, Figure 1): ``A_j = Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j) Ry(beta_j)`` takes
 frame j-1 to frame j. beta is zero but where z_{j-1} and z_j are parallel: there their common normal, and s_j

@@ -1,4 +1,4 @@
-"""Names, quantities and nominal values of what is estimated. Knows D-H entries by name, no estimator.
+"""Names, quantities and nominal values of what is estimated.
 
 Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row. ``beta_2`` is
 Hayati's [9], in place of ``s_2`` where row 2 joins parallel axes.

@@ -1,4 +1,4 @@
-"""A set of measured poses: readings, their spread, optional endpoint. Knows no file and no estimator."""
+"""A set of measured poses: readings, their spread, optional endpoint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gravity in a serial arm: torque about every joint, linear in what each link weighs and where. Knows no loop.
+"""Gravity in a serial arm: torque about every joint, linear in what each link weighs and where.
 
 A link's weight enters only by its mass m and its first moment h = m c (mass times centre), and both
 enter linearly (Khalil & Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4:

@@ -2,7 +2,6 @@
 
 `propose` says what to do next, `observe` takes how a move ended, `captured` a pose as read. It never
 touches an arm: the session feeds it and keeps the journal; the same readings give the same proposals.
-Knows no bus, no screen and no file.
 """
 
 from __future__ import annotations

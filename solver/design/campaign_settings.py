@@ -1,4 +1,4 @@
-"""How a planned calibration is to go, and where it is. Knows no arm and no policy."""
+"""How a planned calibration is to go, and where it is."""
 
 from __future__ import annotations
 

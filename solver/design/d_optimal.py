@@ -3,7 +3,7 @@
 Greedy addition, then exchange of chosen poses for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
-size r each, so a whole round costs milliseconds. Knows matrices; no arm, no loop, no path.
+size r each, so a whole round costs milliseconds.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Predicted at one pose or over a region from the conditioning of the passive joints' Jacobian and from
 what the drives reach; by trial, as the paper did, from the measured motion of the other joints.
-Every verdict comes with its reasons in words. Knows no bus and no plan.
+Every verdict comes with its reasons in words.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the chain does while drive joints go straight to a target: the trace of every joint.
 
 Drive joints are held at points of the straight line and all others follow by closing the loops, many
-lines in one batch. Knows a loop and ranges; no graph and no plan.
+lines in one batch.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ A policy without an arm: `propose` says where the drives should go next, `observ
 sensors then read and why a move stopped short, if it did. Small steps go out from the start along
 rays in drive space and back the way they came. The rate of every joint per drive is learnt from the
 steps themselves (Broyden's secant update) and says whether the next step would meet a range or a
-fold. Knows no kinematic model and no fixture.
+fold.
 """
 
 from __future__ import annotations

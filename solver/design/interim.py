@@ -1,7 +1,4 @@
-"""Calibration in the middle of a session: good enough to plan on, and honest when it is not.
-
-Knows the implicit estimator; no plan and no arm.
-"""
+"""Calibration in the middle of a session: good enough to plan on, and honest when it is not."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from
 a present pose in waves: each new pose puts out tangent steps, all of a wave are closed in one batch,
 and those that come too near an older pose are dropped. What is left covers the part of the manifold
-that can be reached inside the ranges at nearly even spacing. Knows no drive joints and no estimator.
+that can be reached inside the ranges at nearly even spacing.
 """
 
 from __future__ import annotations

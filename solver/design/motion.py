@@ -1,7 +1,4 @@
-"""How a closed chain moves at its poses: tangent directions and what each choice of drive joints makes of them.
-
-Knows a `ClosureModel`; no estimator, no path and no fixture by name.
-"""
+"""How a closed chain moves at its poses: tangent directions and what each choice of drive joints makes of them."""
 
 from __future__ import annotations
 

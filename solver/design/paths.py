@@ -3,7 +3,6 @@
 A graph over the manifold's poses, one layer per set of drive joints. Two touching poses are joined in
 a layer when its drives can carry the chain between them: leverage at both ends and no fold between.
 Routes found in it are followed exactly before they are believed, and an edge that fails is closed.
-Knows geometry; no arm in motion, no choice of poses.
 """
 
 from __future__ import annotations

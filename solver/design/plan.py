@@ -1,7 +1,7 @@
 """From an estimate to a plan: which poses to visit, in which order, with which drive joints.
 
 Puts manifold, drive ranking, paths and D-optimal choice together, inside the region in which the
-estimate can be trusted to predict where free joints will be. Knows no bus and no capture.
+estimate can be trusted to predict where free joints will be.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What one pose would tell about the parameters, for thousands of candidate poses at once.
 
 The same linearisation as the implicit estimator's, at closed poses: a pose adds ``A' V^-1 A`` to the
-Fisher information (method, section 3). Knows the loop and its noise; no selection, no path.
+Fisher information (method, section 3).
 """
 
 from __future__ import annotations

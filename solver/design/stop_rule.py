@@ -1,4 +1,4 @@
-"""When to stop taking poses: precision reached, or nothing left that helps. Knows matrices and names.
+"""When to stop taking poses: precision reached, or nothing left that helps.
 
 A pose always averages some noise, so "no pose helps" is judged by a forecast: the poses that may
 still be afforded, each the best for the worst parameter, would neither meet the request nor come

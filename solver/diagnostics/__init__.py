@@ -1,1 +1,1 @@
-"""What an estimate is worth: identifiability, intervals, tests, fault models. Knows no screen or file."""
+"""Diagnostics of an estimate: identifiability, tests, fault models, outliers, prediction."""

@@ -1,8 +1,7 @@
-"""Was it the same arm and fixture from first pose to last? Score tests for a step at any pose.
+"""Change points: score tests for a step of any suspect at any pose.
 
-For every suspect (a joint's offset, a length, a side of the fixture) and every pose k the question is
-whether a constant added from pose k on explains what the fit left over. Poses are in the order in
-which they were taken; sums from the end give all k at once. Knows no loop and no words.
+A suspect is a joint's offset, a length or a side of the fixture; the test asks whether a constant added from pose k
+on explains the whitened residuals. Poses are in time order; sums from the end give all k at once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Poses that took no part: hold-out of parts of a pose set, and verification of new poses.
-
-A calibration is judged by readings it has not seen (which the paper did not do). Knows estimators
-only as a function from poses to an estimate.
-"""
+"""Held-out poses: parts of a pose set predicted by the rest, and verification of new poses."""
 
 from __future__ import annotations
 

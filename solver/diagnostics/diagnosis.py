@@ -1,8 +1,7 @@
-"""Can this calibration be right? Tests of what can go wrong, and what best explains a failed one.
+"""Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed one.
 
-All from one linear fit at the stated variances: no test refits. While nothing fires, no explanation is
-asked for. When something does, all candidates are weighed on one scale and the best is taken in, until
-what is left over is what the files state. Knows fits and arms; no file and no words.
+All from one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted, and
+so on until the residuals are as stated.
 """
 
 from __future__ import annotations
@@ -96,9 +95,9 @@ class Diagnosis:
     step
         The most significant step of anything.
     left
-        What the fit left over with noise as believed, poses in time order.
+        Whitened residuals at the believed noise, poses in time order.
     stated_chi2_per_dof
-        What it left over at stated variances.
+        At stated variances.
     apart
         How far the estimate at stated variances lies from the one that was judged (P,), rad and m.
     scene
@@ -204,7 +203,7 @@ def _explanations(
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
 ) -> Iterable[tuple[Explanation, ...]]:
-    """Take in the best explanation of what is left over, until nothing fires any more."""
+    """Fit the best explanation of the residuals, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults(measured))
     for _ in range(MOST_CAUSES_FITTED):
         found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))
@@ -225,7 +224,7 @@ def _explanations(
 
 
 def _with_cause(left: WhitenedResiduals, cause: Candidate, sd: FloatArray) -> WhitenedResiduals:
-    """Return what is left over when a cause is believed, its coefficients of known size `sd`."""
+    """Return the residuals with a cause fitted, its coefficients of standard deviation `sd`."""
     if cause.own is None:
         return left.with_drawn(cause.columns, sd)
     return OwnColumns.of(left, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)).drawn(
@@ -239,7 +238,7 @@ def _suspected_entries(
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
 ) -> tuple[Explanation, ...]:
-    """Toleranced entries that may well be off their file, where no test is sure that anything is wrong."""
+    """Toleranced entries that may be off their file although no test fires."""
     found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))
     return tuple(
         x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
@@ -247,7 +246,7 @@ def _suspected_entries(
 
 
 def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
-    """Steps and odd poses: candidates that are looked for in what is left; `odd` are those with noise as believed."""
+    """Candidates that are searched in the residuals: steps, and outliers (`odd` are those at the believed noise)."""
     scale = noise_scale(left.chi2, left.dof)
     suspects = {s.name: s for s in scene.suspects()}
     for step in steps(left, tuple(suspects.values()), scale=scale):
@@ -276,7 +275,7 @@ def _evidence(left: WhitenedResiduals, c: Candidate) -> Evidence | None:
 
 
 def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
-    """Probabilities of all candidates, of nothing wrong and of something without a name."""
+    """Probabilities of all candidates, of no fault and of an unknown one, the most probable first."""
     listed = [
         (c, e)
         for c in candidates

@@ -1,7 +1,4 @@
-"""One thing that may be wrong with an arm, its fixture or its readings: rates of the misclosures, and its sizes.
-
-Knows linear algebra; no arm, no fit and no likelihood.
-"""
+"""One possible fault of arm, fixture or readings: rates of the misclosures with it, and its natural size."""
 
 from __future__ import annotations
 

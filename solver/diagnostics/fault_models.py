@@ -1,7 +1,7 @@
-"""Everything that may be wrong with an arm, its fixture or its readings, as columns of the linear fit.
+"""Models of all faults of arm, fixture and readings, as columns of the linear fit.
 
-Each candidate is a rate of the misclosures with something that was taken for right: then it costs
-nothing to ask how much believing it would explain. Knows closure models and sensors; no likelihood.
+A column is the rate of the misclosures with a quantity that the fit took as exact, so that comparing faults needs
+no refit.
 """
 
 from __future__ import annotations

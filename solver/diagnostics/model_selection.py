@@ -1,10 +1,8 @@
-"""How much better an explanation makes the readings believable, all explanations on one scale.
+"""Model evidence of faults, all on one scale.
 
-An explanation is some columns nobody fitted, with coefficients of unknown size: b ~ N(0, v D). Its
-log-likelihood, with v where it is largest, rewards what it explains and charges for what it could have
-explained as well (Occam's factor), so that one joint's step competes fairly with a free reading in every
-pose. The scale of the noise is free too, above a floor: what stays unexplained by any of them blurs
-the choice instead of deciding it. Knows no loop, no cause and no words.
+A fault is some columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely
+v rewards what it explains and charges for what it could have explained (Occam's factor). The scale of the noise is
+free above a floor, so that unexplained residuals blur the choice instead of deciding it.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ STRIDE = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """What one explanation is worth.
+    """Evidence of one explanation.
 
     Attributes
     ----------
@@ -40,7 +38,7 @@ class Evidence:
     b, covariance
         Coefficients (c,) and their covariance (c, c); of columns of poses of their own only the variances (c,).
     moved
-        How much the parameters (P,) change when it is believed (rad, m).
+        Change of the parameters (P,) when it is fitted (rad, m).
     """
 
     log_likelihood: float

@@ -1,9 +1,7 @@
-"""Poses that do not fit the others, from one linear fit: the threshold is that of the largest of m.
+"""Outliers: poses that the others do not predict, from one linear fit.
 
-Each pose is judged by what all others predict for it (its own pull on the fit taken out). The most
-improbable is set aside and the rest judged again, so that several do not hide each other; no pose is
-refitted. Of more than some hundred poses, of which one moves the fit little, several are set aside at a
-time: the work grows with their number and not with its square. Excludes none itself. Knows no loop and no names.
+The most improbable pose is set aside and the rest tested again, so that several do not hide each other; of many
+poses several are set aside at a time, so that the work grows with their number. Nothing is excluded here.
 """
 
 from __future__ import annotations

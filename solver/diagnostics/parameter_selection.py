@@ -1,9 +1,7 @@
-"""Which unknowns to hold at their nominal values so that a pose set determines the rest. Knows no noise.
+"""Parameters to fix at their nominal values so that a pose set determines the rest.
 
-An unidentifiable direction says that some unknowns cannot be told apart; any one of them may be held,
-and the loop described is the same loop. What is held is chosen so that the result can be used: an entry
-of the arm's table before a parameter of the fixture, because nobody needs the place of a socket but a
-wrong s_1 would be taken for the arm's.
+Of the parameters of an unidentifiable direction any one may be fixed, and the loop described is the same. An entry of
+the arm's table is fixed before a parameter of the fixture: a wrong s_1 would be taken for the arm's.
 """
 
 from __future__ import annotations

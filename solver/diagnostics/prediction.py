@@ -1,9 +1,7 @@
-"""What poses that were fitted foretell of others, and whether one joint or the fixture has shifted since.
+"""Prediction of later poses by fitted ones, and a common shift of one joint or the fixture between them.
 
-One mixed model of both: what the first poses say of parameters and of effects drawn once (curves of
-sensors, harmonics, sag, give) is the prior, covariance and all, under which the others are judged. An
-effect that a calibration has seen is then known where it was seen, and no excuse for anything new. Knows
-no fixture, no name and no file.
+One mixed model of both: what the first poses determine of parameters and of effects that are drawn once (sensor
+curves, harmonics, sag, compliance) is the prior of the later ones, covariance included.
 """
 
 from __future__ import annotations

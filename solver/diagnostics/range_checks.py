@@ -1,8 +1,4 @@
-"""Readings against the ranges that the arm file states, before anything is solved. Knows no loop.
-
-A reading outside its joint's range is either a wrong file, a wrong unit, a sensor at its end, or a
-range that was written down wrongly. All are reported before an estimator uses the reading.
-"""
+"""Readings against the ranges of the arm file, before anything is solved; wrong units, signs and columns."""
 
 from __future__ import annotations
 

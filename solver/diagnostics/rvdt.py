@@ -1,9 +1,4 @@
-"""Verdict on an RVDT: what it reads against what the closed loop measures of its joint.
-
-With the wrist joints eliminated as unsensed the loop measures their true angles itself. Line and curve
-(`solver.diagnostics.rvdt_response`) and noise (`solver.diagnostics.rvdt_response`) of the readings are held against the
-specification here, and put into plain words. Knows sensors and closure models; no fixture and no screen.
-"""
+"""Verdict on an RVDT: its readings against the angle that the closed loop measures."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A smooth curve through noisy points: as many Legendre terms as leave-one-out prediction wants.
-
-Knows numbers only.
-"""
+"""Smooth curve through noisy points: Legendre terms chosen by leave-one-out prediction."""
 
 from __future__ import annotations
 

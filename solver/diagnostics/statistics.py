@@ -1,7 +1,4 @@
-"""What an estimate is worth: intervals, correlations, chi-square band, jackknife.
-
-Works on estimates and on the linear fit at the solution. Knows no fixture and no screen.
-"""
+"""Intervals, correlations, chi-square bands and jackknife of an estimate."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Closed loops: how far each pose is from closing, and the derivatives of that. Knows no estimator."""
+"""Closed loops: how far each pose is from closing, and the derivatives of that."""

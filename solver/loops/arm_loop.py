@@ -1,7 +1,7 @@
 """What the loops of one placement share: an arm of D-H links with unknown entries, and its fixture's own.
 
 A subclass says which links there are, what its endpoint adds to the unknowns, and how far from closed it
-is (`loop`). Knows no estimator and no number of joints.
+is (`loop`).
 """
 
 from __future__ import annotations

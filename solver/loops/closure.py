@@ -1,7 +1,7 @@
 """Loop closure: how far a chain that ends where it began is from closing, and the derivatives of that.
 
 A `ClosureModel` is all that the estimators know of a fixture, and what is the same for every fixture is
-said here once; a model gives its error and Jacobians. Knows no estimator, no fixture, no D-H link.
+said here once; a model gives its error and Jacobians.
 """
 
 from __future__ import annotations

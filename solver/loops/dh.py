@@ -1,6 +1,6 @@
 """The loop of every fixture that is itself a D-H link of the chain: rigid and hinge (paper, section 2.3).
 
-Reads beside the paper's eqs. 8 to 13. Knows no estimator, no fixture and no number of joints.
+Reads beside the paper's eqs. 8 to 13.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a fixture holds, as plain geometry, turned into the D-H entries of a loop. Knows no estimator.
+"""What a fixture holds, as plain geometry, turned into the D-H entries of a loop.
 
 A hinge is a line held in the hand and a line fixed in the ground. Seen in the arm's base frame with joint 1's
 offset and s_1 taken as zero (both only turn and shift that frame along z_0), and in the frame before the last

@@ -1,7 +1,7 @@
 """An open arm whose endpoint another instrument measures: every pose closes through the measurement.
 
 ``T_instrument_base T_base_n(q) T_n_tip = measured`` (section 2.1, eqs. 4 to 7), seen in the instrument's frame.
-The instrument's noise is the closure's own (`NoiseModel.fixture_variance`). Knows no file and no instrument.
+The instrument's noise is the closure's own (`NoiseModel.fixture_variance`).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Several placements of a fixture in one data set: one arm, a fixture's unknowns for each. Knows no fixture.
+"""Several placements of a fixture in one data set: one arm, a fixture's unknowns for each.
 
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With
 a single placement names stay plain.

@@ -1,4 +1,4 @@
-"""A point of the hand held at a point of the ground: the loop of a ball joint. Knows no fixture metal.
+"""A point of the hand held at a point of the ground: the loop of a ball joint.
 
 ``p_n(q) + R_n(q) b - g = 0`` seen in the arm's base frame: b is the ball's centre in the flange frame n
 (tip_x, tip_y, tip_z), g the socket's in the base frame (ground_x, ground_y, ground_z). The ball's own three

@@ -1,1 +1,1 @@
-"""Starting from nothing known. Knows no noise model."""
+"""Global start: parameters from nothing known."""

@@ -1,4 +1,4 @@
-"""Calibration from nothing: offsets anywhere in +-180 deg, the fixture unknown. Knows loops, no noise model.
+"""Calibration from nothing: offsets anywhere in +-180 deg, the fixture unknown.
 
 Many starts go down in one batch on a few poses that spread; where the fixture can be projected out
 (`inner_search`) only the inner joints' offsets are guessed. The best basins are then polished with all

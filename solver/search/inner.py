@@ -1,4 +1,4 @@
-"""The offsets of the inner joints alone, with everything a fixture adds projected out. Knows no estimator.
+"""The offsets of the inner joints alone, with everything a fixture adds projected out.
 
 What a passive fixture holds, seen from the base, does not move: of M_i = R_1 .. R_{n-1} Rz(theta_n) and
 p_i, the frame before the last link at pose i,

@@ -27,8 +27,8 @@ from solver.diagnostics.control_chart import (
     smallest_shift,
 )
 
-ONCE_A_YEAR = timedelta(days=365)
-"""Between calibrations, where there is one only and nobody states an interval."""
+ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
+"""Shortest interval between calibrations, and the one where there is none yet and nobody states it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,8 +242,9 @@ def _due(
     if interval is not None:
         return last + interval, f"{interval.days} days after the last, as stated"
     times = [c.document.utc for c in kept]
-    gaps = [(b - a).total_seconds() for a, b in pairwise(times)]
+    # Several on one day are tries, and no interval.
+    gaps = [b - a for a, b in pairwise(times) if b - a >= ONE_DAY]
     if not gaps:
-        return last + ONCE_A_YEAR, "a year after the first; state an interval with --every"
-    usual = timedelta(seconds=median(gaps))
+        return last + ONCE_A_YEAR, "a year after the last; state an interval with --every"
+    usual = timedelta(seconds=median(gap.total_seconds() for gap in gaps))
     return last + usual, "the usual interval after the last (median)"

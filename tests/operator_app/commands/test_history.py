@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.history import PastVerification, history_of
 from operator_app.cli import main
 from operator_app.config.poses_file import load_poses
@@ -105,6 +106,17 @@ def test_the_serial_may_be_left_out_where_there_is_one(
     code, out, _ = asked([], tmp_path, capsys)
     assert code == 0
     assert "SDA-9: 1 accepted calibration" in out
+
+
+def test_two_sessions_of_one_day_are_no_interval(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    poses = load_poses(HINGE).poses
+    for k, chosen in enumerate((np.arange(40), np.arange(10, 50))):
+        calibrated_on(tmp_path, BEGAN + k * timedelta(hours=1), pick(poses, chosen))
+    _, out, _ = asked([], tmp_path, capsys)
+    assert "2 accepted calibrations" in out
+    assert f"due {BEGAN + timedelta(days=365):%Y-%m-%d}" in out
 
 
 def test_text_page_and_what_stays_mounted(

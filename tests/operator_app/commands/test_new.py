@@ -126,7 +126,7 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(
     assert made.arm.name == "mine"
     # Free in the arm, and hidden by a ball (paper, 2.1): held, with the reason.
     assert set(made.held) == {"theta_off_1", "theta_off_7"}
-    assert "theta_off_7 is held: " in capsys.readouterr().out
+    assert "theta_off_7 is fixed: " in capsys.readouterr().out
     before = Path("files/arm.yaml").read_bytes()
     assert main(["new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml"]) == 2
     assert Path("files/arm.yaml").read_bytes() == before
@@ -143,7 +143,7 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(
     ("typed", "says"),
     [
         ("arm", "give --urdf FILE or --from NAME"),
-        ("arm --from franka_panda --kind ball", "--kind is no option of sarcal new arm"),
+        ("arm --from franka_panda --kind ball", "--kind is not an option of sarcal new arm"),
         ("arm --from nobody", "did you mean|is neither a built-in arm"),
         ("fixture --kind hinge", "--kind, --arm and --hand-point"),
         ("fixture --from hinge --kind ball", "leave --kind out"),
@@ -153,8 +153,8 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,nan", "three numbers"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --hand-direction 1,0,0", "is a point"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm -1", "tolerance_mm"),
-        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm nan", "no finite number"),
-        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-deg 1e999", "no finite number"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm nan", "not a finite number"),
+        ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-deg 1e999", "not a finite number"),
         ("procedure --arm franka_panda", "give --arm and --fixture"),
         ("procedure --from hinge --name 7", "begin with a letter"),
     ],

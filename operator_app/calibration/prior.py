@@ -43,7 +43,7 @@ class KnownArm:
         Offsets that are counted from the fixture, by name: their mean over the earlier placements.
     placements
         How many those are.
-    farther
+    placement_ratio
         How far from its file's place the fixture has stood, as multiple of what that allows; 1 at least.
     """
 

@@ -166,8 +166,8 @@ def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel:
         assert "Find out what joint" not in said
         code, _, said = finish(start(tmp_path, "reset", *bus))
         assert code == 3
-        assert said.count("stays tripped") == 1
-        assert "the arm stays tripped: external stop" in said
+        assert said.count("still has a fault") == 1
+        assert "the arm still has a fault: external stop" in said
         assert "release the external stop" in said
 
 

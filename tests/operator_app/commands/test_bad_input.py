@@ -31,7 +31,7 @@ def pipe(folder: Path) -> str:
 
 ARM = ("--arm", "sarcos_dextrous", "--fixture", "hinge")
 CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
-    "poses 1e30": (lambda _: ["run", "hinge", "--poses", "1e30"], "1e30 is no whole number"),
+    "poses 1e30": (lambda _: ["run", "hinge", "--poses", "1e30"], "1e30 is not a whole number"),
     "poses 10^30": (lambda _: ["run", "hinge", "--poses", "1" + "0" * 30], "up to 100000"),
     "poses of 5000 digits": (lambda _: ["run", "--poses", "9" * 5000], "up to 100000"),
     "poses to plan": (lambda _: ["plan", "hinge", "--poses", "1000000"], "up to 100000"),

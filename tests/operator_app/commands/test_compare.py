@@ -83,8 +83,8 @@ def test_what_cannot_be_compared_ends_in_2_with_words(
     for arguments, words in (
         ([one, other], "serial SDA-0001, B of SDA-0002: drift is of one arm"),
         ([one, str(broken)], "c.yaml"),
-        ([one, str(tmp_path / "none")], "is no session"),
-        ([one, one, "--level", "2"], "--level 2: a chance lies between 0 and 1"),
+        ([one, str(tmp_path / "none")], "is not a session"),
+        ([one, one, "--level", "2"], "--level 2: a probability is between 0 and 1"),
         ([one, one, "--level", "nan"], "between 0 and 1"),
     ):
         assert main(["compare", *arguments]) == 2

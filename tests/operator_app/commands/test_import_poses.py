@@ -249,7 +249,7 @@ def test_what_does_not_go_with_a_recording_is_refused(
     (tmp_path / "two.csv").write_text(log.read_text().replace("mode,q1", "dq1,q1", 1))
     for words, said in (
         ([bag, "--rad"], "a bag has times and is in radians"),
-        ([bag, "--placement", "q1"], "--placement is of logs"),
+        ([bag, "--placement", "q1"], "--placement is for logs"),
         ([bag, "--dwell-s", "0"], "--dwell-s 0: seconds"),
         (
             [bag, "--dwell-s", "3"],
@@ -257,7 +257,7 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ),
         ([bag, "--dwell-s", "300"], "nowhere at rest for 300 s within 0.05 deg; give another"),
         ([bag, "--spread-deg", "9"], "--spread-deg 9: degrees"),
-        ([str(log), "--dwell-s", "1"], "name the column of times of a log with --time"),
+        ([str(log), "--dwell-s", "1"], "name the time column of a log with --time"),
         ([str(log), "--time", "time"], "say --rad, or --deg"),
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is of bags"),

@@ -111,7 +111,7 @@ def test_a_folder_that_is_no_session_is_said_to_be_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["report", str(tmp_path)]) == 2
-    assert "is no session" in capsys.readouterr().err
+    assert "is not a session" in capsys.readouterr().err
 
 
 def test_a_page_that_cannot_be_written_is_said(

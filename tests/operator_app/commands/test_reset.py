@@ -23,12 +23,12 @@ def test_a_stop_contact_that_is_still_pressed_is_said_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     _, (line,) = said(capsys, {}, dict.fromkeys(range(1, 8), STOP))
-    assert line.startswith(f"sarcal: the arm stays tripped: {STOP}. ")
+    assert line.startswith(f"sarcal: the arm still has a fault: {STOP}. ")
 
 
 def test_what_is_some_joints_own_is_said_of_each(capsys: pytest.CaptureFixture[str]) -> None:
     _, lines = said(capsys, {}, {2: TORQUE, 5: TORQUE, 6: STOP})
-    assert [line.partition(" stays")[0] for line in lines] == [
+    assert [line.partition(" still")[0] for line in lines] == [
         "sarcal: joint 2",
         "sarcal: joint 5",
         "sarcal: joint 6",
@@ -40,5 +40,5 @@ def test_with_nothing_tripped_it_says_what_connecting_reset(
 ) -> None:
     out, lines = said(capsys, {}, {})
     assert not lines
-    assert "no fault was reset" in out
-    assert "nodes' communication was" in out
+    assert "No drive has a fault" in out
+    assert "reset the communication of the nodes" in out

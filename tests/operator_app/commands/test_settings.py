@@ -87,7 +87,7 @@ def test_a_procedures_virtual_names_no_bus_and_that_is_said(
     line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
     assert main(line) == 0
     assert main(["settings", "interface=socketcan", "channel=can3"]) == 0
-    assert "A procedure's virtual names no bus" in capsys.readouterr().out
+    assert "`virtual` in a procedure names no bus" in capsys.readouterr().out
     choices = choices_from(parser_of("run").parse_args(["go.yaml"]))
     opening = begin("go.yaml", choices, root=tmp_path)
     assert opening.procedure.bus.interface == "virtual"

@@ -90,6 +90,7 @@ def test_from_connect_to_uploaded_parameters(source):
         "Write",
         "Upload",
         "SDA-0001",
+        "History",
         "Quit",
     )
     assert script.reason == "left"
@@ -110,7 +111,7 @@ def test_from_connect_to_uploaded_parameters(source):
 
 def test_what_is_closed_says_why_and_is_not_done(source):
     script = run(source, "History", "Go on to step 2")
-    assert "Not done: of which arm? connect first (step 1)." in script.said
+    assert "Not done: the arm is not known: connect first (step 1)." in script.said
     assert "Not done: no arm is connected: connect first (step 1)." in script.said
     assert script.reason == "end of input"
 

@@ -102,19 +102,19 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     opening = resume(str(folder), Choices(), root=tmp_path)
     said = " ".join(words(opening, drives_off=True))
     for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the tool",
-                 "Mount it anew", "close the loop", "--placement 2", "Type mounted and Enter"):  # fmt: skip
+                 "Mount it again", "close the loop", "--placement 2", "Type mounted and Enter"):  # fmt: skip
         assert what in said
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    with pytest.raises(SessionError, match="nobody confirmed") as refused:
+    with pytest.raises(SessionError, match="was not confirmed") as refused:
         next_placement(opening, ConsoleListener(), root=tmp_path)
     assert f"sarcal run --resume {folder}" in refused.value.remedy
     assert resume(str(folder), Choices(), root=tmp_path).next_due
     # Nobody named the bus on the command line: what it was, the journal knows.
-    with pytest.raises(SessionError, match="nobody confirmed"):
+    with pytest.raises(SessionError, match="was not confirmed"):
         next_placement(replace(opening, choices=Choices()), ConsoleListener(), root=tmp_path)
     # Lines that were typed before it was asked for are no answer.
     monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
-    with pytest.raises(SessionError, match="nobody confirmed"):
+    with pytest.raises(SessionError, match="was not confirmed"):
         next_placement(opening, ConsoleListener(), root=tmp_path)
     monkeypatch.setattr("sys.stdin", io.StringIO("\nmounted\n"))
     going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
@@ -129,7 +129,7 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
         (["hinge_planned", "--placements", "2"], "one placement"),
         (["open_loop", "--placements", "2"], "no fixture to remount"),
         (["hinge", "--placements", "21"], "Ask for 1 to 20"),
-        (["hinge", "--placements", "0"], "no whole number from 1"),
+        (["hinge", "--placements", "0"], "not a whole number from 1"),
     ],
 )
 def test_what_cannot_be_mounted_so_often_is_refused_before_anything(
@@ -166,7 +166,7 @@ def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
     folder = written(tmp_path / "a", [*first_placement(), (left, {"placement": 2})])
     opening = resume(str(folder), Choices(), root=tmp_path)
     monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
-    with pytest.raises(SessionError, match="nobody confirmed"):
+    with pytest.raises(SessionError, match="was not confirmed"):
         require_mounted(opening, ConsoleListener())
     assert read_journal(folder).events[-1].name == left
     monkeypatch.setattr("sys.stdin", io.StringIO("mounted\n"))

@@ -163,14 +163,17 @@ def test_offsets_are_known_as_well_as_it_says() -> None:
         assert np.all(sd[of_offsets] < np.deg2rad(1.5))
         pulls += (np.abs(known.values - truth) / sd)[of_offsets].tolist()
         assert known.placements == 1
-        assert known.farther == 1.0
+        assert known.placement_ratio == 1.0
     assert np.mean(np.array(pulls) < 2.0) > 0.8
 
 
 @pytest.mark.campaign
 def test_a_hinge_that_stood_far_from_its_files_place_may_do_so_again() -> None:
     """Drawn evenly from 40 mm and 15 deg to either side where 30 mm and 10 deg are three sigmas."""
-    found = [_known(remounted("wild", seed, poses=POSES, standings=1)).farther for seed in range(2)]
+    found = [
+        _known(remounted("wild", seed, poses=POSES, standings=1)).placement_ratio
+        for seed in range(2)
+    ]
     assert 1.5 < np.mean(found) < 4.0
 
 

@@ -91,7 +91,7 @@ def test_it_is_in_the_journal_and_headless_says_it_at_the_next_pose(tmp_path: Pa
     ("code", "times", "said"),
     [
         (EmergencyCode.HEARTBEAT_LOST, 1, "This computer was late by 0.83 s: the drives missed"),
-        (EmergencyCode.HEARTBEAT_LOST, 3, "by 0.83 s, 3 times in all, by 0.90 s at most"),
+        (EmergencyCode.HEARTBEAT_LOST, 3, "by 0.83 s (3 times, by 0.90 s at most)"),
         (EmergencyCode.HEARTBEAT_LOST, 0, ""),
         (EmergencyCode.FOLLOWING, 1, ""),
     ],

@@ -94,6 +94,9 @@ def load_joint_log(
     if not body:
         raise only(file, None, None, "has a header and no poses", "capture poses first")
     there = range(len(body[0].cells))
+    if header and len(header) != len(there):
+        text = f"its header has {len(header)} cells, and the first row of angles {len(there)}"
+        raise only(file, rows[0].line, None, text, "name each column, or remove the header")
     by = find_column("--placement", placement, header, len(there), file) if placement else None
     left = [k for k in there if k != by]
     where = find_columns(columns, header, left, joint_count, file)

@@ -68,6 +68,7 @@ def link_masses(links: Sequence[LinkModel], gravity: GravityModel) -> LinkMasses
     """Domain object."""
     mass = np.array([link.mass_kg for link in links])
     down = np.array(gravity.down, dtype=np.float64)
+    down /= np.abs(down).max()  # of any length, also one whose square is no float
     return LinkMasses(
         mass_kg=mass,
         centre_m=np.array([link.centre_m for link in links], dtype=np.float64),

@@ -220,7 +220,10 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 def is_bag(path: str | Path) -> bool:
     """Whether it is a file of a ROS 2 bag, or the folder of one."""
     where = expanded(path)
-    return where.suffix in FILES or (where / "metadata.yaml").is_file()
+    try:
+        return where.suffix in FILES or (where / "metadata.yaml").is_file()
+    except OSError:  # a name too long; who opens the file says so
+        return False
 
 
 def load_bag(

@@ -200,6 +200,22 @@ def test_what_is_wrong_is_said_with_place_and_remedy(
     approve(str(refused.value))  # type: ignore[arg-type]
 
 
+def test_a_header_of_other_cells_than_the_rows_is_refused_with_its_line(tmp_path: Path) -> None:
+    file = tmp_path / "log.csv"
+    file.write_text("a,b\n1,2,3,4\n")
+    with pytest.raises(ConfigError) as refused:
+        load_joint_log(file, joint_count=3, unit="deg")
+    assert [problem.line for problem in refused.value.problems] == [1]
+
+
+def test_a_name_that_no_file_can_have_is_an_error_in_words(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    sessions = ["--sessions", str(tmp_path)]
+    assert main(["import", "a" * 5000, "--deg", *PANDA, *sessions]) == 2
+    assert "name too long" in capsys.readouterr().err
+
+
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3", "csv"])
 def test_a_recording_gives_the_poses_the_arm_rested_at_and_no_other(

@@ -57,12 +57,13 @@ def test_a_file_without_masses_is_read_as_before() -> None:
     assert arm.assumed == ()
 
 
-def test_tolerances_are_each_links_own_and_down_has_any_length() -> None:
+@pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
+def test_tolerances_are_each_links_own_and_down_has_any_length(length: float) -> None:
     text = SARCOS.replace(
         "{link: 3, mass_kg: 4.0, centre_m: [0, 0, 0.18]}",
         "{link: 3, mass_kg: 4.0, centre_m: [0, 0, 0.18], mass_tolerance_percent: 5, "
         "centre_tolerance_mm: 2}",
-    ).replace("down: [-1, 0, 0], tolerance_deg: 3", "down: [0, 3, -4]")
+    ).replace("down: [-1, 0, 0], tolerance_deg: 3", f"down: [0, {3 * length}, {-4 * length}]")
     masses = masses_of(text)
     assert masses is not None
     assert masses.mass_sd_kg[2] == pytest.approx(0.2)

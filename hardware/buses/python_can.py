@@ -125,11 +125,7 @@ def bus_settings(
             f"The bus settings cannot be read: {error}. Look at can.conf and at the environment "
             "variables that start with CAN_."
         ) from error
-    chosen, where, rate = (
-        found.pop("interface"),
-        found.pop("channel"),
-        found.pop("bitrate", None),
-    )
+    chosen, where, rate = (found.pop("interface"), found.pop("channel"), found.pop("bitrate", None))
     if where is None and chosen not in _OWN_CHANNEL:
         raise BusSettingsError(
             f"No channel is given for interface {chosen}. Say which one, for example "
@@ -193,10 +189,7 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
         if settings.interface == "loopback":  # works without installation too
             return LoopbackBus(settings.channel, **options)
         bus = can.Bus(
-            interface=settings.interface,
-            channel=settings.channel,
-            ignore_config=True,
-            **options,
+            interface=settings.interface, channel=settings.channel, ignore_config=True, **options
         )
     except Exception as error:  # missing drivers raise anything
         raise BusError(_failure_text(settings, error) + _named_in(settings)) from error

@@ -153,10 +153,7 @@ def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[fl
 
 
 def _arm_differences(
-    access: ObjectAccess,
-    identity: ArmIdentity,
-    description: ArmDescription,
-    supervisor: int | None,
+    access: ObjectAccess, identity: ArmIdentity, description: ArmDescription, supervisor: int | None
 ) -> Iterable[str]:
     if identity.model != description.model:
         yield f"its model is {identity.model!r}, expected {description.model!r}"

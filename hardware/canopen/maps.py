@@ -84,10 +84,7 @@ def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[in
 
 
 def check_positions(
-    access: ObjectAccess,
-    profile: BusProfile,
-    counts: Sequence[int],
-    scales: Sequence[JointScale],
+    access: ObjectAccess, profile: BusProfile, counts: Sequence[int], scales: Sequence[JointScale]
 ) -> None:
     """Compare positions by PDO with 6064h by SDO, the joints at rest; raises `MappingMismatch`."""
     found = []

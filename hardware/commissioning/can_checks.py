@@ -58,10 +58,7 @@ def _guard(drive: DriveFacts) -> Clause:
     else:
         passed, text = True, f"1016h: it stops without the operator after {guard:.2f} s"
         if guard > MAX_OPERATOR_TIMEOUT_S:
-            passed, text = (
-                False,
-                f"{text}; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s",
-            )
+            passed, text = (False, f"{text}; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s")
         elif guard > ADVISED_OPERATOR_TIMEOUT_S:
             passed, text = (
                 None,

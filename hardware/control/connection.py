@@ -20,13 +20,7 @@ from hardware.canopen import identifying, uploading
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
-from hardware.canopen.objects import (
-    MODE_DISPLAY,
-    OPERATOR_NODE,
-    STATUSWORD,
-    TOKEN,
-    Abort,
-)
+from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import reading_steps
 from hardware.control.control_loop import ControlLoop

@@ -68,11 +68,7 @@ class Sampler:
         self._awaited = [False] * joints
         self._surplus = [0] * joints
         self._overdue = [0] * joints
-        blank = Sample(
-            sync_count=0,
-            **self._columns(),
-            missing=tuple(range(1, joints + 1)),
-        )
+        blank = Sample(sync_count=0, **self._columns(), missing=tuple(range(1, joints + 1)))
         self._history: deque[Sample] = deque(maxlen=SPEED_SYNCS)
         self.view = CyclicView(blank, blank, tuple(self._answered_at_s), tuple(self._late_at_s))
         self.waiting = 0

@@ -19,14 +19,7 @@ from hardware.canopen.cia402 import state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
-from hardware.canopen.objects import (
-    COB_NMT,
-    ERROR_CODE,
-    OPERATOR_NODE,
-    TOKEN,
-    NmtCommand,
-    NmtState,
-)
+from hardware.canopen.objects import COB_NMT, ERROR_CODE, OPERATOR_NODE, TOKEN, NmtCommand, NmtState
 from hardware.canopen.sdo import ObjectAccess
 from hardware.canopen.supervision import (
     check_operator_monitoring,

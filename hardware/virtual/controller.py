@@ -122,11 +122,7 @@ class VirtualController:
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
         self._joints = {node.number for node in self.drives}
-        self._group = DriveGroup(
-            self.drives,
-            plant,
-            self.disturbances,
-        )
+        self._group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant = plant
         self.supervisor = SupervisorNode(
             arm=arm,

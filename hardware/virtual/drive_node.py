@@ -175,10 +175,7 @@ class DriveGroup:
     """
 
     def __init__(
-        self,
-        drives: Sequence[DriveNode],
-        plant: PlantPort,
-        disturbances: Disturbances,
+        self, drives: Sequence[DriveNode], plant: PlantPort, disturbances: Disturbances
     ) -> None:
         if len(drives) != plant.joint_count:
             raise ValueError(f"{len(drives)} axes for a plant of {plant.joint_count} joints")

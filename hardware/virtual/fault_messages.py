@@ -151,10 +151,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             remedy="`sarcal monitor` counts them by identifier; take that node off the bus.",
         ),
         "bus-flicker": FaultDescription(
-            broken="the bus is out for 0.2 s",
-            says=_BAD_FRAMES,
-            goes_on=True,
-            remedy=_CABLE,
+            broken="the bus is out for 0.2 s", says=_BAD_FRAMES, goes_on=True, remedy=_CABLE
         ),
         "bus-off": FaultDescription(
             broken="the bus is out for 3 s, and back (bus-off, a plug pulled and put in again)",

@@ -193,9 +193,7 @@ class Scenario:
         rng = self._rng(_Stream.CURVES)
         return tuple(
             LinearityDeviation.drawn(
-                rng,
-                full_scale_rad=joint.sensor.full_scale_rad,
-                peak=self.linearity_of_full_scale,
+                rng, full_scale_rad=joint.sensor.full_scale_rad, peak=self.linearity_of_full_scale
             )
             if isinstance(joint.sensor, Rvdt) and self.linearity_of_full_scale > 0.0
             else None
@@ -310,9 +308,5 @@ def _first_mounted(name: str, seed: int, stated: SpecimenFiles) -> Scenario:
             return of_paper
         # The same arm as in the hinge, taken out of it.
         return replace(of_paper, truth=open_truth(stated, of_paper.truth, rng))
-    truth = draw_truth(
-        stated,
-        rng,
-        maker_errors=name != "exact" and of_paper.lengths is None,
-    )
+    truth = draw_truth(stated, rng, maker_errors=name != "exact" and of_paper.lengths is None)
     return replace(of_paper, truth=truth, specimen=None, loads=of_paper.loads.of(stated.arm))

@@ -268,9 +268,7 @@ class SupervisorNode(VirtualNode):
         self.serve(objects.DOCUMENT, 0, self._document)
         self.accept(objects.DOCUMENT, 0, self._receive)
         self.serve(
-            objects.DIGEST,
-            objects.DIGEST_SHA256,
-            lambda: hashlib.sha256(self._document()).digest(),
+            objects.DIGEST, objects.DIGEST_SHA256, lambda: hashlib.sha256(self._document()).digest()
         )
         self.serve(objects.DIGEST, objects.DIGEST_LENGTH, lambda: len(self._document()))
         self.accept(objects.COMMAND, 0, self._order)

@@ -230,19 +230,15 @@ class Arm(Protocol):
 
     def connect(self) -> ArmIdentity:
         """Find the arm's nodes, check them against the arm file, start heartbeats and SYNC."""
-        ...
 
     def snapshot(self) -> ArmSnapshot:
         """Return the latest state; never blocks."""
-        ...
 
     def take_control(self) -> None:
         """Take the control token and enable all drives at their present positions."""
-        ...
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when 6061h of every drive confirms it, else raise."""
-        ...
 
     def move(
         self,
@@ -252,35 +248,27 @@ class Arm(Protocol):
         watch: Watch | None = None,
     ) -> MoveResult:
         """Move joints in position mode synchronously and straight in joint space to their targets."""
-        ...
 
     def settle(self, *, window: int, spread_rad: Sequence[float], timeout_syncs: int) -> bool:
         """Wait until every joint's positions lie within `spread_rad` over `window` SYNCs; false on time-out."""
-        ...
 
     def capture(self, samples: int) -> Reading:
         """Average `samples` samples, each latched on one SYNC."""
-        ...
 
     def hold(self) -> None:
         """All joints to position mode at their measured position."""
-        ...
 
     def stop(self) -> None:
         """Quick stop to all drives, latched; waits for no lock and no queue."""
-        ...
 
     def reset_stop(self) -> None:
         """Clear the latch and drive faults; starts no motion, the drives stay disabled."""
-        ...
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back, commit; `UploadRefused` with the controller's reason."""
-        ...
 
     def active_parameters(self) -> bytes:
         """Read the controller's active parameter document; empty if there is none."""
-        ...
 
     def close(self) -> bool:
         """Hold the arm, switch its drives off, release control, stop heartbeats. May be called twice.
@@ -288,7 +276,6 @@ class Arm(Protocol):
         True means that the arm may be touched: no drive follows a command. False if the arm did not answer, or a
         drive still follows commands.
         """
-        ...
 
 
 @runtime_checkable
@@ -298,7 +285,6 @@ class PowerReporting(Protocol):
     @property
     def left_powered(self) -> tuple[int, ...]:
         """Joints whose drives reported power, those held by STOP included."""
-        ...
 
 
 @runtime_checkable

@@ -31,23 +31,18 @@ class LinePort(Protocol):
     @property
     def name(self) -> str:
         """What it is, in the words it was asked for."""
-        ...
 
     def open(self) -> str:
         """Connect; the first line where that is a heading, else nothing."""
-        ...
 
     def ask(self, question: str) -> None:
         """Forget what came until now, and ask."""
-        ...
 
     def line(self, wait_s: float) -> str | None:
         """Return the next whole line since `ask`; None when there is none within `wait_s`."""
-        ...
 
     def close(self) -> None:
         """Let go of it. Safe to call twice."""
-        ...
 
 
 class CalledLines:

@@ -29,32 +29,32 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
-    here = f"({identifier:03X}h)"
+    cob_id = f"({identifier:03X}h)"
     if identifier == COB_NMT:
-        return f"{_nmt_words(data)} {here}"
+        return f"{_describe_nmt(data)} {cob_id}"
     if identifier == COB_SYNC:
-        return f"SYNC {here}"
+        return f"SYNC {cob_id}"
     if identifier == COB_HEARTBEAT + OPERATOR_NODE:
-        return f"the heartbeat of an operator, node {OPERATOR_NODE} {here}"
+        return f"the heartbeat of an operator, node {OPERATOR_NODE} {cob_id}"
     if COB_SDO_TO_SERVER < identifier <= COB_SDO_TO_SERVER + OPERATOR_NODE:
-        return f"{_sdo_words(data)} node {identifier - COB_SDO_TO_SERVER} {here}"
+        return f"{_describe_sdo(data)} node {identifier - COB_SDO_TO_SERVER} {cob_id}"
     for joint, drive in enumerate(profile.joints, 1):
         if any(pdo.cob_id == identifier for pdo in drive.answers):
             return ""
         if any(pdo.cob_id == identifier for pdo in drive.commands):
-            return f"a command to joint {joint} {here}"
+            return f"a command to joint {joint} {cob_id}"
     for number, base in enumerate(_RPDOS, 1):
         if base < identifier <= base + OPERATOR_NODE:
-            return f"a command to node {identifier - base}, RPDO{number} {here}"
+            return f"a command to node {identifier - base}, RPDO{number} {cob_id}"
     return ""
 
 
-def _nmt_words(data: bytes) -> str:
+def _describe_nmt(data: bytes) -> str:
     if len(data) != 2:
         return "an NMT command"
     known = {command.value: command.name.lower().replace("_", " ") for command in NmtCommand}
-    whom = f"node {data[1]}" if data[1] else "all nodes"
-    return f"NMT, {known.get(data[0], f'command {data[0]}')} to {whom}"
+    target = f"node {data[1]}" if data[1] else "all nodes"
+    return f"NMT, {known.get(data[0], f'command {data[0]}')} to {target}"
 
 
 def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
@@ -65,7 +65,7 @@ def initiated_transfer(data: bytes) -> tuple[bool, int] | None:
     return _WRITES[kind], int.from_bytes(data[1:3], "little")
 
 
-def _sdo_words(data: bytes) -> str:
+def _describe_sdo(data: bytes) -> str:
     begun = initiated_transfer(data)
     if begun is None:
         return "an SDO transfer with"

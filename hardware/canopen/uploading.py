@@ -49,11 +49,9 @@ class UploadLink(Protocol):
 
     def may_repeat(self, error: HardwareError) -> bool:
         """Whether to try again after this error: the arm is heard, and control is held, or taken again."""
-        ...
 
     def explain(self, error: HardwareError) -> HardwareError:
         """Return the error, or the host latency that caused it."""
-        ...
 
 
 def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:

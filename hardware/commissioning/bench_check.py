@@ -226,8 +226,8 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
         bounds=bounds,
         part_rad=0.3 * abs(way),
     )
-    there = replace(back, target_rad=home + way)
-    yield from motion_checks.goes(there)
+    outward = replace(back, target_rad=home + way)
+    yield from motion_checks.goes(outward)
     yield motion_checks.moved_alone(
         start, arm.capture(bench.bounds.samples).mean_rad, joint, bounds
     )
@@ -246,8 +246,8 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     yield from motion_checks.halts(back)
     back.go()
     if bench.interrupt is not None:
-        yield from motion_checks.is_interrupted(there, bench.interrupt)
-    there.go()
+        yield from motion_checks.is_interrupted(outward, bench.interrupt)
+    outward.go()
     yield from motion_checks.is_stopped(back)
     arm.take_control()
     yield from motion_checks.goes(back)

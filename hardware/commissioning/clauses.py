@@ -32,17 +32,14 @@ class Ranged(Protocol):
     @property
     def lower_rad(self) -> float:
         """Lower end of the range."""
-        ...
 
     @property
     def upper_rad(self) -> float:
         """Upper end of the range."""
-        ...
 
     @property
     def max_speed_rad_per_s(self) -> float:
         """Speed limit."""
-        ...
 
 
 def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:

@@ -88,8 +88,6 @@ class CanopenArm:
         self._n = len(description.joints)
         self._connector = Connector(self.on_bus, record_to)
 
-    # ---- connection ------------------------------------------------------------------------------
-
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
 
@@ -115,8 +113,6 @@ class CanopenArm:
         """Joints whose drives reported power when the arm was closed last."""
         return self._connector.left_powered
 
-    # ---- state -----------------------------------------------------------------------------------
-
     def snapshot(self) -> ArmSnapshot:
         """The latest state; never blocks, from any thread."""
         return self._link.snapshot()
@@ -134,8 +130,6 @@ class CanopenArm:
     def recording_failure(self) -> str | None:
         """Why the recording ended early (for example a full disk); None if it did not."""
         return self._connector.recording_failure
-
-    # ---- control ---------------------------------------------------------------------------------
 
     def take_control(self) -> None:
         """Take the control token and enable all drives in position mode at their measured positions."""
@@ -257,8 +251,6 @@ class CanopenArm:
         # A sensor fault or another master is no reason not to hold.
         self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
-    # ---- STOP ------------------------------------------------------------------------------------
-
     def stop(self) -> None:
         """Quick stop to all drives, latched. From any thread; waits for no lock and no queue.
 
@@ -279,8 +271,6 @@ class CanopenArm:
         link.read_modes()
         self._raise_if_stopped(link)
         self._raise_for_drives(link, not_reached, "reset")
-
-    # ---- commissioning ---------------------------------------------------------------------------
 
     def drive_facts(self) -> tuple[DriveFacts, ...]:
         """The drives' modes, quick stop option and operator time-out."""
@@ -312,8 +302,6 @@ class CanopenArm:
         """Drive states of joints 1..n by SDO (6041h) alone, without a connection; nothing is commanded."""
         return self._connector.read_states()
 
-    # ---- parameters ------------------------------------------------------------------------------
-
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back, commit, read the home offsets back; errors as `hardware.canopen.uploading.upload`.
 
@@ -332,8 +320,6 @@ class CanopenArm:
         """The controller's active parameter document; empty if there is none."""
         link = self._link
         return uploading.read_document(link.access, link.profile)
-
-    # ---- helpers ---------------------------------------------------------------------------------
 
     @property
     def _link(self) -> Connection:

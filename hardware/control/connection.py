@@ -154,8 +154,8 @@ class Connection:
     def read_states(self) -> tuple[DriveState, ...]:
         """State of every drive (6041h) by SDO, without `open`."""
         self.loop.start()
-        words = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
-        return tuple(map(state_of, words))
+        statuswords = (self.access.read_unsigned(node, STATUSWORD) for node in self.profile.drives)
+        return tuple(map(state_of, statuswords))
 
     def close(self) -> None:
         """End all sending and the recording."""
@@ -243,8 +243,8 @@ class Connection:
                 self.access.write_unsigned(supervisor, TOKEN, 0, OPERATOR_NODE, 4)
             except SdoRefused as refused:
                 self.token = self.access.read_unsigned(supervisor, TOKEN)
-                words = uploading.refusal(self.access, supervisor)
-                raise ControlDenied(self.token, words) from refused
+                reason = uploading.refusal(self.access, supervisor)
+                raise ControlDenied(self.token, reason) from refused
         self._late_before_control = self.loop.latency.lateness.times
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 

@@ -1,4 +1,4 @@
-"""Opens one connection to an arm at a time, and releases the arm: held, drives off, state verified.
+"""Opens one connection to an arm at a time, and releases the arm: holding, drives off, state verified.
 
 STOP reaches the arm at every moment, also while connecting and closing. A release counts only what the drives
 report: a drive may ignore a command.
@@ -50,13 +50,13 @@ class ReleaseResult:
 
     Attributes
     ----------
-    held
+    holding
         It answered, and no drive follows commands.
     powered
         Joints whose drives still close a loop, those held by STOP included.
     """
 
-    held: bool
+    holding: bool
     powered: tuple[int, ...] = ()
 
 
@@ -82,7 +82,7 @@ class Connector:
         self._connecting = False
         self._recording_failure: str | None = None
         self._closing = False
-        self._released = ReleaseResult(held=True)
+        self._released = ReleaseResult(holding=True)
         self._close_lock = threading.RLock()
 
     @property
@@ -128,14 +128,14 @@ class Connector:
         with self._close_lock:
             link = self._connection
             if link is None or self._closing:  # closing: re-entered by the closing thread
-                return self._released.held
-            self._closing, self._released = True, ReleaseResult(held=False)
+                return self._released.holding
+            self._closing, self._released = True, ReleaseResult(holding=False)
             try:
                 self._released = self._release(link)
             finally:
                 # Last: STOP needs the connection until now.
                 self._connection, self._closing = None, False
-            return self._released.held
+            return self._released.holding
 
     @property
     def left_powered(self) -> tuple[int, ...]:
@@ -145,7 +145,7 @@ class Connector:
     def drop(self) -> None:
         """End the connection without a command to the drives."""
         link, self._connection = self.connection, None
-        self._released = ReleaseResult(held=False)
+        self._released = ReleaseResult(holding=False)
         self._end(link)
 
     def read_states(self) -> tuple[DriveState, ...]:
@@ -172,7 +172,7 @@ class Connector:
         """Hold, disable, verify, release the token."""
         try:
             if not link.in_control:
-                return ReleaseResult(held=not link.is_lost())
+                return ReleaseResult(holding=not link.is_lost())
             result = release_arm(link.loop)
             with contextlib.suppress(HardwareError):  # it lapses with the heartbeat
                 link.release_token()
@@ -198,8 +198,8 @@ def release_arm(loop: ControlLoop) -> ReleaseResult:
             loop.run(steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
         sample: Sample = loop.run(_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
     except HardwareError:  # the drives hold without an operator as well
-        return ReleaseResult(held=False)
-    return ReleaseResult(held=not _following(sample), powered=_powered(sample))
+        return ReleaseResult(holding=False)
+    return ReleaseResult(holding=not _following(sample), powered=_powered(sample))
 
 
 def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:

@@ -54,11 +54,9 @@ class FrameLink(Protocol):
 
     def send(self, identifier: int, data: bytes) -> None:
         """Send a frame."""
-        ...
 
     def receive(self, timeout_s: float) -> Any:
         """Next frame or None."""
-        ...
 
 
 class ControlLoop:
@@ -126,19 +124,12 @@ class ControlLoop:
         self._answer_timeout_s = timing.answer_timeouts_s[pace]
         self._sampler = Sampler(frames, max_misses=timing.misses(pace), now_s=clock())
         self._thread = threading.Thread(target=self._run, name="sarcal-control", daemon=True)
-        self._tasks = TaskQueue(self._thread.is_alive, self._gone)
-        self._syncing = False
-        self._watching = False
+        self._tasks = TaskQueue(self._thread.is_alive, self._closed_error)
+        self._syncing = self._watching = self._beating = self._resampled = self._closing = False
+        self._next_beat_s = self._next_tick_s = 0.0
         self._syncs_owed = SYNCS_AFTER_STOP
-        self._beating = False
-        self._next_beat_s = 0.0
-        self._next_tick_s = 0.0
         self._synced_s = clock()
-        self._resampled = False
         self._idle_poll_s = timing.idle_poll_s
-        self._closing = False
-
-    # ---- for other threads -----------------------------------------------------------------------
 
     @property
     def stop_latched(self) -> bool:
@@ -181,8 +172,6 @@ class ControlLoop:
         """
         return self._tasks.run(LoopTask(steps, despite))
 
-    # ---- for steps, in the loop's own thread -----------------------------------------------------
-
     @property
     def sample(self) -> Sample:
         """The latest sample."""
@@ -209,8 +198,6 @@ class ControlLoop:
             return Abandoned("the command was interrupted")
         return found
 
-    # ---- the thread ------------------------------------------------------------------------------
-
     def _run(self) -> None:
         raise_loop_priority()
         self.latency.begin()
@@ -222,7 +209,7 @@ class ControlLoop:
         except HardwareError as error:
             self.failure = error
         finally:
-            self._tasks.finish_all(self._gone())
+            self._tasks.finish_all(self._closed_error())
 
     def _work(self) -> None:
         """One step of the task, one SYNC or one frame; then the heartbeat if due."""
@@ -250,7 +237,7 @@ class ControlLoop:
         self._resampled = late and not self._resampled
         return self._resampled
 
-    def _gone(self) -> HardwareError:
+    def _closed_error(self) -> HardwareError:
         return self.failure or BusError("The connection to the arm is closed.")
 
     def _owes_sync(self) -> bool:

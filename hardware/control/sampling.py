@@ -59,7 +59,7 @@ class Sampler:
             for part, (identifier, answer) in enumerate(joint.answers.items())
         }
         self._blank = [(0,) * len(joint.answers) for joint in frames]
-        self._came = [list(none) for none in self._blank]
+        self._received = [list(none) for none in self._blank]
         self._closed = [list(none) for none in self._blank]
         self._states = [[0, 0, 0] for _ in frames]  # statusword, counts, torque
         self._answered_at_s = [now_s] * joints
@@ -77,18 +77,19 @@ class Sampler:
     def open(self) -> None:
         """Begin a sample: a SYNC is about to go out."""
         self.answered_late = any(
-            came != closed for came, closed in zip(self._came, self._closed, strict=True)
+            received != closed
+            for received, closed in zip(self._received, self._closed, strict=True)
         )
         # A second answer may come after its sample was closed, or after the next SYNC, and count there: a surplus
         # is kept, and reduced by one for each sample with one answer.
-        for at, came in enumerate(self._came):
-            answers = max(came)
+        for at, received in enumerate(self._received):
+            answers = max(received)
             # A delayed node delivers overdue answers later, all at once or one by one: they are no surplus.
             late = min(self._overdue[at], max(answers - 1, 0))
             self._overdue[at] = min(self._overdue[at] - late + (answers == 0), MAX_LATE_SYNCS)
             surplus = answers - 1 - late if answers - late > 1 else -1
             self._surplus[at] = min(max(self._surplus[at] + surplus, 0), DUPLICATE_SYNCS)
-            came[:] = self._blank[at]
+            received[:] = self._blank[at]
         self._awaited = [missed < self._max_misses for missed in self._missed]
         self.waiting = sum(self._awaited)
 
@@ -107,25 +108,27 @@ class Sampler:
             return True
         self._answered_at_s[at] = now_s
         self._late_at_s[at] = late_s
-        came = self._came[at]
-        came[part] += 1
+        received = self._received[at]
+        received[part] += 1
         if self._missed[at] >= self._max_misses:
             self._missed[at] = 0  # a lost joint is back, even if its sample was closed
-        elif self._awaited[at] and came[part] == min(came) == 1:
+        elif self._awaited[at] and received[part] == min(received) == 1:
             self.waiting -= 1
         return True
 
     def close(self) -> None:
         """Close the sample and publish it."""
-        self._closed = [list(came) for came in self._came]
-        for at, came in enumerate(self._came):
-            self._missed[at] = 0 if min(came) else self._missed[at] + 1
+        self._closed = [list(received) for received in self._received]
+        for at, received in enumerate(self._received):
+            self._missed[at] = 0 if min(received) else self._missed[at] + 1
         sample = Sample(
             sync_count=self.view.sample.sync_count + 1,
             **self._columns(),
             # Of two answers one belongs to another SYNC.
             missing=tuple(
-                j for j, came in enumerate(self._came, 1) if not min(came) == max(came) == 1
+                j
+                for j, received in enumerate(self._received, 1)
+                if not min(received) == max(received) == 1
             ),
         )
         earlier = self._history[0] if self._history else sample

@@ -51,11 +51,9 @@ class LoopView(Protocol):
     @property
     def sample(self) -> Sample:
         """The latest sample."""
-        ...
 
     def alarm(self) -> HardwareError | None:
         """The alarm for which the steps should end, if any."""
-        ...
 
 
 def follows_command(statusword: int) -> bool:

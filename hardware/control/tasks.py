@@ -58,10 +58,12 @@ class LoopTask:
 
 
 class TaskQueue:
-    """Tasks in order of request; the loop works on the first. `gone` makes the error for a loop that ended."""
+    """Tasks in order of request; the loop works on the first. `closed_error` makes the error for a loop that ended."""
 
-    def __init__(self, loop_alive: Callable[[], bool], gone: Callable[[], HardwareError]) -> None:
-        self._loop_alive, self._gone = loop_alive, gone
+    def __init__(
+        self, loop_alive: Callable[[], bool], closed_error: Callable[[], HardwareError]
+    ) -> None:
+        self._loop_alive, self._closed_error = loop_alive, closed_error
         self._tasks: deque[LoopTask] = deque()
 
     def run(self, task: LoopTask) -> Any:
@@ -77,7 +79,7 @@ class TaskQueue:
             task.wait(self._loop_alive)
             raise
         if not answered:
-            raise self._gone()
+            raise self._closed_error()
         return task.outcome()
 
     @property

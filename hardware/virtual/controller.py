@@ -130,7 +130,7 @@ class VirtualController:
             store=ParameterStore() if store is None else store,
             validate=validate,
             hooks=ControllerHooks(
-                hears=self._hears,
+                is_heard=self._is_heard,
                 control_changed=self._group.control_changed,
                 set_home_offsets=self._group.set_home_offsets,
                 later=self._work.put,
@@ -149,8 +149,6 @@ class VirtualController:
         self._worker = threading.Thread(
             target=self._run_work, name="sarcal-virtual-store", daemon=True
         )
-
-    # ---- life ----------------------------------------------------------------------------------------
 
     def start(self) -> None:
         """Step the plant once for a first reading, boot all nodes, inject the faults of SYNC 0, start both threads."""
@@ -180,8 +178,6 @@ class VirtualController:
         if kind is None and self.failure is not None:
             raise self.failure
 
-    # ---- for faults and tests --------------------------------------------------------------------------
-
     def post(self, action: Callable[[], None]) -> None:
         """Run an action in the control loop; at once if called from it."""
         if threading.get_ident() == self._in_turn:
@@ -208,8 +204,6 @@ class VirtualController:
     def unhang(self) -> None:
         """Resume the control loop."""
         self._running.set()
-
-    # ---- control loop ----------------------------------------------------------------------------------
 
     def attend(self) -> None:
         """Handle all queued frames in the caller's thread; does nothing while the loop hangs or is busy."""
@@ -319,8 +313,6 @@ class VirtualController:
         while self._script and self._script[-1].at_sync <= sync_count:
             self._script.pop().happen(self.faults)
 
-    # ---- wall-clock duties -------------------------------------------------------------------------------
-
     def _see_to_time(self) -> None:
         now = self._clock()
         self._network.send_overdue()
@@ -344,7 +336,7 @@ class VirtualController:
             # From now: a late loop sends no burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S
             for node in self._nodes:
-                if self.disturbances.beats(node.number, now):
+                if self.disturbances.sends_heartbeat(node.number, now):
                     node.beat()
 
     def _lost(self, node: int) -> bool:
@@ -359,9 +351,7 @@ class VirtualController:
                 return
             self._hear(message)
 
-    # ---- the supervisor's surroundings -------------------------------------------------------------------
-
-    def _hears(self, node: int) -> bool:
+    def _is_heard(self, node: int) -> bool:
         return not self._lost(node)
 
     def _run_work(self) -> None:

@@ -41,7 +41,7 @@ class FaultyWire:
         self, faults: FrameFaults, seed: int = 0, *, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._faults, self._rng, self._clock = faults, np.random.default_rng(seed), clock
-        self._held: can.Message | None = None
+        self._swapped: can.Message | None = None
         self._late: list[tuple[float, int, can.Message]] = []
         self._count = 0
         self.delays = faults.late > 0.0
@@ -57,8 +57,8 @@ class FaultyWire:
             message.data = bytearray(message.data)
             bit = int(self._rng.integers(8 * len(message.data)))
             message.data[bit // 8] ^= 1 << bit % 8
-        if swapped < faults.swapped and self._held is None:
-            self._held = message
+        if swapped < faults.swapped and self._swapped is None:
+            self._swapped = message
             return
         if late < faults.late:
             self._count += 1
@@ -68,9 +68,9 @@ class FaultyWire:
         yield message
         if doubled < faults.doubled:
             yield message
-        held, self._held = self._held, None
-        if held is not None:
-            yield held
+        swapped_frame, self._swapped = self._swapped, None
+        if swapped_frame is not None:
+            yield swapped_frame
         for _ in range(round(faults.babble)):
             yield can.Message(arbitration_id=BABBLE_ID, data=b"babble", is_extended_id=False)
 
@@ -137,7 +137,7 @@ class Disturbances:
         """Whether a wire delays frames."""
         return any(wire.delays for wire in (self.wire_out, self.wire_in) if wire is not None)
 
-    def beats(self, node: int, now_s: float) -> bool:
+    def sends_heartbeat(self, node: int, now_s: float) -> bool:
         """Whether a node sends a heartbeat now."""
         if node in self.no_heartbeat:
             return False

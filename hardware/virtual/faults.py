@@ -42,23 +42,18 @@ class FaultTarget(Protocol):
 
     def post(self, action: Callable[[], None]) -> None:
         """Run an action in the control loop, soon."""
-        ...
 
     def now_s(self) -> float:
         """The controller's clock."""
-        ...
 
     def restart(self) -> None:
         """Power-cycle all nodes; in the control loop."""
-        ...
 
     def hang(self) -> None:
         """Suspend the control loop until `unhang`."""
-        ...
 
     def unhang(self) -> None:
         """Resume the control loop."""
-        ...
 
 
 class FaultInjector:
@@ -66,8 +61,6 @@ class FaultInjector:
 
     def __init__(self, controller: FaultTarget) -> None:
         self._target = controller
-
-    # ---- bus ---------------------------------------------------------------------------------------
 
     def disturb_frames(self, faults: FrameFaults) -> None:
         """Lose, double, ... frames of all nodes in both directions; `FrameFaults()` ends it."""
@@ -84,8 +77,6 @@ class FaultInjector:
         """Take all nodes of the arm off the bus for some time."""
         until = self._target.now_s
         self._disturb(lambda now: setattr(now, "off_until_s", until() + seconds))
-
-    # ---- nodes -------------------------------------------------------------------------------------
 
     def silence(self, node: int) -> None:
         """Cut a node's cable: it neither sends nor receives."""
@@ -178,8 +169,6 @@ class FaultInjector:
         self._drive(joint)
         self._disturb(lambda now: now.storming.add(joint))
 
-    # ---- sensors -----------------------------------------------------------------------------------
-
     def freeze_sensor(self, joint: int) -> None:
         """Freeze a sensor's reading."""
         drive = self._drive(joint).drive
@@ -208,8 +197,6 @@ class FaultInjector:
         """Add noise of ten counts to a joint's reading, as of an unsteady supply."""
         self._drive(joint)
         self._disturb(lambda now: now.ripple_counts.update({joint: RIPPLE_COUNTS}))
-
-    # ---- drives and mechanics ----------------------------------------------------------------------
 
     def trip(self, joint: int, code: EmergencyCode) -> None:
         """Trip a drive."""
@@ -306,15 +293,15 @@ class ScriptedFault:
     happen: Callable[[FaultInjector], None]
 
 
-Happen = Callable[[FaultInjector, int], None]
+FaultAction = Callable[[FaultInjector, int], None]
 """Injects a fault; the number is the joint, for faults of one joint."""
 
 
-def _frames(**shares: float) -> Happen:
+def _frames(**shares: float) -> FaultAction:
     return lambda faults, _joint: faults.disturb_frames(FrameFaults(**shares))
 
 
-FAULT_KINDS: Mapping[str, Happen] = MappingProxyType(
+FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
     {
         "frames-lost": _frames(lost=0.01),
         "frames-lost-10": _frames(lost=0.1),

@@ -34,15 +34,12 @@ class Disk(Protocol):
 
     def read(self, name: str) -> bytes | None:
         """Content of a file, None if there is none."""
-        ...
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file, durable before returning."""
-        ...
 
     def rename(self, old: str, new: str) -> None:
         """Rename a file over another, durable before returning."""
-        ...
 
 
 class FolderDisk:

@@ -37,7 +37,6 @@ class PlantPort(Protocol):
 
     def step(self, commands: Sequence[JointCommand]) -> PlantReading:
         """Advance one control period with one command per joint."""
-        ...
 
 
 @runtime_checkable
@@ -46,8 +45,6 @@ class FixturePort(Protocol):
 
     def slip(self, slip_m: float) -> None:
         """Shift the fixture along x of its frame."""
-        ...
 
     def bind_hinge(self) -> None:
         """Block the hinge."""
-        ...

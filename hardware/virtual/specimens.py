@@ -56,34 +56,34 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
     if not isinstance(model, DhLoop | PointClosure | MeasuredClosure):
         raise ValueError(f"no virtual arm knows how a {kind} fixture holds its hand")  # noqa: TRY004
     nominal = nominal_vector(model.parameters)
-    here = _pose(_truth(model, nominal, model.arm_rows()), arm, arm.home_rad)
-    if here is None:
+    home_pose = _pose(_truth(model, nominal, model.arm_rows()), arm, arm.home_rad)
+    if home_pose is None:
         raise ValueError(
             f"as stated, no pose near the arm's home_deg and inside its ranges closes the loop of its {kind}"
         )
     own, rows = _Specimen.drawn(arm, rng), model.arm_rows()
     if maker_errors:
         rows[1:] += own.maker
-    off, seen = own.of(model), _observable(stated, model, nominal, here)
+    off, seen = own.of(model), _observable(stated, model, nominal, home_pose)
     placed = (
         nominal + seen * (off + _placement_errors(model, stated, rng)) for _ in range(MAX_DRAWS)
     )
     return _first_that_closes(
         (_truth(model, x, rows) for x in placed),
         arm,
-        here,
+        home_pose,
         f"in none of {MAX_DRAWS} placements drawn within the tolerance of its file does this arm close near its "
         "home_deg: state the placement more narrowly, or another home; another --seed is another arm",
     )
 
 
 def _first_that_closes(
-    drawn: Iterable[Truth], arm: ArmModel, here: FloatArray, otherwise: str
+    drawn: Iterable[Truth], arm: ArmModel, home_pose: FloatArray, otherwise: str
 ) -> Truth:
-    """First truth in which the arm closes near `here` (n,); `ValueError` if there is none."""
+    """First truth in which the arm closes near `home_pose` (n,); `ValueError` if there is none."""
     for truth in drawn:
         pose = _pose(truth, arm, arm.home_rad)
-        if pose is not None and np.abs(pose - here).max() < NEAR_HOME_RAD:
+        if pose is not None and np.abs(pose - home_pose).max() < NEAR_HOME_RAD:
             return truth
     raise ValueError(otherwise)
 
@@ -199,9 +199,11 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
     for name in mounted_entries(stated.arm.joint_count):
         entry = DhEntry.parse(name)
         rows[entry.kind, entry.row - 1] = nominal[entry.kind, entry.row - 1]
-    here = model.without([entry.name for entry in model.entries])
+    target_model = model.without([entry.name for entry in model.entries])
     found = _truth(
-        here, nominal_vector(here.parameters) + _placement_errors(here, stated, rng), rows
+        target_model,
+        nominal_vector(target_model.parameters) + _placement_errors(target_model, stated, rng),
+        rows,
     )
     if not isinstance(found, OpenTruth):
         raise TypeError("the truth of an open arm is an open one")
@@ -225,16 +227,16 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
     )
     offset = np.array([p.name.startswith("theta_off_") for p in model.parameters])
     centre = np.where(offset, true, nominal)
-    here = _pose(truth, arm, arm.home_rad)
-    if here is None:
+    home_pose = _pose(truth, arm, arm.home_rad)
+    if home_pose is None:
         raise ValueError("as first mounted, this arm does not close near its home_deg")
-    seen = _observable(stated, model, nominal, here) > 0.0
+    seen = _observable(stated, model, nominal, home_pose) > 0.0
     new = seen & np.array([p.name in sides for p in model.parameters])
     drawn = (centre + size * _truncated_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
     return _first_that_closes(
         (_truth(model, np.where(new, x, true), rows) for x in drawn),
         arm,
-        here,
+        home_pose,
         f"mounted anew within the tolerance of its file, in none of {MAX_DRAWS} placements does this arm close "
         "near its home_deg: state the placement more narrowly",
     )
@@ -270,8 +272,8 @@ def _truth(
     """The truth with unknowns `x` (P,) and arm rows (5, n) for the rest."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
-    here = model.with_table(DhTable.from_stacked(stacked))
-    found = here.tables(x)
+    with_rows = model.with_table(DhTable.from_stacked(stacked))
+    found = with_rows.tables(x)
     if isinstance(model, DhLoop):
         return LoopTruth(table=DhTable.from_stacked(found), hinge=model.hinge)
     table = DhTable.from_stacked(np.column_stack((np.zeros(len(found)), found)))

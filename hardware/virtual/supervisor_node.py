@@ -45,7 +45,7 @@ class ControllerHooks:
 
     Attributes
     ----------
-    hears
+    is_heard
         Whether a node's heartbeat is heard.
     control_changed
         Called with the node in control (0: none) on every change.
@@ -55,7 +55,7 @@ class ControllerHooks:
         Runs work outside the control loop, in order.
     """
 
-    hears: Callable[[int], bool]
+    is_heard: Callable[[int], bool]
     control_changed: Callable[[int], None]
     set_home_offsets: Callable[[Sequence[int]], None]
     later: Callable[[Callable[[], None]], None]
@@ -151,7 +151,7 @@ class SupervisorNode(VirtualNode):
         if node != 0 and self.holder != 0:
             self._refusal = f"node {self.holder} is in control"
             raise SdoAbortedError(Abort.DEVICE_STATE)
-        if node != 0 and not self._hooks.hears(node):
+        if node != 0 and not self._hooks.is_heard(node):
             self._refusal = f"the heartbeat of node {node} is not heard"
             raise SdoAbortedError(Abort.DEVICE_STATE)
         self._take(node)

@@ -370,7 +370,7 @@ class FakeArmBus(can.BusABC):
 
 
 class _StopHandle(can.BusABC):
-    """Second handle on the same bus: sends, hears nothing."""
+    """Second handle on the same bus: sends, is_heard nothing."""
 
     def __init__(self, bus: FakeArmBus) -> None:
         self._bus = bus

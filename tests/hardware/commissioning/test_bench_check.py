@@ -326,7 +326,7 @@ def test_a_second_program_that_is_let_in_is_told(
 def test_a_second_program_that_is_refused_after_it_has_reset_the_nodes_was_let_in(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On the same bus: it hears nobody, and what it meets once it is at work is no refusal."""
+    """On the same bus: it is_heard nobody, and what it meets once it is at work is no refusal."""
     arm = bench.arm()
     monkeypatch.setattr("hardware.control.start_up.StartUp._listen", lambda *_: None)
     findings = tried(arm, Bystander(), Stage.LOOK)

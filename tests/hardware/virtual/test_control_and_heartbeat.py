@@ -154,7 +154,7 @@ def test_a_heartbeat_that_waits_behind_other_frames_is_not_lost(arm: Rig) -> Non
 
 
 def test_a_machine_that_stood_still_held_up_the_operator_too(arm: Rig) -> None:
-    """Nothing waits behind it, as who beats shares the processor: it is given its time once more."""
+    """Nothing waits behind it, as who sends_heartbeat shares the processor: it is given its time once more."""
     arm.operational()
     arm.controller.hang()
     arm.clock.time_s += 3.0

@@ -293,8 +293,8 @@ def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(pace: Pace) -> Non
             arm.settle(window=1, spread_rad=[1.0] * JOINTS, timeout_syncs=2)
     took = time.monotonic() - begun
     assert bus.syncs >= syncs + 8
-    beats = sum(identifier == 0x77F for identifier, _ in bus.sent[since:])
-    assert beats >= int(took / 0.1 * 0.5)
+    sends_heartbeat = sum(identifier == 0x77F for identifier, _ in bus.sent[since:])
+    assert sends_heartbeat >= int(took / 0.1 * 0.5)
     bus.babbles = False
     bus.silent = set()
     arm.close()

@@ -54,6 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with ending_signals_interrupt(for_good=process):
             code = _code(sys.argv[1:] if argv is None else list(argv))
+    except SystemExit as error:  # argparse's
+        code = error.code if isinstance(error.code, int) else 0
+        raise
     except BaseException as error:
         # Interrupted, an import may raise what it likes.
         if not (isinstance(error, KeyboardInterrupt) or (interrupted() and process)):

@@ -35,8 +35,8 @@ def _nothing(_number: int, _frame: object) -> None:
 
 
 def interrupted() -> bool:
-    """Whether a signal has asked this process to end."""
-    return _first_s is not None
+    """Whether a signal has asked this process to end just now."""
+    return _first_s is not None and time.monotonic() - _first_s < AGAIN_S
 
 
 def press_ctrl_c() -> None:
@@ -60,7 +60,8 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
     _first_s = None
     try:
         for number in ENDING:
-            signal.signal(number, _interrupt)
+            if number != signal.SIGHUP or before[number] != signal.SIG_IGN:  # nohup
+                signal.signal(number, _interrupt)
         yield
     finally:
         for number, previous in before.items():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import sys
@@ -75,7 +76,19 @@ def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
 def test_a_frame_that_a_full_queue_refuses_is_offered_again_and_arrives_once() -> None:
-    said = in_user_mode_linux(sys.executable, "-m", "tests.oracles.full_transmit_queue")
+    offered_again(in_user_mode_linux(sys.executable, "-m", "tests.oracles.full_transmit_queue"))
+
+
+@pytest.mark.campaign
+@pytest.mark.needs("qemu-system-x86_64", "busybox")
+def test_a_full_queue_of_debians_kernel_refuses_and_takes_as_well() -> None:
+    kernel = f"QEMU_KERNEL_ROOT={os.environ.get('QEMU_KERNEL_ROOT', '')}"
+    offered_again(
+        in_emulated_linux("env", kernel, sys.executable, "-m", "tests.oracles.full_transmit_queue")
+    )
+
+
+def offered_again(said: str) -> None:
     answers = {
         line.split()[0]: line.partition(" ")[2] for line in said.splitlines() if line.strip()
     }

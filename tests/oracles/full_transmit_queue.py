@@ -1,6 +1,7 @@
 """A SocketCAN device whose transmit queue really is full: the kernel's slcan on a serial line that nobody reads.
 
-Runs as root in User-Mode Linux, whose vcan0 has no queue; prints what the kernel said, and what came of frames.
+Runs as root in User-Mode Linux or an emulated PC, whose vcan0 has no queue; prints what the kernel said, and what
+came of frames.
 """
 
 # ruff: noqa: T201 - what it prints is all that leaves the guest
@@ -24,7 +25,11 @@ from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
 from hardware.errors import BusError
 
-MODULES = Path("/usr/lib/uml/modules", os.uname().release, "kernel/drivers/net/can/slcan")
+MODULES = (
+    Path("/usr/lib/uml/modules"),
+    Path(os.environ.get("QEMU_KERNEL_ROOT") or "/", "lib/modules"),
+)
+MODULE = Path(os.uname().release, "kernel/drivers/net/can/slcan/slcan.ko")
 FINIT_MODULE, TIOCSETD, N_SLCAN = 313, 0x5423, 17
 BURST, FRAMES_PER_S = 2000, 4000.0
 LINE = len("t201700112233445566\r")
@@ -36,7 +41,8 @@ class Line:
     def __init__(self) -> None:
         libc = ctypes.CDLL(None, use_errno=True)
         libc.mount(b"devpts", b"/dev/pts", b"devpts", 0, b"ptmxmode=0666")
-        module = os.open(MODULES / "slcan.ko", os.O_RDONLY)
+        (file,) = (root / MODULE for root in MODULES if (root / MODULE).exists())
+        module = os.open(file, os.O_RDONLY)
         if libc.syscall(FINIT_MODULE, module, b"", 0):
             raise OSError(ctypes.get_errno(), "slcan.ko")
         self._far, near = pty.openpty()

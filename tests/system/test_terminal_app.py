@@ -189,7 +189,8 @@ def test_a_program_without_a_terminal_ends(tmp_path):
         program.process.send_signal(signal.SIGCONT)
 
 
-@pytest.mark.parametrize("after_s", [pytest.param(0.2, marks=pytest.mark.campaign), 1.0, 4.0])
+@pytest.mark.campaign
+@pytest.mark.parametrize("after_s", [0.2, 1.0, 4.0])
 def test_a_terminal_that_goes_without_a_signal_ends_the_program(tmp_path, after_s):
     program = PtyProgram([*SARCAL, "--poses", "40"], size=(120, 36), folder=tmp_path)
     try:

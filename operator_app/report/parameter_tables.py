@@ -118,8 +118,8 @@ def parameter_table(
         + (
             ""
             if repeatability is None
-            else " Sigma holds every stated source of error, type A what "
-            "the same poses taken again would scatter."
+            else " Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of "
+            "the same poses taken again."
         )
         + (f" {note}" if note else ""),
     )
@@ -257,8 +257,8 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
         title="Sigma by leaving out each pose in turn",
         columns=(*words("parameter", "unit"), *figures("sigma", "jackknife")),
         rows=tuple(rows),
-        note="Where the jackknife is much larger than sigma, the noise model is too good to be true. It "
-        "shows what differs from pose to pose; of what all poses share, lengths for one, it knows nothing.",
+        note="Where the jackknife is much larger than sigma, the stated noise is too small. The jackknife "
+        "shows errors that differ from pose to pose, not those that all poses share, such as lengths.",
     )
 
 

@@ -121,8 +121,8 @@ def hand_table(solution: Solution) -> FactTable | None:
             (name, Figure(value, CLOSURE_LENGTH, key=("tip_sigma_mm", key)))
             for name, key, value in (("rms", "rms", hand.rms), ("worst pose", "worst", hand.worst))
         ),
-        note="By the parameters' covariance, as the arm's base sees the hand; errors of the readings "
-        "come on top.",
+        note="By the parameters' covariance, of the tool in the arm's base frame; errors of the readings add "
+        "to it.",
     )
 
 

@@ -86,7 +86,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
             *figures("covered", unit="%"),
         ),
         rows=tuple(rows),
-        note="Noise: of one reading. Stated: with all that the arm's file says of sensor, play and sag. "
+        note="Noise: of one reading. Stated: by the arm's file, of sensor, play and sag. "
         f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times that. Shaded in the plot: one noise.",
     )
 

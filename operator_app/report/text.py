@@ -121,18 +121,18 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
     directions = error.directions
     joints = sorted({j for d in directions for j in d.immobile_joints})
     if len(joints) > MANY_JOINTS:
-        remedy = "take poses in which every joint moves, through as much of its range as the fixture lets it."
+        remedy = "take poses in which every joint moves through as much of its range as the fixture allows."
     elif joints:
         several = len(joints) > 1
         remedy = (
-            f"take poses in which {joints_named(joints)} move{'s' * (not several)}, in another "
-            "fixture where this one does not let them (a rigid one holds the elbow, a hinge frees it), or hold "
+            f"take poses in which {joints_named(joints)} move{'s' * (not several)}, in another fixture if this "
+            "one does not allow it (a rigid one fixes the elbow, a hinge frees it), or fix "
             f"{names(f'theta_off_{j}' for j in joints)} at nominal: --drop-unidentifiable of solve and import "
             f"does, or leave {'them' if several else 'it'} out of the free entries of the arm file."
         )
     else:
         remedy = (
-            "take poses that differ more, or hold one parameter of each line at its nominal value: "
+            "take poses that differ more, or fix one parameter of each line at its nominal value: "
             "--drop-unidentifiable of solve and import chooses them, or leave them out of the free "
             "entries of the arm file."
         )

@@ -60,9 +60,7 @@ def components_table(
         p = found.compliance.p_value
         chance = f"= {significant(p, 2)}" if p > SMALLEST_P else f"< {SMALLEST_P:.0e}"
         asks = "ask" if found.compliance.gives else "do not ask"
-        note = (
-            f"The data {asks} for a fixture that gives more than stated (score test, p {chance})."
-        )
+        note = f"The data {asks} for a fixture more compliant than stated (score test, p {chance})."
     return FactTable(
         ident="noise",
         title="Sources of error, sized by the data",
@@ -172,7 +170,7 @@ def scale_table(solution: Solution) -> FactTable | None:
         title="Errors against what the files state, stated = 1 (no unit)",
         columns=(*words("errors"), *figures("found", "95 % from", "to")),
         rows=tuple(rows),
-        note="Learned from the poses where they tell it, from the statement where they do not.",
+        note="Estimated from the poses where they determine it, otherwise as stated.",
         detail=True,
     )
 
@@ -233,8 +231,8 @@ def best_table_table(solution: Solution) -> FactTable | None:
             *figures(*(f"{k.symbol} [{(ANGLE if k.is_angle else LENGTH).unit}]" for k in kinds)),
         ),
         rows=tuple(rows),
-        note="Not the physical entries: what corrections of the readings would do is in it as far as a table can "
-        "hold it. For URDF files, fk and controllers that apply no corrections.",
+        note="These are not the physical entries: they include the corrections of the readings as far as a "
+        "table can. For URDF files, fk and controllers that apply no corrections.",
         detail=True,
     )
 

@@ -10,13 +10,13 @@ from operator_app.session.ui.user_interface import EVERYWHERE
 from operator_app.tui.lines import Lines
 
 ABOUT = {
-    Step.CONNECT: "Find the arm on its bus and make sure it is the right one, in one operator's hands.",
-    Step.FIXTURE: "Make sure the metal that closes the loop is where the fixture file says.",
+    Step.CONNECT: "Find the arm on its bus and check that it is the right one and has one operator.",
+    Step.FIXTURE: "Check that the fixture is mounted where its file states.",
     Step.MODES: "Choose which joints drive the closed chain and which follow.",
-    Step.CAPTURE: "Move through the plan and read all joints at each pose, standing still.",
+    Step.CAPTURE: "Move through the plan and read all joints at each pose while the arm stands still.",
     Step.CALIBRATE: "Find the parameters that close every loop.",
     Step.RESULTS: "Judge the calibration before anything is changed.",
-    Step.EXPORT: "Write the parameters, give them to the controller, verify with new poses.",
+    Step.EXPORT: "Write the parameters, upload them to the controller, verify with new poses.",
 }
 
 

@@ -194,7 +194,7 @@ class ScreenInterface:
 
     def _offer(self, name: str, poses: int) -> None:
         text = (
-            f"Session {name} was left with {poses} poses and no export. Resuming checks the arm, the "
+            f"Session {name} has {poses} poses and no export. Resuming checks the arm, the "
             "fixture and the modes again before anything moves."
         )
         self.ask(
@@ -211,7 +211,7 @@ class ScreenInterface:
             return
         self._opening = True
         if self.app.runner is not None:
-            self.refuse("closing this session: its work is ended and the arm held")
+            self.refuse("closing this session: its work ends and the arm is held")
         self.app.run_worker(self._open(make, then))
 
     async def _open(

@@ -38,7 +38,7 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
             ident="corrections",
             title="Corrections of the joint readings by pose, in mrad",
             description="One row a joint, each on its own scale; shaded: one standard deviation of the "
-            "joint's sensor. The table of joints holds the same as numbers.",
+            "joint's sensor. The table of joints has the same figures.",
             unit=CLOSURE_ANGLE.unit,
             x=pose_axis(subject),
             at=[float(p.number) for p in subject.used],

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 CURVE_WORDS = (
     "With the readings of {joints} used, these corrections close the loops. A bow or an S is the "
-    "sensor's curve, not noise: no number of poses averages it out, and it pulls at the parameters."
+    "sensor's curve, not noise: no number of poses averages it out, and it biases the parameters."
 )
 CLOSURE_WORDS = (
     "How far the loops fail to close at the joints as measured, so that both estimators are judged on "
@@ -47,7 +47,7 @@ CLOSURE_WORDS = (
 )
 METHOD_WORDS = (
     (
-        "implicit: the joint readings are what is uncertain, each by its sensor's noise; every loop closes "
+        "implicit: the joint readings are uncertain, each by its sensor's noise; every loop closes "
         "exactly at the corrected joints, and the corrections are as small as the noise allows."
     ),
     (
@@ -286,7 +286,7 @@ def _method(subject: Subject) -> Section:
     samples = sorted({p.samples for p in subject.poses})
     file = subject.state.imported
     points = [
-        f"The poses were read from {file}; no arm of this program took them."
+        f"The poses were read from {file}; this program did not capture them."
         if file
         else (
             f"Every pose is the mean of {names(samples)} samples of all joints, taken when the arm stood "
@@ -304,12 +304,12 @@ def _method(subject: Subject) -> Section:
             )
         )
         loop = (
-            f"The hand closes a loop through the fixture. Each pose gives {equations} once the angles "
-            "that nothing measures are eliminated."
+            f"The hand closes a loop through the fixture. Each pose gives {equations} after the angles without "
+            "a sensor are eliminated."
         )
         nearest = (
-            "Of the equal descriptions that a loop has, the one nearest to the fixture's nominal "
-            f"placement is given; that was measured to {tolerance}."
+            "Of the equivalent descriptions of a loop, the one nearest to the fixture's nominal placement is "
+            f"given; that was measured to {tolerance}."
         )
         points += [
             loop,

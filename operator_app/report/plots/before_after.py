@@ -69,8 +69,8 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
         return Picture(
             ident=f"hand-{when.lower()}",
             title=f"{when}: {what} {rms} rms",
-            description=f"{accuracy.poses} poses over the joints' ranges, each a mark whose area is how far "
-            f"off the hand is there: rms {rms}, largest {worst}.",
+            description=f"{accuracy.poses} poses over the joints' ranges, each a mark whose area is the tool's "
+            f"position error there: rms {rms}, largest {worst}.",
             x=x,
             y=y,
             layers=[marks],
@@ -80,7 +80,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
     return Pair(
         before=shown("Before", "off by", errors.before_m, accuracy.before),
         after=shown("After", "one sigma", errors.after_m, accuracy.after),
-        note="The area of a mark is how far off the hand is there, in both pictures on one scale"
+        note="The area of a mark is the tool's position error there, on one scale in both pictures"
         f"{fixed_briefly(tuple(h.name for h in accuracy.holds_for))}.",
     )
 
@@ -171,7 +171,7 @@ def arm_pair(subject: Subject) -> Pair | None:
         before=pictures[0],
         after=pictures[1],
         note=f"The arm at the readings of pose {number}, {words.worst} before; the gap{enlarged} is from the "
-        f"hand to {words.where}.",
+        f"tool to {words.where}.",
     )
 
 
@@ -229,7 +229,7 @@ def _arm(title: str, when: str, axes: tuple[Axis, Axis], layers: list[Polyline |
     return Picture(
         ident=f"arm-{when.lower()}",
         title=title,
-        description=f"{title}. The arm from its base to its hand, and the place where the hand should be.",
+        description=f"{title}. The arm from its base to its tool, and the place where the tool should be.",
         x=axes[0],
         y=axes[1],
         layers=all_layers,

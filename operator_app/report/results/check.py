@@ -43,7 +43,7 @@ UNITS = (
     "Angles are what the sensors read; joint angle = reading + theta_off."
 )
 UNSEEN = (
-    "! Whether a calibration can be made from these poses was not looked at: name the arm and the fixture "
+    "! Whether these poses allow a calibration was not checked: name the arm and the fixture "
     "as well, or the procedure."
 )
 
@@ -245,7 +245,7 @@ def _other_home(chain: Chain) -> list[str]:
     )
     return [
         paragraph(
-            f"! This home will do, and closes with the {chain.fixture.kind}: write it into the file of "
+            f"! This home pose is usable, and closes with the {chain.fixture.kind}: write it into the file of "
             f"{chain.arm.name}, bring the arm there, and check again:",
             indent=2,
         ),
@@ -256,7 +256,7 @@ def _other_home(chain: Chain) -> list[str]:
 
 def _unknowns(found: Outlook) -> str:
     shown = [p.name for p in found.parameters]
-    return f"{_many(len(shown), 'parameter')} would be found: {', '.join(shown)}."
+    return f"{_many(len(shown), 'parameter')} would be identified: {', '.join(shown)}."
 
 
 def _well(what: str, seen: Identifiability) -> str:

@@ -68,9 +68,7 @@ def _reading(found: CalibrationComparison) -> str:
     """Say how the table is to be read."""
     change = "Change is B less A, angles the short way round."
     if found.same_poses:
-        return (
-            f"{change} Sigma is what it would be of poses taken anew; nothing is judged by it here."
-        )
+        return f"{change} Sigma applies to new poses; it is not used for the verdict here."
     return (
         f"Significant: a change of more than {found.threshold_sigmas:.2f} sigmas, which noise alone "
         f"gives to any parameter in {100.0 * found.level:g} % of comparisons (Bonferroni). {change}"
@@ -81,7 +79,7 @@ def _verdict(found: CalibrationComparison, table: FactTable) -> str:
     if found.same_poses:
         return paragraph(
             "SAME POSES: nothing follows for the arm. A and B are two estimates from the same readings; "
-            "whether it has drifted, poses taken anew tell."
+            "only new poses show whether it has drifted."
         )
     if not found.drifted:
         return "NO SIGNIFICANT DRIFT."
@@ -96,17 +94,17 @@ def _verdict(found: CalibrationComparison, table: FactTable) -> str:
     if Side.ARM not in sides:
         advice = (
             "Only parameters of the fixture's mounting changed, none of the arm itself. If the fixture "
-            "was taken off in between, compare with --remounted; if not, look whether it has moved."
+            "was taken off in between, compare with --remounted; if not, check whether it has moved."
         )
     elif MADE_OTHERWISE & {n.code for n in found.notices}:
         advice = (
-            "A and B were made otherwise (see below), and that alone moves parameters. Calibrate both alike "
-            "and compare them before the arm itself is blamed."
+            "A and B were made in different ways (see below), which alone moves parameters. Calibrate both in "
+            "the same way and compare again before suspecting the arm."
         )
     else:
         advice = (
-            "The arm itself changed. Calibrate once more; if the change stays, look at the encoders' "
-            "home marks and couplings of the joints named, and export the new parameters."
+            "The arm itself changed. Calibrate again; if the change persists, check the encoders' home marks "
+            "and couplings of the joints named, and export the new parameters."
         )
     return "\n".join(["DRIFTED:", *lines, paragraph(advice)])
 

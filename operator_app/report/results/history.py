@@ -226,7 +226,7 @@ def _shift_text(part: EntryHistory, shift: EntryShift) -> str:
     advice = (
         "look at the encoder's home mark and the coupling of that joint"
         if part.side is Side.ARM
-        else "the fixture's mounting has moved, or it was mounted anew: leave --kept-mounted out"
+        else "the fixture's mounting has moved, or it was remounted: omit --kept-mounted"
     )
     return (
         f"{shift.name} by {size} (sigma {sigma}) from {_day(part, shift.at)} on, session "

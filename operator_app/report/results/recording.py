@@ -28,7 +28,7 @@ def recording_text(
     """Return a line about the recording and one for each stretch that is no dwell."""
     found = recording
     span_s = found.time_s[-1] - found.time_s[0]
-    lost = f" ({found.left_out} more left out: no angle of some joint, or a time twice)"
+    lost = f" ({found.left_out} more left out: a joint has no angle, or a time occurs twice)"
     head = (
         f"{found.file}: {plural(len(dwells), 'pose')} from {len(found.time_s)} {found.source}"
         f"{lost if found.left_out else ''} over {span_s:.1f} s; joints 1 to {len(found.joints)} are "

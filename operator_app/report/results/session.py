@@ -243,9 +243,9 @@ def repair_text(found: RepairResult) -> str:
     """Return the repair as paragraphs."""
     folder = found.folder
     if found.aside is None:
-        torn = " Its last line was never written to its end: a session that goes on leaves it out."
+        torn = " Its last line is incomplete: a resumed session omits it."
         return paragraph(
-            f"{folder}: the journal is whole, {len(found.lines)} lines; nothing was changed."
+            f"{folder}: the journal is complete, {len(found.lines)} lines; nothing was changed."
             + (torn if found.torn else "")
         )
     said = [paragraph(f"{folder}: repaired. The damaged journal is untouched in {found.aside}.")]
@@ -266,8 +266,8 @@ def repair_text(found: RepairResult) -> str:
     if found.lost:
         said.append(
             paragraph(
-                "What was calibrated from them does not count any more, as a pose or its exclusion may "
-                "be among what is lost: look at the poses before you calibrate again."
+                "Earlier calibrations of this session are no longer used, because a pose or its exclusion may "
+                "be lost: check the poses before you calibrate again."
             )
         )
     if state.sources:
@@ -275,7 +275,7 @@ def repair_text(found: RepairResult) -> str:
     else:
         said.append(
             paragraph(
-                "What was opened is lost with line 1, so that this session cannot go on: begin a new one."
+                "Line 1, which opened the session, is lost, so that it cannot be resumed: begin a new one."
             )
         )
     return "\n".join(said)

@@ -71,8 +71,8 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
     found = verdict.verification
     per_dof, most = (CHI2(v).shown for v in (found.chi2.per_dof, found.chi2.high))
     head = (
-        f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses as well as it "
-        "claims to."
+        f"HOLDS: the calibration of {folder} predicts these {verdict.poses} poses within its stated "
+        "uncertainty."
         if verdict.holds
         else f"DOES NOT HOLD: {verdict.poses} new poses disagree with the calibration of {folder} "
         "by more than its uncertainty allows."
@@ -88,8 +88,8 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
         notices.append(f"look at pose {worst}")
     if not verdict.holds and not np.all(found.closed):
         notices.append(
-            "some poses cannot be closed at all: was the fixture moved since, or has their placement the "
-            "number of another one?"
+            "some poses cannot be closed at all: check whether the fixture was moved since, or whether their "
+            "placement has the number of another one"
         )
     return "\n".join(
         (
@@ -155,15 +155,15 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
         )
     elif verdict == AGREES:
         head = (
-            f"AGREES: {poses} poses of the open arm, measured by another instrument, say the same of "
-            f"the arm as the calibration of {folder}."
+            f"AGREES: {poses} poses of the open arm, measured by another instrument, agree on the arm with the "
+            f"calibration of {folder}."
         )
     elif found.disagree:
         names = ", ".join(d.name for d in found.disagree)
         head = (
-            f"DISAGREES: {poses} poses of the open arm say something else than the calibration of "
-            f"{folder} of {names}. Did a joint slip between them? Is the hinge, or the target on the "
-            "hand, loose? Calibrate once more; what stays is the arm's file or the instrument's."
+            f"DISAGREES: {poses} poses of the open arm disagree with the calibration of "
+            f"{folder} of {names}. Check whether a joint slipped in between, and whether the hinge or the "
+            "target on the tool is loose. Calibrate again; what stays is the arm's file or the instrument's."
         )
     else:
         head = (

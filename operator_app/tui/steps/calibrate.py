@@ -28,7 +28,7 @@ class SettingsPanel(Lines):
 
     TITLE = "Calibration"
     HELP = (
-        "implicit takes the joint sensors as the source of noise and finds each pose's corrections; "
+        "implicit attributes the noise to the joint sensors and estimates each pose's corrections; "
         "paper is the published unweighted least squares. A joint declared unsensed is found from "
         "the loop instead of read: useful when its RVDT is bent. e changes the estimator, j the "
         "unsensed joints."
@@ -81,7 +81,7 @@ class CalibratePlot(Lines):
     TITLE = "Residual of each pose"
     HELP = (
         "While it runs: cost by iteration. When done: how far each pose's loop fails to close at the "
-        "measured joints, in millimetres. A pose far above the others deserves a look."
+        "measured joints, in millimetres. Check a pose that is far above the others."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:

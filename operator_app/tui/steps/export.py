@@ -91,7 +91,7 @@ class RecordPanel(Lines):
 
     TITLE = "Record"
     HELP = (
-        "y moves to new poses and judges them by the parameters found: the check the paper lacked. "
+        "y moves to new poses and verifies the parameters with them: the check the paper lacked. "
         "N closes this session and begins another; o resumes an earlier one. The journal keeps it all."
     )
 
@@ -99,9 +99,7 @@ class RecordPanel(Lines):
         """Verification and session."""
         if s.verification is None:
             rows = [
-                line(
-                    (" Verify     ", "dim"), "y takes new poses and judges them by these parameters"
-                )
+                line((" Verify     ", "dim"), "y takes new poses and verifies these parameters")
             ]
         else:
             glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")

@@ -139,7 +139,9 @@ class ChecklistPanel(ListPanel):
     """The operator's check list."""
 
     TITLE = "Check list (Enter ticks)"
-    HELP = "Things only a person can see. Look at each, then tick it; nothing moves before all are ticked."
+    HELP = (
+        "Points that only a person can check. Tick each one; nothing moves before all are ticked."
+    )
 
     _ticked: frozenset[int] = frozenset()
 

@@ -28,7 +28,7 @@ class JointTable(ListPanel):
 
     TITLE = "Joints"
     HELP = (
-        "One row a joint. POSITION: the joint goes where it is told. FREE: it follows the closed "
+        "One row a joint. POSITION: the joint moves to its target. FREE: it follows the closed "
         "chain with no torque of its own. The bar shows where the joint stands in its range. "
         "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
     )

@@ -205,7 +205,7 @@ def test_the_arm_is_not_blamed_for_what_was_made_otherwise() -> None:
     ):
         said = " ".join(comparison_text(compare(make_document(), later)).split())
         assert "The arm itself changed" not in said
-        assert "A and B were made otherwise (see below)" in said
+        assert "A and B were made in different ways (see below)" in said
 
 
 def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:

@@ -147,7 +147,9 @@ def test_poses_that_are_no_arms_are_said(capsys: pytest.CaptureFixture[str]) -> 
     rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
     Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
     assert main(["check", "one.csv"]) == 0
-    assert "from these poses was not looked at" in " ".join(capsys.readouterr().out.split())
+    assert "these poses allow a calibration was not checked" in " ".join(
+        capsys.readouterr().out.split()
+    )
 
     six = lbr_iiwa.urdf().partition('<link name="l7"/>')[0] + "</robot>"
     Path("six.urdf").write_text(six)

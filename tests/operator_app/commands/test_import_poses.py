@@ -55,7 +55,7 @@ def test_a_raw_log_goes_in_with_one_command(
     assert json.loads(capsys.readouterr().out)["parameters"] == found["parameters"]
     assert main(["report", str(folder)]) == 0
     page = (folder / "report.html").read_text()
-    assert f"The poses were read from {', '.join(files)}; no arm of this program took them" in page
+    assert f"The poses were read from {', '.join(files)}; this program did not capture them" in page
     assert main(["report", str(folder), "--text"]) == 0
     capsys.readouterr()
     kept = load_poses(folder / "poses.csv").poses

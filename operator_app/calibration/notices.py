@@ -99,7 +99,13 @@ def with_notices(
         ),
         *(outliers_still_used(solution.outliers) if sound else ()),
         *(
-            Finding(kind=K.RVDT_VERDICT, joint=v.joint, sensor="RVDT", reported=(v.text,))
+            Finding(
+                kind=K.RVDT_HARMFUL if v.treat_as_unsensed else K.RVDT_VERDICT,
+                joint=v.joint,
+                sensor="RVDT",
+                names=(v.verdict.value,),
+                reported=(v.text,),
+            )
             for v in solution.rvdt
         ),
         *(

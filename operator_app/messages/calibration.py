@@ -32,6 +32,12 @@ def words(found: Finding) -> tuple[str, str]:
     return text.format_map(fields), remedy.format_map(fields)
 
 
+def brief(found: Finding) -> str:
+    """Return a finding for a small panel: of an RVDT its verdict without the figures."""
+    template = BRIEF.get(found.kind)
+    return found.sentence if template is None else template.format_map(_Fields(found))
+
+
 def poses_named(labels: tuple[str, ...]) -> str:
     """Return ``pose 4`` or ``poses 4, 7 and 3 more``."""
     rest = len(labels) - NAMED
@@ -221,6 +227,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "have its scale factor set or state its gain, or " + _UNSENSED,
     ),
     K.RVDT_VERDICT: ("{reported}", ""),
+    K.RVDT_HARMFUL: ("{reported}", ""),
     K.RVDT_OUT_LINEARITY: ("{reported}", "replace or linearise it, or " + _UNSENSED),
     K.RVDT_OUT_SPREAD: (
         "{reported}",
@@ -513,6 +520,12 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
 }
 """Text and remedy of each kind; the remedy is empty where the text says all."""
+
+BRIEF: Mapping[FindingKind, str] = {
+    K.RVDT_VERDICT: "RVDT of joint {joint}: {name}",
+    K.RVDT_HARMFUL: "RVDT of joint {joint}: {name}; treat joint {joint} as unsensed, or correct its readings",
+}
+"""Text of kinds whose sentence is long."""
 
 OWN_FORMATS = {
     "ANGLE": figure.Kind(figure.ANGLE, digits=2),

@@ -55,6 +55,7 @@ class FindingKind(Enum):
     RVDT_LINEARITY_EXCEEDS = "{sensor}_{joint}"
     RVDT_GAIN_EXCEEDS = "{sensor}_{joint}"
     RVDT_VERDICT = "{sensor}_{joint}"
+    RVDT_HARMFUL = "{sensor}_{joint}"
     RVDT_OUT_LINEARITY = "{sensor}_{joint}"
     RVDT_OUT_SPREAD = "{sensor}_{joint}"
     RVDT_OUT_NOISE = "{sensor}_{joint}"
@@ -235,6 +236,13 @@ class Finding:
         from operator_app.messages.calibration import words
 
         return words(self)[1]
+
+    @property
+    def brief(self) -> str:
+        """The sentence, or what a small panel has room for of a long one."""
+        from operator_app.messages.calibration import brief
+
+        return brief(self)
 
     @property
     def sentence(self) -> str:

@@ -220,7 +220,9 @@ def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> t
 
 
 def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> Headline:
-    return Headline(name=name, figure=kind(after.rms), note=f"before {kind(before.rms).with_unit}")
+    return Headline(
+        name=name, figure=kind(after.rms), note=f"before {kind(before.rms).with_unit}", closure=True
+    )
 
 
 def _repeatability(solution: Solution) -> FloatArray | None:

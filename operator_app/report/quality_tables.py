@@ -59,7 +59,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
             h.note,
         )
         for h in headlines
-        if not h.name.startswith("sigma_")
+        if not h.closure
     ]
     plain = CONDITION(seen.condition_number, key=("condition_number",))
     rows[1:1] = [("condition number, 1 m : 1 rad", plain, "")]

@@ -104,11 +104,12 @@ class FactTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """A figure that summarises a calibration, and the limit to compare it with."""
+    """A figure that summarises a calibration, and the limit to compare it with; `closure`: a closure sigma."""
 
     name: str
     figure: Figure
     note: str = ""
+    closure: bool = False
 
     @property
     def text(self) -> str:

@@ -64,7 +64,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
         return [line((" Running    ", "dim"), ("◌ ", "accent"), text, ("   z cancels", "dim"))]
     if (facts := facts_on(s)) is not None:
         glyph, role = ("✓", "bold") if facts.accepted else ("▲", "warn")
-        figures = [h.figure_text for h in facts.headlines if not h.name.startswith("sigma_")]
+        figures = [h.figure_text for h in facts.headlines if not h.closure]
         return [
             line((" Result     ", "dim"), (f"{glyph} {facts.verdict}", role)),
             line(("            ", "dim"), "   ".join(figures)),

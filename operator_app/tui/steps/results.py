@@ -65,8 +65,8 @@ class VerdictPanel(Lines):
         # Not "warnings": ACCEPTED, WITH WARNINGS is another verdict.
         noted = verdict is Verdict.ACCEPTED and count
         tail = f" · {plural(count, 'note')}" if noted else ""
-        sigmas = [h for h in facts.headlines if h.name.startswith("sigma_")]
-        others = [h for h in facts.headlines if not h.name.startswith(("sigma_", "rank"))]
+        sigmas = [h for h in facts.headlines if h.closure]
+        others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
             *_hand(s.solution, width),
@@ -76,7 +76,7 @@ class VerdictPanel(Lines):
         ]
         for reason in facts.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
-        short = [f" {'·' if noted else '▲'} {_in_short(notice.text)}" for notice in facts.notices]
+        short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in facts.notices]
         # Of what is accepted nothing has to be done: grey, as all that is normal.
         role = "text" if noted else "warn"
         whole = [row for text in short for row in wrapped(text, width, role, "   ")]
@@ -104,12 +104,6 @@ def _truth(facts: Facts, width: int) -> list[Line]:
     """Errors of a simulated arm's calibration against the truth; empty for a real arm."""
     table = facts.table("truth")
     return [] if table is None else list(wrapped(f"   truth: {table.note}", width, "text", "   "))
-
-
-def _in_short(notice: str) -> str:
-    """Return the cause and its remedy in short."""
-    what, *rest = notice.split("; ")
-    return f"{what}; {rest[-1]}" if rest else what
 
 
 class ParametersPanel(TablePanel):

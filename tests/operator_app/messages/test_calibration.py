@@ -1,6 +1,6 @@
-"""Every message with an example of its figures, held against one approval file.
+"""Every message of a finding with an example of its figures, held to the approved words.
 
-A change of wording is one diff to read: `pytest tests/operator_app/messages --snapshot-update` writes it.
+A change of wording is one diff to read: `pytest --approve tests/operator_app/messages` writes it.
 """
 
 from __future__ import annotations
@@ -8,10 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from syrupy.assertion import SnapshotAssertion
 
-from operator_app.messages.calibration import MESSAGES, SOURCE_REMEDIES, source_remedy
+from operator_app.messages.calibration import HALVING, MESSAGES, halving_remedy
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
+from tests.oracles.approved import Approve
 
 K = FindingKind
 
@@ -85,23 +85,32 @@ def example(kind: FindingKind) -> Finding:
     return replace(EXAMPLE, **{"kind": kind, "sensor": sensor, **OWN.get(kind, {})})
 
 
-def shown(found: Finding, name: str) -> str:
-    return f"{name} [{found.code}]\n  {found.text}\n  -> {found.remedy or '-'}"
+def variants(kind: FindingKind) -> dict[str, Finding]:
+    """The example as it is, less likely, and of one pose, as far as the message tells them apart."""
+    found, text = example(kind), MESSAGES[kind][0]
+    other = {"": found}
+    if "{certain:" in text or "{outlying}" in text:
+        other["less likely"] = replace(found, probability=0.3)
+    if "{several:" in text:
+        other["one pose"] = replace(found, poses=("7",))
+    return other
 
 
-def test_every_message_is_as_approved(snapshot: SnapshotAssertion) -> None:
-    listed = []
-    for kind in FindingKind:
-        found = example(kind)
-        listed.append(shown(found, kind.name))
-        text = MESSAGES[kind][0]
-        if "{certain:" in text or "{outlying}" in text:
-            listed.append(shown(replace(found, probability=0.3), f"{kind.name}, less likely"))
-        if "{several:" in text:
-            listed.append(shown(replace(found, poses=("7",)), f"{kind.name}, one pose"))
-    sources = [f"{s}_6" if s.startswith("rvdt") else s for s in SOURCE_REMEDIES if s]
-    listed += [f"budget {source}\n  -> {source_remedy(source)}" for source in sources]
-    assert "\n\n".join(listed) == snapshot
+@pytest.mark.parametrize(
+    "found",
+    [
+        pytest.param(found, id=f"{kind.name} {variant}".strip())
+        for kind in FindingKind
+        for variant, found in variants(kind).items()
+    ],
+)
+def test_every_message_is_as_approved(found: Finding, approve: Approve) -> None:
+    approve(f"{found.code}: {found.text} -> {found.remedy or 'nothing to do'}")
+
+
+@pytest.mark.parametrize("source", sorted(HALVING))
+def test_what_halves_a_source_is_as_approved(source: str, approve: Approve) -> None:
+    approve(halving_remedy(source))
 
 
 def test_every_kind_has_a_message_and_no_other_has() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from syrupy.assertion import SnapshotAssertion
 
 from fixtures.base import FixtureError
 from hardware.errors import (
@@ -15,8 +14,9 @@ from hardware.errors import (
     OtherMaster,
     SensorFault,
 )
-from operator_app.messages.errors import _REMEDIES, REACHES_NOTHING, words
+from operator_app.messages.errors import _REMEDIES, words
 from solver.errors import TooFewPosesError, UnidentifiableError
+from tests.oracles.approved import Approve
 
 
 @pytest.mark.parametrize(
@@ -54,9 +54,9 @@ def test_a_trip_is_told_by_what_brought_it_about(code: int, said: str) -> None:
     assert "reset (R)" in remedy
 
 
-def test_every_remedy_is_as_approved(snapshot: SnapshotAssertion) -> None:
-    """`pytest tests/operator_app/messages --snapshot-update` writes the file."""
-    errors = [
+@pytest.mark.parametrize(
+    "error",
+    [
         BusError("The arm has gone silent"),
         HostLatencyExceeded(3, 0.4),
         SensorFault(3, "jumped by +2223 counts", since_sync=1),
@@ -66,7 +66,13 @@ def test_every_remedy_is_as_approved(snapshot: SnapshotAssertion) -> None:
         UnidentifiableError((), note="joint 4 does not move"),
         TooFewPosesError(poses=3, needed=5, parameters=14, equations_per_pose=3),
         FixtureError("the axes are parallel"),
-    ]
-    listed = [f"{type(e).__name__}\n  {words(e)}" for e in errors]
-    listed += [f"{kind.__name__}\n  -> {said}" for kind, said in _REMEDIES.items()]
-    assert "\n\n".join([*listed, REACHES_NOTHING]) == snapshot
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_errors_are_told_as_approved(error: Exception, approve: Approve) -> None:
+    approve(str(words(error)))
+
+
+@pytest.mark.parametrize("kind", _REMEDIES, ids=lambda kind: kind.__name__)
+def test_the_remedy_of_every_kind_is_as_approved(kind: type, approve: Approve) -> None:
+    approve(_REMEDIES[kind])

@@ -245,7 +245,7 @@ def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
     )
     assert lines[early + 1].startswith(f"J{why}")
     assert "the arm has been stopped, and that drive switched off" in said
-    assert "Keep clear until you know why" in said
+    assert "Keep clear until the cause is known" in said
     assert "STOP is latched" not in said
     (folder,) = (tmp_path / "sessions").iterdir()
     assert (

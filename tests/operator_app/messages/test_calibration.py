@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.messages.calibration import HALVING, MESSAGES, halving_remedy
+from operator_app.messages.calibration import MESSAGES, SOURCE_REMEDIES, source_remedy
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from tests.oracles.approved import Approve
 
@@ -108,9 +108,9 @@ def test_every_message_is_as_approved(found: Finding, approve: Approve) -> None:
     approve(f"{found.code}: {found.text} -> {found.remedy or 'nothing to do'}")
 
 
-@pytest.mark.parametrize("source", sorted(HALVING))
+@pytest.mark.parametrize("source", sorted(SOURCE_REMEDIES))
 def test_what_halves_a_source_is_as_approved(source: str, approve: Approve) -> None:
-    approve(halving_remedy(source))
+    approve(source_remedy(source))
 
 
 def test_every_kind_has_a_message_and_no_other_has() -> None:

@@ -149,11 +149,11 @@ async def test_an_arm_that_stops_by_itself_while_nobody_asks_anything_says_why_a
         await d.until(lambda: "Joint 5 is +1300 counts from its target" in d.words("#log"), "log")
         await d.idle()
         # STOP pressed on top of it does not take the cause out of sight, nor does anything tried then.
-        assert "the arm was stopped by itself" in d.hint
+        assert "the arm stopped by itself" in d.hint
         await d.press("f8", "c")
         await d.idle()
         assert [m.text[:12] for m in d.s.alarms] == ["Joint 5 is +"]
-        assert "Keep clear until you know why" in d.words("#log")
+        assert "Keep clear until the cause is known" in d.words("#log")
         events = read_journal(d.s.folder).events
         (told,) = [e.data for e in events if e.name == "sensor_fault"]
         assert told["joint"] == 5

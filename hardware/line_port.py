@@ -1,7 +1,7 @@
-"""Lines of text from an instrument: a TCP port, standard input, or a file that grows. Knows no line's meaning.
+"""Text lines from an instrument: a TCP port, standard input, or a growing file.
 
-What an instrument said before it was asked is of another pose, and forgotten. Where there is a way back
-the question goes there as a line of its own; an instrument that takes no questions may ignore it.
+Lines sent before the question belong to another pose and are discarded. Over TCP the question is sent as a line,
+which an instrument may ignore.
 """
 
 from __future__ import annotations
@@ -20,41 +20,41 @@ from hardware.errors import InstrumentError
 from hardware.line_stream import LONGEST, LineStream, require_short
 
 CONNECT_S = 3.0
-"""How long a port may take to answer at all."""
-LOOK_S = 0.05
-"""How often a file is looked at."""
+"""Time-out of the connection."""
+FILE_POLL_S = 0.05
+"""Polling period of a file."""
 
 
 class LinePort(Protocol):
-    """Where an instrument's lines come from. Calls come from one thread; `InstrumentError` says what is wrong."""
+    """Source of an instrument's lines. Calls come from one thread; errors are `InstrumentError`."""
 
     @property
     def name(self) -> str:
-        """What it is, in the words it was asked for."""
+        """Name as in the option ``--tracker``."""
 
     def open(self) -> str:
-        """Connect; the first line where that is a heading, else nothing."""
+        """Connect; return the heading of a file, else an empty string."""
 
     def ask(self, question: str) -> None:
-        """Forget what came until now, and ask."""
+        """Discard earlier lines and send the question."""
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next whole line since `ask`; None when there is none within `wait_s`."""
+        """Return the next whole line since `ask`; None if there is none within `wait_s`."""
 
     def close(self) -> None:
-        """Let go of it. Safe to call twice."""
+        """Close. May be called twice."""
 
 
 class CalledLines:
     """An instrument of this process: a function from question to answer."""
 
     def __init__(self, answer: Callable[[str], str], name: str) -> None:
-        self._answer, self._name = answer, name
-        self._said: str | None = None
+        self._function, self._name = answer, name
+        self._answer: str | None = None
 
     @property
     def name(self) -> str:
-        """As given."""
+        """Name given at construction."""
         return self._name
 
     def open(self) -> str:
@@ -62,20 +62,20 @@ class CalledLines:
         return ""
 
     def ask(self, question: str) -> None:
-        """Ask it."""
-        self._said = self._answer(question)
+        """Call the function."""
+        self._answer = self._function(question)
 
     def line(self, wait_s: float) -> str | None:
-        """Return its answer, once."""
-        said, self._said = self._said, None
-        return said
+        """Return the answer, once."""
+        answer, self._answer = self._answer, None
+        return answer
 
     def close(self) -> None:
         """Nothing to do."""
 
 
 class TcpLines:
-    """A program that listens at `host`:`port` and sends lines, asked or not."""
+    """A program that listens at `host`:`port` and sends lines, with or without questions."""
 
     def __init__(self, host: str, port: int) -> None:
         self._at = (host, port)
@@ -88,26 +88,25 @@ class TcpLines:
         return f"tcp:{self._at[0]}:{self._at[1]}"
 
     def open(self) -> str:
-        """Connect, anew where it was connected."""
+        """Connect, or reconnect."""
         self.close()
         try:
             self._socket = socket.create_connection(self._at, timeout=CONNECT_S)
         except OSError as error:
             raise InstrumentError(
                 f"nothing answers at {self.name} ({error.strerror or error}). Start the tracker's program, or "
-                "say where it listens: --tracker tcp:HOST:PORT. A simulated one comes with: sarcal controller "
+                "name its address: --tracker tcp:HOST:PORT. A simulated one is started with: sarcal controller "
                 "--procedure open_loop -i loopback"
             ) from error
         self._stream = LineStream(self._socket.fileno())
         return ""
 
     def ask(self, question: str) -> None:
-        """Throw away what has come, send the question."""
+        """Discard earlier lines, send the question."""
         if self._socket is None or self._stream is None:
             raise self._gone()
         self._stream.forget()
-        # Of one that has gone, `line` says it, with its last words.
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(OSError):  # `line` reports a closed connection
             self._socket.sendall(question.encode() + b"\n")
 
     def line(self, wait_s: float) -> str | None:
@@ -120,21 +119,21 @@ class TcpLines:
             raise self._gone(str(ended)) from None
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         if self._socket is not None and self._stream is not None:
             self._stream.end(self._socket)
         self._socket = self._stream = None
 
     def _gone(self, last: str = "") -> InstrumentError:
         self.close()
-        said = f" Its last line: {last}." if last else ""
+        last_line = f" Its last line: {last}." if last else ""
         return InstrumentError(
-            f"the tracker at {self.name} hung up.{said} Start its program again, then go on with this session"
+            f"the tracker at {self.name} hung up.{last_line} Start its program again, then go on with this session"
         )
 
 
 class StdinLines:
-    """Lines that another program writes into this one's standard input."""
+    """Lines that another program writes to standard input."""
 
     def __init__(self, descriptor: int = 0) -> None:
         self._descriptor = descriptor
@@ -146,12 +145,12 @@ class StdinLines:
         return "stdin"
 
     def open(self) -> str:
-        """Begin to read."""
+        """Start reading."""
         self._read()
         return ""
 
     def ask(self, question: str) -> None:
-        """Throw away what has come."""
+        """Discard earlier lines."""
         self._read().forget()
 
     def line(self, wait_s: float) -> str | None:
@@ -160,8 +159,8 @@ class StdinLines:
             return self._read().line(wait_s, self.name)
         except EOFError:
             raise InstrumentError(
-                "standard input ended: no tracker writes into it any more. Let its program run as long as the "
-                "session: tracker-program | sarcal run open_loop --tracker stdin"
+                "standard input ended: the tracker's program closed it. Keep that program running during the session: "
+                "tracker-program | sarcal run open_loop --tracker stdin"
             ) from None
 
     def close(self) -> None:
@@ -173,11 +172,11 @@ class StdinLines:
 
 
 class GrowingFile:
-    """Lines that another program adds to the end of a file, below a heading."""
+    """Lines that another program appends to a file, below a heading."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._at = path, 0
-        self._begun_before = False
+        self._skip_next = False
 
     @property
     def name(self) -> str:
@@ -196,16 +195,16 @@ class GrowingFile:
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Count from where the file ends now; a row that is half written was begun before."""
+        """Start from the present end of the file; a half-written row is skipped."""
         self._at = self._size()
-        self._begun_before = False
+        self._skip_next = False
         if self._at:
             with self._opened() as file:
                 file.seek(self._at - 1)
-                self._begun_before = file.read(1) != b"\n"
+                self._skip_next = file.read(1) != b"\n"
 
     def line(self, wait_s: float) -> str | None:
-        """Return the next row that is whole."""
+        """Return the next whole row."""
         until_s = time.monotonic() + wait_s
         while True:
             found = self._next()
@@ -214,15 +213,15 @@ class GrowingFile:
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:
                 return None
-            time.sleep(min(LOOK_S, left_s))
+            time.sleep(min(FILE_POLL_S, left_s))
 
     def close(self) -> None:
-        """Nothing to do: it is opened for every look."""
+        """Nothing to do: it is opened for every poll."""
 
     def _next(self) -> str:
         if self._size() < self._at:
             raise InstrumentError(
-                f"{self._path} has become shorter: it was written anew. Let the tracker's program add rows "
+                f"{self._path} has become shorter: it was overwritten. Have the tracker's program append rows "
                 "to it, then go on with this session"
             )
         with self._opened() as file:
@@ -232,12 +231,12 @@ class GrowingFile:
             require_short(len(found), self.name)
             return ""
         self._at += len(found)
-        skipped, self._begun_before = self._begun_before, False
-        return "" if skipped else found.decode(errors="replace").strip("\r\n")
+        skip, self._skip_next = self._skip_next, False
+        return "" if skip else found.decode(errors="replace").strip("\r\n")
 
     @contextmanager
     def _opened(self) -> Iterator[BinaryIO]:
-        """Open the file; a pipe would keep us waiting for whoever writes to it, and cannot be looked back into."""
+        """Open a regular file; a pipe could block, and cannot be read again."""
         try:
             descriptor = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
             with os.fdopen(descriptor, "rb") as file:

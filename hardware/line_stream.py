@@ -1,4 +1,4 @@
-"""Lines of a descriptor, a pipe's or a connection's, as they come: from those after the question, whole ones only."""
+"""Whole lines from the descriptor of a pipe or connection, with those before a question discarded."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ import time
 from hardware.errors import InstrumentError
 
 END_S = 3.0
-"""How long the reader may take to end."""
+"""Time-out for the reader to end."""
 LONGEST = 64 * 1024
-"""Characters of a line; whoever sends more sends no measurements."""
+"""Largest length of a line, characters."""
 CHUNK = 64 * 1024
 """Bytes read at once."""
 KEPT = 1024 * 1024
-"""Bytes that wait for somebody to ask; of more, the old ones go."""
+"""Bytes buffered; older ones are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
-"""Bytes more than the two ends of a connection hold: what comes after so many was sent after the question."""
+"""More bytes than a connection can hold: what follows them was sent after the question."""
 
 
 class LineStream:
-    """What comes from a descriptor, read by a thread at once: nobody who sends is kept waiting with an old line."""
+    """Lines of a descriptor, read at once by a thread so that the sender never blocks."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -33,12 +33,12 @@ class LineStream:
         self._unended = 0
         self._skipping = False
         self._ended = False
-        # It holds no lock of sys.stdin, which would abort the interpreter as it ends.
+        # Reads the descriptor: a lock on sys.stdin held at exit would abort the interpreter.
         self._reader = threading.Thread(target=self._read, name="sarcal-lines", daemon=True)
         self._reader.start()
 
     def forget(self) -> None:
-        """Throw away what was sent until now; of a line that is half here, the rest as well."""
+        """Discard everything sent so far, including the rest of an incomplete line."""
         left = IN_TRANSIT
         with self._news:
             while left > 0 and (count := self._take()):
@@ -46,7 +46,7 @@ class LineStream:
             self._drop()
 
     def line(self, wait_s: float, name: str) -> str | None:
-        """Return the next whole line, None where there is none in time; EOFError(its last line) at the end."""
+        """Return the next whole line; None on time-out; EOFError(last line) at the end."""
         with self._news:
             self._news.wait_for(
                 lambda: self._ended or self._unended >= LONGEST or b"\n" in self._came, wait_s
@@ -61,7 +61,7 @@ class LineStream:
             return None
 
     def end(self, connection: socket.socket) -> None:
-        """Let the reader end, then let go of what it reads."""
+        """End the reader and close the connection."""
         self._ended = True
         with contextlib.suppress(OSError):  # the other end hung up first
             connection.shutdown(socket.SHUT_RDWR)
@@ -75,7 +75,7 @@ class LineStream:
                 full = self._take() == CHUNK
                 self._news.notify_all()
             if full:
-                time.sleep(0.001)  # who sends without pause takes no processor from the bus
+                time.sleep(0.001)  # a sender without pause must not starve the bus
 
     def _ready(self, wait_s: float | None) -> bool:
         try:
@@ -84,7 +84,7 @@ class LineStream:
             return True
 
     def _take(self) -> int:
-        """Read once; how many bytes."""
+        """Read once; return the number of bytes."""
         if self._ended or not self._ready(0.0):
             return 0
         try:
@@ -113,7 +113,7 @@ class LineStream:
 
 
 def require_short(length: int, name: str) -> None:
-    """Refuse a line without end, of the port `name`."""
+    """Raise `InstrumentError` for a line without end on the port `name`."""
     if length >= LONGEST:
         raise InstrumentError(
             f"{name} sends no lines: {length} characters without an end of line. It must send one JSON "

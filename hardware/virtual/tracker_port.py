@@ -1,4 +1,4 @@
-"""The simulated tracker as a program of its own: a TCP port that answers lines. Knows no truth and no bus."""
+"""TCP port of the simulated tracker: answers lines."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from typing import Any
 from hardware.errors import InstrumentError
 
 HOST, PORT = "127.0.0.1", 7327
-"""Where it listens unless told otherwise: this machine alone can ask it."""
-
+"""Default address, reachable from this machine only."""
 LONGEST = 4096
-"""Characters of a question; who sends more is hung up on."""
-
-
+"""Largest length of a question, characters; the connection is closed beyond it."""
 CLIENTS = 16
-"""At one time, a thread each; one more is told so and hung up on."""
+"""Simultaneous clients, one thread each; a further one gets an error and is disconnected."""
 
 
 class _Server(socketserver.ThreadingTCPServer):
-    """One thread a client; none keeps the program from ending."""
+    """One daemon thread per client."""
 
     allow_reuse_address = True
     daemon_threads = True
@@ -35,7 +32,7 @@ class _Server(socketserver.ThreadingTCPServer):
         self._places = threading.BoundedSemaphore(CLIENTS)
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Give it a thread, where there is one left."""
+        """Start a thread if one is free."""
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
@@ -45,7 +42,7 @@ class _Server(socketserver.ThreadingTCPServer):
         self.shutdown_request(request)
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Answer it, then leave its place to another."""
+        """Serve the client, then free its place."""
         try:
             super().process_request_thread(request, client_address)
         finally:
@@ -56,16 +53,9 @@ class _Server(socketserver.ThreadingTCPServer):
 def serve_tracker(
     answer: Callable[[str], str], port: int = PORT, *, host: str = HOST
 ) -> Iterator[int]:
-    """Answer every line that comes to `port` with a line; 0 takes any port that is free.
+    """Answer every line on `port` with a line; 0 takes any free port. Yields the port.
 
-    Yields
-    ------
-    The port.
-
-    Raises
-    ------
-    InstrumentError
-        Somebody else listens there.
+    Raises `InstrumentError` if another program listens there.
     """
 
     class Handler(socketserver.StreamRequestHandler):
@@ -75,10 +65,9 @@ def serve_tracker(
                     question = self.rfile.readline(LONGEST)
                     if not question.endswith(b"\n"):
                         return
-                    said = answer(question.decode(errors="replace"))
-                    self.wfile.write(said.encode() + b"\n")
-                except OSError:
-                    # The other end is gone: nobody to answer.
+                    reply = answer(question.decode(errors="replace"))
+                    self.wfile.write(reply.encode() + b"\n")
+                except OSError:  # the client disconnected
                     return
 
     try:
@@ -86,8 +75,8 @@ def serve_tracker(
     except OSError as error:
         raise InstrumentError(
             f"the tracker cannot listen at {host}:{port} ({error.strerror or error}): another program does, "
-            "perhaps another controller. End that, or take another port: --tracker-port N, and --tracker "
-            f"tcp:{host}:N for who asks it"
+            "perhaps another controller. End that, or use another port: --tracker-port N here, and --tracker "
+            f"tcp:{host}:N in the session"
         ) from error
     thread = threading.Thread(
         target=server.serve_forever, args=(0.05,), name="sarcal-tracker", daemon=True

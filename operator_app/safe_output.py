@@ -6,6 +6,7 @@ would interpret.
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import unicodedata
@@ -31,6 +32,11 @@ def harmless(text: str, *, keep: str = "") -> str:
 def lines(found: Iterable[str]) -> str:
     """Join lines; each is made harmless first."""
     return "\n".join(map(harmless, found))
+
+
+def as_json(found: object) -> str:
+    """Return a result as indented JSON; ValueError for NaN and infinity."""
+    return json.dumps(found, indent=2, allow_nan=False)
 
 
 def say(text: str = "", *, err: bool = False, streaming: bool = False) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from operator_app.commands.options import (
 )
 from operator_app.errors import NotLetGoError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import harmless, say
+from operator_app.safe_output import as_json, harmless, say
 
 if TYPE_CHECKING:
     from hardware.commissioning.finding import CheckFinding
@@ -101,7 +100,7 @@ def execute(args: argparse.Namespace) -> int:
                 powered = arm.left_powered if isinstance(arm, PowerReporting) else ()
     if args.json:
         found = [{**asdict(f), "stage": f.stage.value} for f in findings]
-        say(json.dumps({"findings": found, "held": held}, indent=2))
+        say(as_json({"findings": found, "held": held}))
     failed = sum(f.passed is False for f in findings)
     passed = sum(f.passed is True for f in findings)
     say(

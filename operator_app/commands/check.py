@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import a_name, json_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.config.any_file import AnyKind
@@ -56,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     found = look_through(sources, known, missing)
     chains = () if found.problems else chains_of(found)
     if args.json:
-        say(json.dumps(found_json(found, chains), indent=2, allow_nan=False))
+        say(as_json(found_json(found, chains)))
     else:
         say(problems_text(found.problems) if found.problems else check_text(found, chains))
     if found.problems:

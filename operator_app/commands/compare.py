@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from operator_app.commands.options import a_name, json_option, sessions_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,8 +48,5 @@ def execute(args: argparse.Namespace) -> int:
         found = compare(before, after, level=args.level, remounted=args.remounted)
     except IncomparableError as error:
         raise UsageError(f"{args.a}, {args.b}: {error}") from error
-    if args.json:
-        say(json.dumps(comparison_json(found), indent=2, allow_nan=False))
-    else:
-        say(comparison_text(found))
+    say(as_json(comparison_json(found)) if args.json else comparison_text(found))
     return ExitCode.NOT_ACCEPTED if found.drifted else ExitCode.ACCEPTED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING
@@ -22,7 +21,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.report.exports import Calibration
@@ -147,7 +146,7 @@ def execute(args: argparse.Namespace) -> int:
             "serial_number": state.serial_number,
             "uploaded": None if receipt is None else asdict(receipt),
         }
-        say(json.dumps(told, indent=2, allow_nan=False))
+        say(as_json(told))
         return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
     if not to_stdout:
         say(f"Parameters  {target}")

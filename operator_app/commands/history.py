@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from pathlib import Path
 
 from operator_app.commands.options import a_name, a_path, json_option, sessions_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 LONGEST_DAYS = 36500.0
 
@@ -85,7 +84,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.output is not None:
         write_atomically(args.output, history_html(found))
     if args.json:
-        say(json.dumps(history_json(found), indent=2, allow_nan=False))
+        say(as_json(history_json(found)))
     else:
         say(history_text(found))
         if args.output is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +18,7 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.config.joint_log import Unit
@@ -146,7 +145,7 @@ def execute(args: argparse.Namespace) -> int:
                 folder=folder,
                 state=session.state,
             )
-            say(json.dumps(found | recordings, indent=2, allow_nan=False))
+            say(as_json(found | recordings))
         else:
             say(f"{unidentifiable_text(error)}\n\nSession     {folder}")
         return ExitCode.NOT_IDENTIFIABLE
@@ -157,7 +156,7 @@ def execute(args: argparse.Namespace) -> int:
     facts = facts_of(solution, checks=checks, limits=session.procedure.acceptance)
     if args.json:
         said = session_json(facts, solution.paper, folder, session.state)
-        say(json.dumps(said | recordings, indent=2, allow_nan=False))
+        say(as_json(said | recordings))
     else:
         words = session_text(folder, session.state, accepted=solution.accepted)
         say(f"{facts_text(facts)}\n\n{words}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections.abc import Iterable
@@ -11,7 +10,7 @@ from datetime import UTC, datetime
 
 from operator_app.commands.options import bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 POLL_S = 0.1
 
@@ -60,7 +59,7 @@ def execute(args: argparse.Namespace) -> int:
         wire.close()
     found = seen.summary()
     if args.json:
-        say(json.dumps(found, indent=2))
+        say(as_json(found))
     else:
         say(
             f"{found['frames']} frames, {found['syncs']} SYNCs in "

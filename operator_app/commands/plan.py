@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -18,7 +17,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from fixtures.advice import RankedPlacement
@@ -101,7 +100,7 @@ def execute(args: argparse.Namespace) -> int:
         found = plan_json(shown, basis=basis)
         if advice is not None:
             found["advice"] = advice_json(advice, parameters)
-        say(json.dumps(found, indent=2, allow_nan=False))
+        say(as_json(found))
         return _code(shown)
     title = (
         f"Plan of {procedure.name}: {procedure.arm.name} in fixture {procedure.fixture.name}, "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
 from dataclasses import asdict
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import a_path, bus_options, json_option, record_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from hardware.canopen.bus_profile import BusProfile
@@ -80,7 +79,7 @@ def execute(args: argparse.Namespace) -> int:
         problems.insert(0, f"{found.meanwhile}: end that program, then probe again")
     fine = bool(found.nodes) and not problems
     if args.json:
-        say(json.dumps(asdict(found), indent=2))
+        say(as_json(asdict(found)))
         return ExitCode.ACCEPTED if fine else ExitCode.ARM_FAULT
     if _report_no_nodes(found, str(settings)):
         return ExitCode.ARM_FAULT
@@ -147,7 +146,7 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
     if args.json:
-        say(json.dumps({**asdict(found), "draft": str(args.draft)}, indent=2))
+        say(as_json({**asdict(found), "draft": str(args.draft)}))
         return ExitCode.ACCEPTED
     say(_drafted(made, args.draft))
     return ExitCode.ACCEPTED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from operator_app.commands.options import (
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.report.subject import Subject
@@ -109,12 +108,12 @@ def _print(args: argparse.Namespace, subject: Subject, folder: Path, state: Sess
         found = unidentifiable_json(
             blind, parameters=len(model.parameters), folder=folder, state=state
         )
-        say(json.dumps(found, indent=2, allow_nan=False))
+        say(as_json(found))
     if solution is None or facts is None:
         return
     if args.json:
         found = session_json(facts, solution.paper, folder, state)
-        say(json.dumps(found, indent=2, allow_nan=False))
+        say(as_json(found))
     else:
         say(f"{facts_text(facts)}\n\n{session_text(folder, state, accepted=solution.accepted)}")
 

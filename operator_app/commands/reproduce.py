@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from operator_app.commands.options import json_option, pose_count
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 FEWEST, MOST = 8, 120
 
@@ -29,8 +28,5 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(f"--poses: between {FEWEST} and {MOST}")
     say("Capturing six sets of poses and calibrating ten times: about 30 s.", err=True)
     found = published(poses=args.poses)
-    if args.json:
-        say(json.dumps(published_json(found), indent=2, allow_nan=False))
-    else:
-        say(published_text(found))
+    say(as_json(published_json(found)) if args.json else published_text(found))
     return ExitCode.ACCEPTED

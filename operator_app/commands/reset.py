@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from operator_app.commands.options import (
     arm_options,
@@ -14,7 +13,7 @@ from operator_app.commands.options import (
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -82,7 +81,7 @@ def _report(
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],
             "left": [{"joint": j, "is": text} for j, text in stays.items()],
         }
-        say(json.dumps(facts, indent=2))
+        say(as_json(facts))
         return
     for joint, text in cleared.items():
         say(f"Joint {joint}  {text}: reset")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -27,7 +26,7 @@ from operator_app.commands.options import (
     tracker_option,
 )
 from operator_app.exit_codes import ExitCode
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.headless.runner import RunResult
@@ -157,7 +156,7 @@ def _report(args: argparse.Namespace, session: Session, result: RunResult) -> No
     if args.json:
         found = session_json(facts, solution.paper, folder, state)
         found["capture"] = capture_json(result.capture, result.advice, parameters, state.used_poses)
-        say(json.dumps(found, indent=2, allow_nan=False))
+        say(as_json(found))
         return
     say(facts_text(facts))
     if result.capture is not None:
@@ -181,4 +180,4 @@ def _report_unidentifiable(
         folder=session.journal.path.parent,
         state=session.state,
     )
-    say(json.dumps(found, indent=2, allow_nan=False))
+    say(as_json(found))

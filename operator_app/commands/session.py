@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import a_name, json_option, sessions_option
 from operator_app.config.errors import ConfigError
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.session.store.state import SessionState
@@ -66,7 +65,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.action == "list":
         found = [facts(entry) for entry in list_sessions(args.sessions)]
         if args.json:
-            say(json.dumps(found, indent=2))
+            say(as_json(found))
         elif not found:
             say(f"No sessions in {args.sessions}. `sarcal run hinge` makes one.")
         else:
@@ -100,7 +99,7 @@ def execute(args: argparse.Namespace) -> int:
         raise JournalError(entry.problem, entry.remedy)
     fact = facts(entry)
     if args.json:
-        say(json.dumps(fact, indent=2))
+        say(as_json(fact))
     elif entry.state is not None:
         title = _procedure_of(entry.state)
         say(session_table_text(entry.folder, entry.state, procedure=title, torn=entry.torn))
@@ -127,5 +126,5 @@ def _repair(args: argparse.Namespace) -> int:
     if args.name is None:
         raise UsageError("session repair: name the session; `sarcal session list` shows them")
     found = repair_journal(find_session(args.sessions, args.name))
-    say(json.dumps(repair_json(found), indent=2) if args.json else repair_text(found))
+    say(as_json(repair_json(found)) if args.json else repair_text(found))
     return ExitCode.ACCEPTED

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from operator_app.commands.options import a_name, json_option
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 MEANING = {
     "interface": "the bus, as -i",
@@ -56,7 +55,7 @@ def execute(args: argparse.Namespace) -> int:
     else:
         found = load_settings()
     if args.json:
-        say(json.dumps({"file": str(path), "settings": found.stated}, indent=2))
+        say(as_json({"file": str(path), "settings": found.stated}))
         return ExitCode.ACCEPTED
     say(f"File       {path}{'' if path.exists() else ' (there is none)'}")
     for key, meaning in MEANING.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
@@ -17,7 +16,7 @@ from operator_app.commands.options import (
     tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from fixtures.base import Fixture
@@ -128,7 +127,7 @@ def execute(args: argparse.Namespace) -> int:
         loop = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
         if args.json:
             found = unidentifiable_data(error, parameters=len(loop.parameters), poses=len(poses))
-            say(json.dumps(found, indent=2, allow_nan=False))
+            say(as_json(found))
         else:
             say(unidentifiable_text(error))
         return ExitCode.NOT_IDENTIFIABLE
@@ -158,7 +157,7 @@ def execute(args: argparse.Namespace) -> int:
         document = facts.json
         if tested is not None:
             document["test"] = verification_json(tested, new)
-        say(json.dumps(document, indent=2, allow_nan=False))
+        say(as_json(document))
     else:
         failed = args.test if tested is not None and not tested.holds else ""
         say(facts_text(facts, failed=failed))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,7 +22,7 @@ from operator_app.commands.options import (
     tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
-from operator_app.safe_output import say
+from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from fixtures.measured import Measured
@@ -120,10 +119,11 @@ def execute(args: argparse.Namespace) -> int:
         verdict, poses = _on_the_arm(
             opening, solution, count, homing=args.go_home, record_to=recording(args, opening)
         )
-    if args.json:
-        say(json.dumps(verification_json(verdict, poses), indent=2, allow_nan=False))
-    else:
-        say(verification_text(verdict, poses, str(opening.folder)))
+    say(
+        as_json(verification_json(verdict, poses))
+        if args.json
+        else verification_text(verdict, poses, str(opening.folder))
+    )
     return ExitCode.ACCEPTED if verdict.holds else ExitCode.NOT_ACCEPTED
 
 
@@ -159,10 +159,7 @@ def _open_loop(
     else:
         instrument, poses = _open_arm(args, opening, wanted)
     found = check_open_loop(arm, instrument, poses, solution)
-    if args.json:
-        say(json.dumps(open_loop_json(found), indent=2, allow_nan=False))
-    else:
-        say(open_loop_text(found, str(opening.folder)))
+    say(as_json(open_loop_json(found)) if args.json else open_loop_text(found, str(opening.folder)))
     return ExitCode.ACCEPTED if found.holds else ExitCode.NOT_ACCEPTED
 
 

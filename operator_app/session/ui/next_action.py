@@ -23,33 +23,35 @@ class NextAction:
     hint: str
 
 
+def _propose(action: str, label: str, hint: str) -> NextAction:
+    return NextAction(action=action, label=label, hint=hint)
+
+
 def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     """Return the next action of a step."""
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
     if s.task is not None and not s.task.moves:
-        return NextAction(action="", label="", hint=f"{s.task.text} ...")
+        return _propose("", "", f"{s.task.text} ...")
     if s.stopped:
         why = "the arm stopped by itself: keep clear until the cause is known, then Enter (or R) resets it"
-        return NextAction(
-            action="reset",
-            label="Reset STOP",
-            hint=f"{why}; nothing moves by itself"
+        return _propose(
+            "reset",
+            "Reset STOP",
+            f"{why}; nothing moves by itself"
             if s.stopped_for
             else "STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
         )
     if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
-        return NextAction(
-            action="reset",
-            label="Reset fault",
-            hint="a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves",
+        return _propose(
+            "reset",
+            "Reset fault",
+            "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves",
         )
     if s.task is not None:
-        return NextAction(action="", label="", hint=f"{s.task.text}: any key stops it")
+        return _propose("", "", f"{s.task.text}: any key stops it")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
-        return NextAction(
-            action="step_1", label="To Connect", hint="no arm is connected: Enter goes to step 1"
-        )
+        return _propose("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
     match step:
         case Step.CONNECT:
             return _connect(s)
@@ -70,23 +72,19 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
 def _lost(step: Step) -> NextAction:
     what = "no data from the arm; the drives hold by themselves. Check bus and controller, then "
     if step is Step.CONNECT:
-        return NextAction(
-            action="connect", label="Connect again", hint=what + "Enter connects again"
-        )
-    return NextAction(action="step_1", label="To Connect", hint=what + "Enter goes to step 1")
+        return _propose("connect", "Connect again", what + "Enter connects again")
+    return _propose("step_1", "To Connect", what + "Enter goes to step 1")
 
 
-_CONNECT_AGAIN = NextAction(
-    action="step_1",
-    label="To Connect",
-    hint="correct what the alarm reports; then Enter goes to step 1, to connect again",
+_CONNECT_AGAIN = _propose(
+    "step_1",
+    "To Connect",
+    "correct what the alarm reports; then Enter goes to step 1, to connect again",
 )
 
 
 def _next(step: Step, hint: str) -> NextAction:
-    return NextAction(
-        action="next", label=step.title, hint=f"{hint}: Enter goes on to {step.title}"
-    )
+    return _propose("next", step.title, f"{hint}: Enter goes on to {step.title}")
 
 
 def _connect(s: SessionSnapshot) -> NextAction:
@@ -95,42 +93,38 @@ def _connect(s: SessionSnapshot) -> NextAction:
         hint = f"Enter connects to {what} on {s.bus}"
         if s.state.unconfirmed_placement:
             hint = f"placement {s.state.placement}: when the fixture is mounted and all stand clear, {hint}"
-        return NextAction(action="connect", label="Connect", hint=hint)
+        return _propose("connect", "Connect", hint)
     if not s.simulated and not s.stop_tested:
-        return NextAction(
-            action="stop_tested",
-            label="Stop tested",
-            hint="press the hardware stop, check that every drive drops out, release it; then Enter",
+        return _propose(
+            "stop_tested",
+            "Stop tested",
+            "press the hardware stop, check that every drive drops out, release it; then Enter",
         )
     if needs_reconnect(s):
-        return NextAction(
-            action="connect",
-            label="Connect again",
-            hint="correct what the alarm reports, then Enter connects again",
+        return _propose(
+            "connect", "Connect again", "correct what the alarm reports, then Enter connects again"
         )
     return _next(Step.FIXTURE, "the arm is connected and checked")
 
 
 def _fixture(s: SessionSnapshot) -> NextAction:
     if not s.checks or any(c.severity is Severity.REFUSED for c in s.checks):
-        return NextAction(
-            action="check_fixture",
-            label="Check",
-            hint="remount the fixture as the refused check says, then Enter checks it again",
+        return _propose(
+            "check_fixture",
+            "Check",
+            "remount the fixture as the refused check says, then Enter checks it again",
         )
     left = len(s.procedure.fixture.checklist) - len(s.ticked)
     if left and s.simulated:
-        return NextAction(
-            action="confirm_all",
-            label="Tick all",
-            hint="on a real arm each item is checked and ticked by itself; this arm is simulated: "
+        return _propose(
+            "confirm_all",
+            "Tick all",
+            "on a real arm each item is checked and ticked by itself; this arm is simulated: "
             f"Enter ticks all {left}",
         )
     if left:
-        return NextAction(
-            action="confirm",
-            label="Tick",
-            hint=f"check each item of the list, then Enter ticks it: {left} left",
+        return _propose(
+            "confirm", "Tick", f"check each item of the list, then Enter ticks it: {left} left"
         )
     return _next(Step.MODES, "the fixture is checked")
 
@@ -141,21 +135,21 @@ def _modes(s: SessionSnapshot) -> NextAction:
     if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
-        return NextAction(action="suggest", label="Best pair", hint=problem[0])
+        return _propose("suggest", "Best pair", problem[0])
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
-        return NextAction(
-            action="apply_modes",
-            label="Apply modes",
-            hint="do what the alarm says; then Enter applies the modes again, or N starts a new session",
+        return _propose(
+            "apply_modes",
+            "Apply modes",
+            "do what the alarm says; then Enter applies the modes again, or N starts a new session",
         )
     driven = names(f"J{k}" for k in marked)
     others = and_the_others(len(marked), s.procedure.arm.joint_count)
-    return NextAction(
-        action="apply_modes",
-        label="Apply modes",
-        hint=f"Enter applies the modes: {driven} drive{others} (it asks first)",
+    return _propose(
+        "apply_modes",
+        "Apply modes",
+        f"Enter applies the modes: {driven} drive{others} (it asks first)",
     )
 
 
@@ -166,9 +160,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
     used = len(s.state.used_poses)
     left = s.wanted_poses - used
     if left > 0 and missing:
-        return NextAction(
-            action="back", label="Back to Modes", hint=f"{missing[0]}; Enter goes back there"
-        )
+        return _propose("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
     if left > 0:
         poses = "the pose" if left == 1 else f"the {left} poses"
         hint = f"Enter captures {poses} left automatically; g and c capture one by hand"
@@ -180,16 +172,16 @@ def _capture(s: SessionSnapshot) -> NextAction:
             hint = f"Enter measures pose {first} again (drift check), then captures {poses} left"
         if moves_real_arm(s):
             hint += " (it asks first)"
-        return NextAction(action="automatic", label="Automatic", hint=hint)
+        return _propose("automatic", "Automatic", hint)
     return _next(Step.CALIBRATE, f"all {used} poses are captured")
 
 
 def _calibrate(s: SessionSnapshot) -> NextAction:
     if s.solution is None:
-        return NextAction(
-            action="calibrate",
-            label="Solve",
-            hint=f"Enter calibrates from {len(s.state.used_poses)} poses, estimator {s.estimator}",
+        return _propose(
+            "calibrate",
+            "Solve",
+            f"Enter calibrates from {len(s.state.used_poses)} poses, estimator {s.estimator}",
         )
     return _next(Step.RESULTS, "calibrated")
 
@@ -197,32 +189,30 @@ def _calibrate(s: SessionSnapshot) -> NextAction:
 def _results(s: SessionSnapshot) -> NextAction:
     missing = missing_for(Step.EXPORT, s)
     if missing:
-        return NextAction(
-            action="step_4",
-            label="Capture more",
-            hint="not accepted: capture poses as the warnings say, or exclude bad ones, and solve again",
+        return _propose(
+            "step_4",
+            "Capture more",
+            "not accepted: capture poses as the warnings say, or exclude bad ones, and solve again",
         )
     return _next(Step.EXPORT, "the calibration is accepted")
 
 
 def _export(s: SessionSnapshot) -> NextAction:
     if s.written is None:
-        return NextAction(
-            action="write", label="Write file", hint="Enter writes parameters.yaml and poses.csv"
-        )
+        return _propose("write", "Write file", "Enter writes parameters.yaml and poses.csv")
     if s.identity is not None and not s.identity.keeps_parameters:
-        return NextAction(
-            action="quit",
-            label="Finish",
-            hint="done: the files are written; this arm stores no parameters. Enter or q quits",
+        return _propose(
+            "quit",
+            "Finish",
+            "done: the files are written; this arm stores no parameters. Enter or q quits",
         )
     if s.receipt is None:
-        return NextAction(
-            action="upload",
-            label="Upload",
-            hint="the files are written. Enter uploads to the controller, after a question; q quits",
+        return _propose(
+            "upload",
+            "Upload",
+            "the files are written. Enter uploads to the controller, after a question; q quits",
         )
-    return NextAction(action="quit", label="Finish", hint=_uploaded(s))
+    return _propose("quit", "Finish", _uploaded(s))
 
 
 def _uploaded(s: SessionSnapshot) -> str:

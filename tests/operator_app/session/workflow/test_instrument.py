@@ -178,7 +178,7 @@ def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
         file.write("0\n")
     assert port.line(0.0) == "1,2,3,0,0,90"
     path.write_text("x_m\n")
-    with pytest.raises(InstrumentError, match="written anew"):
+    with pytest.raises(InstrumentError, match="has become shorter"):
         port.line(0.0)
 
 

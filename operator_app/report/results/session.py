@@ -91,7 +91,7 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
             f"Poses       in the journal; {POSES_NAME} was written before they were changed"
         )
     if not exported:
-        why = "" if accepted else ": the calibration was not accepted"
+        why = f": sarcal export {folder}" if accepted else ": the calibration was not accepted"
         return "\n".join([*lines, f"Parameters  not written{why}"])
     lines.append(f"Parameters  {folder / exported['file']}")
     uploaded = exported["uploaded"]

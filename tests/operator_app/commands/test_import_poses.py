@@ -276,7 +276,7 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ([str(log), "--dwell-s", "1"], "name the time column of a log with --time"),
         ([str(log), "--time", "time"], "say --rad, or --deg"),
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
-        ([str(log), "--time", "time", "--topic", "/a"], "--topic is of bags"),
+        ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
         (
             [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
             "2 cells where the lines before have",

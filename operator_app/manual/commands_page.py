@@ -1,4 +1,4 @@
-"""The page of all commands, from their parsers. Knows argparse and nothing else."""
+"""The page of all commands, from their argparse parsers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which pages there are, in their order, and where each comes from. Shows nothing.
+"""Which pages the manual has, in their order, and where each comes from.
 
 What people wrote is Markdown in `pages`. What the code knows better, every option, key of a file, fault,
 object and exit code, is made from the code when the page is read: there is no second copy to grow old.

@@ -26,11 +26,11 @@ class SessionError(Exception):
         self.remedy = remedy
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
-    def preceded_by(self, told: str) -> None:
+    def preceded_by(self, earlier: str) -> None:
         """Put a message about an earlier event in front."""
-        self.happened = f"{told.removesuffix('.')}. Then: {self.happened}"
+        self.happened = f"{earlier.removesuffix('.')}. Then: {self.happened}"
         (said,) = self.args
-        self.args = (f"{told.removesuffix('.')}. Then: {said}",)
+        self.args = (f"{earlier.removesuffix('.')}. Then: {said}",)
 
 
 class NotLetGoError(SessionError):

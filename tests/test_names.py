@@ -1,7 +1,9 @@
-"""One idea, one name: class names and constants across the product."""
+"""One idea, one name: class names across the product, and words that are no names of the field."""
 
 import ast
+import re
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -9,13 +11,61 @@ PACKAGES = ("operator_app", "hardware", "fixtures", "solver")
 PUBLIC_TWICE = {"Arm", "Fixture"}
 """What `import sarcal` offers under the name of the protocol behind it."""
 
+NO_NAMES = {
+    "anew", "astray", "belief", "believe", "believed", "deaf", "desk", "disbelieved", "flexure", "foreseen", "foretell",
+    "foretold", "halving", "halvings", "judgement", "leftover", "parting", "perhaps", "rival", "rivals", "sameness",
+    "soften", "softened", "stray", "told", "unreturned", "unsteady", "untold", "watchman",
+}  # fmt: skip
+"""Words without a meaning in metrology, robotics or CiA 301/402; each has a standard word."""
+
+EXCEPTIONS = {"test_a_drive_joint_goes_where_it_is_told_and_back"}
+"""A test of the contract that other packages run: its name is public."""
+
+
+def modules() -> Iterator[tuple[Path, ast.Module]]:
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def identifiers(path: Path, module: ast.Module) -> set[str]:
+    """Return every name that a module defines or uses, its own among them."""
+    found = {path.stem}
+    for node in ast.walk(module):
+        match node:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.arg(arg=name):
+                found.add(name)
+            case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name):
+                found.add(name)
+            case ast.ClassDef(name=name) | ast.keyword(arg=str(name)):
+                found.add(name)
+    return found
+
+
+def words(name: str) -> set[str]:
+    """Return the words of a name in snake or camel case."""
+    return set(re.findall(r"[a-z]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()))
+
 
 def test_a_class_name_is_defined_once() -> None:
     places = defaultdict(list)
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            for node in ast.parse(path.read_text(encoding="utf-8")).body:
-                if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                    places[node.name].append(str(path.relative_to(ROOT)))
+    for path, module in modules():
+        for node in module.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places[node.name].append(str(path))
     twice = {name: found for name, found in places.items() if len(found) > 1}
     assert set(twice) == PUBLIC_TWICE, twice
+
+
+def test_names_are_words_of_the_field() -> None:
+    found = defaultdict(set)
+    for path, module in modules():
+        for name in identifiers(path, module):
+            if words(name) & NO_NAMES:
+                found[name].add(str(path))
+    assert set(found) == EXCEPTIONS, {n: p for n, p in found.items() if n not in EXCEPTIONS}
+
+
+def test_words_are_split_by_case_and_underscore() -> None:
+    assert words("_AS_FORETOLD") == {"as", "foretold"}
+    assert words("DriveAstray") == {"drive", "astray"}

@@ -63,10 +63,10 @@ class FaultDescription:
 
     def seen(self) -> str:
         """What the operator sees, as a sentence."""
-        told = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.says)
+        clauses = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.says)
         if not self.goes_on:
-            return f"is told {told}"
-        return f"goes on, or is told {told}" if told else "goes on"
+            return f"is told {clauses}"
+        return f"goes on, or is told {clauses}" if clauses else "goes on"
 
     def does(self) -> str:
         """What the arm does, as a sentence."""

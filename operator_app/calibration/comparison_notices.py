@@ -10,7 +10,7 @@ from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 SAME_NOMINAL = 1e-9
 """Entries that neither calibration identified differ when they differ by more (rad, m)."""
 
-SCALE_TOLD = 1.1
+REPORTED_SCALE = 1.1
 """Standard deviations that were multiplied by more than this are said to have been."""
 
 
@@ -47,7 +47,7 @@ def notices(
     found += [
         Finding(kind=K.COMPARED_SCALED, names=(name,), size=scale, figures={"ratio": scale**2})
         for name, scale in zip("AB", scales, strict=True)
-        if scale > SCALE_TOLD
+        if scale > REPORTED_SCALE
     ]
     return tuple(found)
 

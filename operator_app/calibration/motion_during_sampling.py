@@ -33,7 +33,7 @@ def motion_causes(
         if there:
             found.append(
                 Finding(
-                    kind=FindingKind.READING_UNSTEADY,
+                    kind=FindingKind.MOTION_DURING_SAMPLING,
                     joint=j,
                     sensor=sensor_name(j, arm),
                     poses=tuple(labels[k] for k in there),

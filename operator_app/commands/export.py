@@ -137,7 +137,7 @@ def execute(args: argparse.Namespace) -> int:
     else:
         write_atomically(target, data)
     if args.json:
-        told = {
+        shown = {
             "session": str(opening.folder),
             "format": kind,
             "file": str(target),
@@ -146,7 +146,7 @@ def execute(args: argparse.Namespace) -> int:
             "serial_number": state.serial_number,
             "uploaded": None if receipt is None else asdict(receipt),
         }
-        say(as_json(told))
+        say(as_json(shown))
         return ExitCode.ACCEPTED if solution.accepted else ExitCode.NOT_ACCEPTED
     if not to_stdout:
         say(f"Parameters  {target}")

@@ -16,7 +16,7 @@ from fixtures.base import Tolerance
 from operator_app.commands.options import a_name, a_path
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
-from operator_app.units.figure import ANGLE, LENGTH, STRAY, Figure
+from operator_app.units.figure import ANGLE, DEVIATION, LENGTH, Figure
 from solver.loops.endpoint_geometry import Line
 
 if TYPE_CHECKING:
@@ -173,8 +173,8 @@ def _arm(args: argparse.Namespace) -> int:
     target = _save(args, "arm", name, dump_strict(body, comment=comment), parse_arm)
     say(f"Arm         {target}: {len(chain.joints)} joints, {chain.base} to {chain.tip}")
     if chain.rounded:
-        told = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
-        say(f"Angles      rounded in the file are taken as exact: {told}")
+        meanings = ", ".join(f"{word} is {deg:g} deg" for word, deg in chain.rounded.items())
+        say(f"Angles      rounded in the file are taken as exact: {meanings}")
     if bent is not None:
         say("Home        bent: the middle of the ranges does not identify all parameters")
     for T, where in (
@@ -248,7 +248,7 @@ def _fixture(args: argparse.Namespace) -> int:
         )
     else:
         joint = int(np.argmax(np.abs(off)))
-        size = STRAY(float(abs(off[joint]))).with_unit
+        size = DEVIATION(float(abs(off[joint]))).with_unit
         say(
             f"From the arm's home_deg to the nearest pose that closes: {size} at most, joint {joint + 1}."
         )

@@ -60,9 +60,9 @@ def read_any(path: str) -> Resource:
 def kind_of(source: Resource) -> AnyKind | None:
     """Tell what kind of file this is: by its ``schema`` line, else by its keys or its header."""
     text = source.data.decode("utf-8", errors="replace")
-    told = SCHEMA.search(text)
+    kinds = SCHEMA.search(text)
     for kind in FILES:
-        if told is not None and told[1] == kind:
+        if kinds is not None and kinds[1] == kind:
             return kind
     lines = (line.strip() for line in text.lstrip("\ufeff").splitlines())
     first = next((line for line in lines if line and not line.startswith("#")), "")
@@ -159,10 +159,10 @@ def look_through(
     missing
         What is wrong with files that are not among these, as they cannot be read at all.
     """
-    told = [(source, known.get(source.file) or kind_of(source)) for source in sources]
+    kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
     reader = _Reader(problems=dict.fromkeys(missing))
     looked = {
         k: reader.look(source, kind)
-        for k, (source, kind) in sorted(enumerate(told), key=lambda item: ORDER.index(item[1][1]))
+        for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1]))
     }
-    return Found(files=tuple(looked[k] for k in range(len(told))), problems=tuple(reader.problems))
+    return Found(files=tuple(looked[k] for k in range(len(kinds))), problems=tuple(reader.problems))

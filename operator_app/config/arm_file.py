@@ -143,8 +143,8 @@ def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, rem
     """Report a list of joints or links that has not one item a row of the D-H table."""
     rows = info.data.get("dh")
     if rows is not None and len(rows) != len(items):
-        told = f"there are {len(items)} {name}s for {len(rows)} D-H rows"
-        report(info, (f"{name}s",), told, remedy)
+        text = f"there are {len(items)} {name}s for {len(rows)} D-H rows"
+        report(info, (f"{name}s",), text, remedy)
 
 
 class ArmFile(StrictModel):

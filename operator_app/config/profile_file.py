@@ -209,7 +209,7 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
     whole = found.for_joints(count)
     places = {joint.joint: ("joints", k) for k, joint in enumerate(found.joints)}
     nodes = {} if whole.supervisor is None else {whole.supervisor: "the supervisor"}
-    identifiers, told = dict[int, str](), set[Place]()
+    identifiers, reported = dict[int, str](), set[Place]()
     for number, joint in enumerate(whole.joints, 1):
         place: Place = places.get(number, ("joints",))
         if joint.node in nodes:
@@ -227,8 +227,8 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
                 used = identifiers.get(pdo.cob_id) or next(
                     (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
                 )
-                if used and here not in told:  # what is said for all joints is said once
-                    told.add(here)
+                if used and here not in reported:  # what is said for all joints is said once
+                    reported.add(here)
                     yield (
                         here,
                         f"{pdo.cob_id:03X}h, for joint {number}, is taken by {used}",

@@ -26,7 +26,7 @@ GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 FLANGES = ("tool0", "flange")
 """Ends that are taken where others have the same turning joints (REP 199)."""
 ENDS_SHOWN = 12
-TOLD_RAD, SEEN_RAD = 1e-8, 1e-10
+REPORTED_RAD, SEEN_RAD = 1e-8, 1e-10
 """A rounded angle is reported where it differs from what it stands for by more than the first, and counts for
 nothing where it differs by less than the second."""
 
@@ -91,9 +91,11 @@ class UrdfChain:
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Angles that the file rounds by more than `TOLD_RAD`, and what each stands for, deg."""
+        """Angles that the file rounds by more than `REPORTED_RAD`, and what each stands for, deg."""
         every = {word: deg for step in self.steps for word, deg in step.rounded.items()}
-        return {w: deg for w, deg in every.items() if abs(float(w) - math.radians(deg)) > TOLD_RAD}
+        return {
+            w: deg for w, deg in every.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
+        }
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
@@ -321,7 +323,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         axis=axis,
         joint=joint,
         rounded={
-            w: deg for w, deg in rounded.items() if abs(float(w) - math.radians(deg)) > TOLD_RAD
+            w: deg for w, deg in rounded.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
         },
     )
 

@@ -178,7 +178,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         ),
         "check the sensor and cable of joint {joint}, then take these poses again; or " + _UNSENSED,
     ),
-    K.READING_UNSTEADY: (
+    K.MOTION_DURING_SAMPLING: (
         (
             "the readings of joint {joint} spread by up to {size:SCATTER} within {poses}, more than the noise of its "
             "{sensor_name}: it moved or shook while it was read"
@@ -211,7 +211,10 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "check their centring, or state their accuracy_deg",
     ),
     K.RVDT_NONLINEAR: (
-        "the RVDT of joint {joint} {certain:deviates|may deviate} from its {reference} by up to {size:STRAY}{share}",
+        (
+            "the RVDT of joint {joint} {certain:deviates|may deviate} from its {reference} by up to "
+            "{size:DEVIATION}{share}"
+        ),
         "replace or linearise the RVDT of joint {joint}, or " + _UNSENSED,
     ),
     K.RVDT_NOISE_EXCEEDS: (

@@ -45,7 +45,7 @@ class FindingKind(Enum):
     READING_NOISE = "{sensor}_{joint}"
     READING_UNRELATED = "{sensor}_{joint}"
     READING_FROZEN = "FROZEN_JOINT_{joint}"
-    READING_UNSTEADY = "UNSTEADY_{joint}"
+    MOTION_DURING_SAMPLING = "UNSTEADY_{joint}"
     ALL_READINGS_NOISE = "SCATTER"
     ENCODER_SCALE = "SCALE_{joint}"
     ENCODER_CYCLIC_ERROR = "{sensor}_{joint}"

@@ -140,8 +140,8 @@ def into_description(found: Calibration, data: bytes, file: str) -> bytes:
         )
         if p.name in own
     ]
-    told = ["Nothing but origins of joints is changed.", *_provenance(found), *figures]
-    return with_calibration(data, file, found.arm, found.by_itself.table(), told)
+    comments = ["Nothing but origins of joints is changed.", *_provenance(found), *figures]
+    return with_calibration(data, file, found.arm, found.by_itself.table(), comments)
 
 
 def _urdf(found: Calibration) -> bytes:

@@ -309,7 +309,7 @@ def correlation_table(estimate: Estimate, strongest: int = 3) -> FactTable:
          for j, b in enumerate(listed[:k])),
         key=lambda pair: -abs(pair[2]),
     )  # fmt: skip
-    told = "; ".join(
+    largest = "; ".join(
         f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:strongest]
     )
     return FactTable(
@@ -319,6 +319,6 @@ def correlation_table(estimate: Estimate, strongest: int = 3) -> FactTable:
         rows=tuple(
             (name, *(cell(k, j) for j in range(len(listed)))) for k, name in enumerate(listed)
         ),
-        note=f"Hardest to tell apart: {told}.",
+        note=f"Hardest to tell apart: {largest}.",
         detail=True,
     )

@@ -100,8 +100,8 @@ def budget_table(solution: Solution) -> FactTable | None:
         if p.name not in solution.tolerated:
             shares = {source: share(source, k, p.name) for source in budget}
             largest = sorted(shares, key=lambda source: -(shares[source].value or 0.0))[:LARGEST]
-            told = ", ".join(f"{source_words(s)} {shares[s].with_unit}" for s in largest)
-            rows.append((p.name, told, *shares.values()))
+            listed = ", ".join(f"{source_words(s)} {shares[s].with_unit}" for s in largest)
+            rows.append((p.name, listed, *shares.values()))
     return FactTable(
         ident="budget",
         title="Uncertainty budget: share of each variance by source [%]",

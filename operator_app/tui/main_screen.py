@@ -139,7 +139,7 @@ class MainScreen(Screen[None]):
             self.strip, self.banner, *self.rails, self.hint, self.log_lines, self.footer,
         )  # fmt: skip
         self._shows = 0
-        self._told: object = None
+        self._shown_news: object = None
         self._rows = (0, 0)
 
     def on_mount(self) -> None:
@@ -184,8 +184,8 @@ class MainScreen(Screen[None]):
         self.view.show(s)
         self.rails[0].place = self.view.place
         news = self._news(s)
-        if news != self._told or self._shows % SELDOM == 0:
-            self._told = news
+        if news != self._shown_news or self._shows % SELDOM == 0:
+            self._shown_news = news
             for widget in self.frame:
                 if widget.display:
                     widget.show(s)
@@ -209,9 +209,9 @@ class MainScreen(Screen[None]):
     def _news(self, s: SessionSnapshot) -> object:
         """Return the parts of a snapshot that the frame shows at once; ages and rates may be late."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
-        told = s.messages[-1].number if s.messages else 0
+        latest = s.messages[-1].number if s.messages else 0
         return (
-            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, told,
+            s.data, s.stale_joints, s.stopped, s.stop, s.connected, s.simulated, joints, s.task, latest,
             tuple(alarm.number for alarm in s.alarms),
             s.ticked, s.stop_tested, s.estimator, s.checks, id(s.state), id(s.solution), id(s.written),
             id(s.receipt), id(s.plan), self.hint.refusal, s.wanted_joints, self.hint.step, self.size,

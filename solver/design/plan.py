@@ -247,10 +247,10 @@ def information_of(task: PlanningTask, x: FloatArray, q: FloatArray) -> FloatArr
         return np.zeros((P, P))
     variance = np.broadcast_to(task.noise.joint_variance, q.shape).mean(axis=0)
     closed = close_loops(task.model, x, q, sigma_rad=np.sqrt(variance))
-    told = pose_information(task.model, x, closed.q, closed.u, task.noise)
+    information = pose_information(task.model, x, closed.q, closed.u, task.noise)
     if task.parameters is not None:
-        told = told.about(task.parameters)
-    return told.of(range(len(q)))
+        information = information.about(task.parameters)
+    return information.of(range(len(q)))
 
 
 def prediction_sigma(

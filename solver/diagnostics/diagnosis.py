@@ -142,7 +142,7 @@ def diagnose(
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
     scene = FaultModels.in_time(arm, stated.design, stated.whole, order)
-    left = residuals_of_fit(fit.believed, order)
+    left = residuals_of_fit(fit.at_known_noise, order)
     quiet = residuals_of_fit(with_found_motion_noise(fit), order)
     tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
     odd, largest, more = _residual_tests(scene, left, quiet)

@@ -287,7 +287,7 @@ def _words(
 def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
     """Say what is known of the noise, and what to do about it."""
     allowed = f"specification {sensor.noise_lsb:g} LSB"
-    if noise.told:
+    if noise.determined:
         words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"
         return [words, NOISY] if _too_noisy(noise, sensor) else [words]
     if _too_noisy(noise, sensor):

@@ -206,7 +206,7 @@ class SingleNoise:
     from_spread: bool
 
     @property
-    def told(self) -> bool:
+    def determined(self) -> bool:
         """Whether there is a figure; otherwise only `high` is known."""
         return self.low > 0.0 and self.high <= NOISE_INTERVAL_RATIO * self.low
 

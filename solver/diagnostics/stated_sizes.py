@@ -35,7 +35,7 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
     slope = fit.stated.derivatives
     information = way @ slope.information @ way.T
     found = 1.0 + np.linalg.lstsq(information, way @ slope.score, rcond=1e-9)[0]
-    v = fit.believed.v.copy()
+    v = fit.at_known_noise.v.copy()
     for components, share in zip(
         moving, np.clip(found, MOTION_NOISE_LEAST_SHARE**2, 1.0), strict=True
     ):

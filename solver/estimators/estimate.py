@@ -92,8 +92,8 @@ class Estimate:
         known = [k for k in range(len(self.parameters)) if k not in left]
         C = self.covariance
         across = C[np.ix_(left, known)]
-        told = across @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ across.T
-        return replace(rest, covariance=rest.covariance - told)
+        explained = across @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ across.T
+        return replace(rest, covariance=rest.covariance - explained)
 
     def at_poses(self, poses: IntArray) -> Estimate:
         """Return the same with what belongs to single poses for these, each as often as it is named."""

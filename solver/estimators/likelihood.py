@@ -55,10 +55,10 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
     # Of the logarithm of each effect column's variance.
     rates = design.variance_rates / design.group_variances(fit.v)[:, None]
     # Effects: with T = Z' P Z = I - H^-1 in units of their variance, all traces are sums over its blocks.
-    told = 1.0 - np.diagonal(fit.H_inverse)[hard:]
+    determined = 1.0 - np.diagonal(fit.H_inverse)[hard:]
     squares = fit.H_inverse[hard:, hard:] ** 2
-    np.fill_diagonal(squares, told**2)
-    expected = told @ rates
+    np.fill_diagonal(squares, determined**2)
+    expected = determined @ rates
     score = fit.unit_b**2 @ rates - expected
     information = rates.T @ (squares @ rates)
     # The mean of expected and observed information needs no trace: it is a Gram matrix of what each

@@ -150,7 +150,7 @@ class LinearFit:
         return LinearFit(self.design, self.system, self.design.as_stated(self.v))
 
     @cached_property
-    def believed(self) -> LinearFit:
+    def at_known_noise(self) -> LinearFit:
         """The same with noise as found where that is less than stated, and as stated where not.
 
         Statements of noise are upper figures; a test of single readings is the sharper the better
@@ -344,10 +344,10 @@ def _held_out(N: FloatArray, left: FloatArray) -> tuple[float, int]:
     along = vectors.T @ (left if few else N.T @ left)
     if not few:
         along = along / np.sqrt(np.maximum(share, 1e-300))
-    told = share < 1.0 - 1e-9
-    more = np.where(told, 1.0 / np.where(told, 1.0 - share, 1.0), 0.0) - 1.0
+    determined = share < 1.0 - 1e-9
+    more = np.where(determined, 1.0 / np.where(determined, 1.0 - share, 1.0), 0.0) - 1.0
     more = np.where(share > 1e-12, more, 0.0)
-    return float(left @ left + more @ along**2), len(N) - int((~told).sum())
+    return float(left @ left + more @ along**2), len(N) - int((~determined).sum())
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:

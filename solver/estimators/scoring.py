@@ -119,10 +119,10 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
     high = np.minimum(wall, np.maximum(LARGEST_VARIANCE_RATIO * v, leap))
     rate = np.where(scaled, 2.0 * v, 1.0)
     known = np.diagonal(found.information) * rate**2
-    told = known > 0.0  # what tells nothing, or less by rounding, stays where it is
-    size = np.sqrt(np.where(told, known, 1.0))
+    determined = known > 0.0  # what tells nothing, or less by rounding, stays where it is
+    size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
-    score, moving = found.score * unit, told & ((v > floor) | (found.score > 0.0))
+    score, moving = found.score * unit, determined & ((v > floor) | (found.score > 0.0))
     moving &= (v < wall) | (score < 0.0)
 
     def changed(change: FloatArray) -> FloatArray:

@@ -16,12 +16,12 @@ from operator_app.report.text import paragraph
 from operator_app.units.figure import (
     ANGLE_TOLERANCE,
     CONDITION,
+    DEVIATION,
     GIVES_ANGLE,
     GIVES_LENGTH,
     LENGTH_TOLERANCE,
     READING_SD,
     SPAN,
-    STRAY,
     Figure,
 )
 from operator_app.units.numbers import joints_named
@@ -226,7 +226,7 @@ def _freedom(chain: Chain) -> list[str]:
         off = abs(found.from_home_rad)
         j = int(off.argmax())
         lines.append(
-            f"From home_deg to the nearest pose that closes: {STRAY(float(off[j])).with_unit} at most, "
+            f"From home_deg to the nearest pose that closes: {DEVIATION(float(off[j])).with_unit} at most, "
             f"joint {j + 1}."
         )
     return lines

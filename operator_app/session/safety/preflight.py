@@ -52,7 +52,7 @@ def require_plausible_readings(
         unresolved: tuple[int, ...] = ()
         for found in _closure_results(session, reading, endpoint):
             unresolved = unresolved or found.unresolved_joints
-            kept = {"told": found.told, "probability": found.probability, "refused": False}
+            kept = {"told": found.message, "probability": found.probability, "refused": False}
             session.record("standing", kept)
     except ClosureRefusedError as refused:
         why = {"told": refused.happened, "probability": refused.probability, "refused": True}
@@ -75,7 +75,7 @@ def _closure_results(
     if probability is not None:
         by = "" if known is None else "with the offsets of the earlier placements and "
         yield ClosureResult(
-            told=f"The loop closes at the present pose, {by}within the tolerances of the files.",
+            message=f"The loop closes at the present pose, {by}within the tolerances of the files.",
             probability=probability,
         )
 

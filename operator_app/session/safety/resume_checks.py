@@ -69,11 +69,11 @@ NEW_SESSION_REMEDY = (
 class ClosureResult:
     """Result of a closure check at the present pose.
 
-    `told` is the message; `probability` that of a larger chi2, None with too few poses. A shift of `SHIFT_RAD`
+    `message` is the message; `probability` that of a larger chi2, None with too few poses. A shift of `SHIFT_RAD`
     of one of the `unresolved_joints` would not show at this pose.
     """
 
-    told: str
+    message: str
     probability: float | None
     unresolved_joints: tuple[int, ...] = ()
 
@@ -158,7 +158,7 @@ def check_closure_by_poses(
     fixed = parameters_from_poses(state, procedure)
     if fixed is None and not unexpected:
         return ClosureResult(
-            told="There are too few poses to check the closure at the present pose.",
+            message="There are too few poses to check the closure at the present pose.",
             probability=None,
             unresolved_joints=unresolved,
         )
@@ -174,7 +174,7 @@ def check_closure_by_poses(
         )
         if closes and as_usual and not unexpected:
             return ClosureResult(
-                told="The loop closes at the present pose, by the poses so far.",
+                message="The loop closes at the present pose, by the poses so far.",
                 probability=probability,
                 unresolved_joints=unresolved,
             )

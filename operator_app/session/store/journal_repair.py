@@ -221,14 +221,14 @@ def _event_hint(line: bytes) -> str:
 
 def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
     """Remove valid lines whose data no session can use."""
-    told = Counter(
+    counted = Counter(
         joints
         for line in lines
         if line.event is not None
         and not event_problem(line.event.name, line.event.data, line.event.utc, None)[1]
         and (joints := joint_count_in(line.event.name, line.event.data)) is not None
     )
-    joints = told.most_common(1)[0][0] if told else None
+    joints = counted.most_common(1)[0][0] if counted else None
     found, captured = [], 0
     for line in lines:
         event = line.event

@@ -47,7 +47,7 @@ class Supervisor:
         monotonic: Callable[[], float],
     ) -> None:
         self._runner, self._motion, self._monotonic = runner, motion, monotonic
-        self._recording_ended, self._told_of_recording = recording_ended, ""
+        self._recording_ended, self._recording_reported = recording_ended, ""
         self._lateness = LatenessReporter()
         self._lost = False
         self.reported_stop = ""
@@ -101,8 +101,8 @@ class Supervisor:
 
     def recording_problem(self) -> str:
         """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
-        words, add_message = self._recording_ended(), self._told_of_recording
-        self._told_of_recording = words
+        words, add_message = self._recording_ended(), self._recording_reported
+        self._recording_reported = words
         return "" if words == add_message else words[:1].upper() + words[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:

@@ -52,11 +52,11 @@ def campaign_from_log(arm: ArmModel, fixture: Fixture, state: SessionState) -> C
 def log_is_current(state: SessionState, wanted: Mapping[str, Any]) -> bool:
     """Whether the used poses and the settings of the campaign are unchanged."""
     log = state.campaign
-    told = set(log.begun["captured"]) | {
+    started = set(log.begun["captured"]) | {
         data["number"] for name, data in log.steps if name == "pose"
     }
     counting = {p.number for p in state.used_poses}
-    return told == counting and all(log.begun.get(key) == value for key, value in wanted.items())
+    return started == counting and all(log.begun.get(key) == value for key, value in wanted.items())
 
 
 def replay_campaign(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:

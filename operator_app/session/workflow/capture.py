@@ -264,19 +264,19 @@ def _repeat_pose(
             listener.report(f"Pose {first.number} could not be measured again: {lost.happened}.")
             return way
         if resumed or suspect:
-            told = _require_repeat_agrees(session)
+            report = _require_repeat_agrees(session)
         else:
-            told = repeat_text(session.state, session.procedure)
-        if told:
-            listener.report(told)
+            report = repeat_text(session.state, session.procedure)
+        if report:
+            listener.report(report)
     return way
 
 
 def _require_repeat_agrees(session: Session) -> str:
     """Raise GuardError if the repeated pose shows a shift; else return the message of the comparison."""
-    told = check_repeat(session.state, session.procedure)
-    session.record("return_holds", {"of": session.state.repeats[-1].first.number, "told": told})
-    return told
+    report = check_repeat(session.state, session.procedure)
+    session.record("return_holds", {"of": session.state.repeats[-1].first.number, "told": report})
+    return report
 
 
 def _repeat_first_pose_and_come_back(

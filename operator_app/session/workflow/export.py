@@ -70,11 +70,11 @@ def export(
         try:
             receipt = _upload(session.arm, data, counts)
         except (UploadUnknown, SessionError) as error:
-            _keep(session, {**kept, "unknown": str(error)}, told=str(error))
+            _keep(session, {**kept, "unknown": str(error)}, report=str(error))
             raise
         kept["uploaded"] = asdict(receipt)
     done = f"the parameters were uploaded to slot {receipt.slot} and read back" if receipt else ""
-    _keep(session, kept, told=done)
+    _keep(session, kept, report=done)
     return Exported(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
@@ -83,13 +83,13 @@ def export(
     )
 
 
-def _keep(session: Session, exported: Mapping[str, Any], *, told: str) -> None:
-    """Record the export; if that fails, the error begins with `told`, the state of the upload."""
+def _keep(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
+    """Record the export; if that fails, the error begins with `report`, the state of the upload."""
     try:
         session.record("exported", exported)
     except JournalError as error:
-        if told:
-            error.preceded_by(told)
+        if report:
+            error.preceded_by(report)
         raise
 
 

@@ -70,7 +70,7 @@ class ArmView(Lines):
         self._turn = not self._turn
         # Ten times a second is enough: this panel costs most.
         if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
-            self._drawn = self._draw(s, q, x, width, height, anew=news)
+            self._drawn = self._draw(s, q, x, width, height, redraw=news)
             self._figures, self._things, self._at = figures, things, q
         self.retitle("Arm (dotted: next pose)" if any(map(len, self._next)) else "Arm")
         return self._drawn
@@ -83,7 +83,7 @@ class ArmView(Lines):
         width: int,
         height: int,
         *,
-        anew: bool,
+        redraw: bool,
     ) -> Sequence[Line]:
         model = s.procedure.fixture.fixture.model(s.procedure.arm)
         x = nominal_vector(model.parameters) if x is None else x
@@ -95,7 +95,7 @@ class ArmView(Lines):
         if self._box is None or self._box_of is not s.forecast:
             self._box, self._box_of = _box(model, x, q, s), s.forecast
         place = _Placing(self._box, canvas)
-        if anew:
+        if redraw:
             self._next = _next(model, x, s)
         for path, every in zip(self._next, (4, 2), strict=False):
             place.path(path, role="dim", every=every)

@@ -67,8 +67,8 @@ def _banner(s: SessionSnapshot) -> Line:
 def _status(s: SessionSnapshot) -> Line:
     if s.stopped_for:
         return (("■ STOPPED BY ITSELF", "alarm"), (f" {s.stopped_for}", "alarm"))
-    told = s.stop is not None and (s.stopped or s.stop.problem)
-    if told or (s.stopped and s.data is not DataState.LOST):
+    explained = s.stop is not None and (s.stopped or s.stop.problem)
+    if explained or (s.stopped and s.data is not DataState.LOST):
         return (("■ SOFTWARE STOP", "alarm"), (" " + _stop_words(s), "alarm"))
     if s.data is DataState.LOST:
         return (

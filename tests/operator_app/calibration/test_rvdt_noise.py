@@ -46,7 +46,7 @@ def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
     taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
     for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
         assert verdict.noise is not None
-        assert not verdict.noise.told
+        assert not verdict.noise.determined
         assert verdict.noise.high > 1.0
         assert "cannot be told from these poses, below" in verdict.text
         assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION

@@ -37,7 +37,7 @@ def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
     quiet = with_found_motion_noise(fit)
     names = [c.name for c in fit.design.components]
     of_stated = np.sqrt(quiet.v / fit.design.stated_variances())
-    of_believed = np.sqrt(quiet.v / fit.believed.v)
+    of_believed = np.sqrt(quiet.v / fit.at_known_noise.v)
     noise = fit.design.noise_components
     return {names[k]: of_stated[k] for k in noise}, {names[k]: of_believed[k] for k in noise}
 

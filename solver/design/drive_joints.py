@@ -218,12 +218,10 @@ def _verdict(
     if reach is not None:
         reasons.append(f"reaches {reach:.0%} of the poses inside the ranges")
     if still:
-        names = " and ".join(str(j) for j in still)
-        reasons.append(
-            f"joints {names} hardly move" if len(still) > 1 else f"joint {names} hardly moves"
-        )
+        names = " and ".join(f"J{j}" for j in still)
+        reasons.append(f"{names} hardly move{'s' * (len(still) == 1)}")
     reasons.append(
-        f"joint {fastest[1]} moves most, {fastest[0]:.1f} times as far as the drives"
+        f"J{fastest[1]} moves most, {fastest[0]:.1f} times as far as the drives"
         if passive
         else "no passive joint"
     )

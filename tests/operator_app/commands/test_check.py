@@ -91,7 +91,7 @@ def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(
         "6 wrist 1 -275.6 to -155.6 RVDT, 12 bits over 120.0 deg 0.0592 found",
         "Mobility 2: exactly 2 joints in position mode, the others free.",
         " would drive (reaches ",
-        "14 parameters would be found: theta_off_1,",
+        "14 parameters would be identified: theta_off_1,",
         "The poses of table see all of them; scaled condition number ",
         "_mm millimetres",
     ):

@@ -77,7 +77,7 @@ def test_a_joint_is_marked_for_what_its_file_does_not_state(page: object, subjec
 
 
 def test_nothing_of_the_page_is_told_twice(page: object) -> None:
-    assert page.text.count("every stated source of error") == 1
+    assert page.text.count("combined standard uncertainty of all stated sources") == 1
     assert page.text.count("orrections by reading") == 0
     assert page.rows("Corrections of RVDT readings")
 

@@ -155,7 +155,7 @@ def test_a_session_without_its_first_line_keeps_its_poses_and_says_that_it_canno
 ) -> None:
     session(tmp_path / "one", broken(SOUND, 1))
     assert main(["session", "repair", "one", "--sessions", str(tmp_path)]) == 0
-    assert "cannot go on" in capsys.readouterr().out
+    assert "cannot be resumed" in capsys.readouterr().out
     state = read_session(tmp_path / "one").state
     assert state is not None
     assert len(state.used_poses) == 3

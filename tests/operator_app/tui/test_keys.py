@@ -367,5 +367,5 @@ async def test_what_to_do_between_two_mountings_is_on_the_screen_whole(still, si
         svg = html.unescape(d.app.export_screenshot(simplify=True))
         shown = " ".join(re.sub(r"<[^>]*>|[┃│]", " ", svg).replace("\xa0", " ").split())
         for what in ("placement 2", "drives are still on", "1. Secure the arm", "2. Take", "hinge off the table",
-                     "3. Mount", "4. Move the arm to its home", "5. Only then", "Let go of the arm"):  # fmt: skip
+                     "3. Mount", "4. Move the arm to its home", "5. Only then", "Release the arm"):  # fmt: skip
             assert what in shown

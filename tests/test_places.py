@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -101,3 +102,9 @@ def test_every_test_file_names_a_module_or_package_or_is_listed() -> None:
     topics = set(TOPICS.split())
     assert sorted(unnamed - topics) == [], "give it the name of its module, where that stands"
     assert sorted(topics - unnamed) == [], "gone or named by now: take it from the list"
+
+
+def test_every_approved_sentence_is_a_test_s() -> None:
+    for name in json.loads((ROOT / "tests" / "approved_words.json").read_text("utf-8")):
+        file, function = name.partition("[")[0].split(" #")[0].rsplit("::", 1)
+        assert f"def {function}(" in (ROOT / "tests" / file.split("::")[0]).read_text("utf-8"), name

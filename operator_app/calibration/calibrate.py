@@ -73,7 +73,7 @@ from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents
 from solver.loops.closure import ClosureModel
-from solver.posterior.scales import learned_scales, shares_of_poses
+from solver.posterior.scales import Scale, learned_scales, shares_of_poses
 
 ESTIMATORS = ("implicit", "paper")
 
@@ -216,6 +216,7 @@ class Diagnosed:
     part: Calibrated
     seen: Identifiability
     shares: Mapping[str, float]
+    scales: tuple[Scale, ...]
     known: PriorInformation
     indistinguishable: tuple[IndistinguishablePlacements, ...]
     adjudication: Adjudication
@@ -336,6 +337,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     used = screened.distinct[some]
     unknowns = tuple(p.name for p in prepared.hard.parameters)
     shares = {} if task.by_paper else shares_of_poses(whole.linear)
+    scales = () if task.by_paper else learned_scales(whole.linear, whole.found)
     seen = _seen(fitted, part)
     closes = gross_misfit(whole) < CHI2_PER_DOF_GROSS
     there = np.flatnonzero(loops.kept)
@@ -371,6 +373,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         part=part,
         seen=seen,
         shares=shares,
+        scales=scales,
         known=known,
         indistinguishable=indistinguishable_placements(screened.model, whole.estimate)
         if closes
@@ -413,7 +416,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=task.length_tolerance_m,
-        scales=() if task.by_paper else learned_scales(whole.linear, whole.found),
+        scales=diagnosed.scales,
         shares=diagnosed.shares,
         distances=distances(
             model,

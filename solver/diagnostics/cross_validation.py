@@ -45,11 +45,6 @@ class HeldOutPoses:
     closed: BoolArray
     flipped: tuple[int, ...]
 
-    @property
-    def worst_pose(self) -> int:
-        """Index of the pose with the largest misfit."""
-        return int(np.argmax(self.pose_chi2))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from enum import IntEnum
 from types import MappingProxyType
 
-from fixtures.base import FixtureError
+from fixtures.errors import FixtureError
 from hardware.errors import BusSettingsError, HardwareError
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.errors import NotLetGoError, SessionError

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import ROUGH_PLACEMENT, Fixture, FixtureError
+from fixtures.base import ROUGH_PLACEMENT, Fixture
+from fixtures.errors import FixtureError
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.verification import Fixed, stated_noise

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from fixtures.base import Fixture, FixtureError, SetupCheck, Severity
+from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.errors import FixtureError
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from fixtures.base import FixtureError
+from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, DriveState
 from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
 from hardware.errors import (

@@ -44,7 +44,7 @@ from operator_app.package_names import require_own_names
 require_own_names()
 
 if TYPE_CHECKING:
-    from fixtures.base import FixtureError
+    from fixtures.errors import FixtureError
     from operator_app.calibration.comparison import IncomparableError
     from operator_app.config.errors import ConfigError, WriteError
     from operator_app.errors import SessionError
@@ -64,7 +64,7 @@ _HOME = {
     "Comparison": "sarcal.judging",
     "ConfigError": "operator_app.config.errors",
     "Fixture": "sarcal.machines",
-    "FixtureError": "fixtures.base",
+    "FixtureError": "fixtures.errors",
     "IncomparableError": "operator_app.calibration.comparison",
     "Plan": "sarcal.planning",
     "Poses": "sarcal.poses",

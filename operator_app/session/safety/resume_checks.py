@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import Fixture, FixtureError
+from fixtures.base import Fixture
+from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, Reading
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.innovation import Innovation, innovation

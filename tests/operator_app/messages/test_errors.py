@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from fixtures.base import FixtureError
+from fixtures.errors import FixtureError
 from hardware.errors import (
     BusError,
     DriveFault,

@@ -13,10 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.config.errors import ConfigError
-from operator_app.config.poses_file import format_poses, load_poses
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.report.facts import Facts, estimate_json
-from operator_app.report.json_schema import unidentifiable_data
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import paragraph, table_text
 from operator_app.session.store.folders import POSES_NAME
@@ -25,6 +22,7 @@ from operator_app.units.figure import ANGLE, CONDITION, NOISE_ANGLE, Figure
 from operator_app.units.numbers import joints_named, names, plural
 
 if TYPE_CHECKING:
+    from operator_app.report.facts import Facts
     from operator_app.session.store.journal_repair import RepairedLine, RepairResult
     from operator_app.session.store.state import SessionState
     from solver.errors import UnidentifiableError
@@ -35,6 +33,8 @@ def session_json(
     facts: Facts, paper: Estimate | None, folder: Path, state: SessionState
 ) -> dict[str, Any]:
     """Return the object of `sarcal run --json`, without its capture."""
+    from operator_app.report.facts import estimate_json
+
     exported = state.exported
     uploaded: Mapping[str, Any] = exported.get("uploaded") or {}
     return {
@@ -56,6 +56,8 @@ def unidentifiable_json(
     error: UnidentifiableError, *, parameters: int, folder: Path, state: SessionState
 ) -> dict[str, Any]:
     """Return the same for a session whose poses leave parameters undetermined."""
+    from operator_app.report.json_schema import unidentifiable_data
+
     poses = len(state.used_poses)
     found = unidentifiable_data(error, parameters=parameters, poses=poses)
     return {
@@ -67,6 +69,8 @@ def unidentifiable_json(
 
 def _poses_file(folder: Path, state: SessionState) -> str | None:
     """Path of poses.csv beside the journal, from the first calibration on, while it holds the poses in use."""
+    from operator_app.config.poses_file import format_poses, load_poses
+
     path = folder / POSES_NAME
     if not path.exists() or not state.used_poses:
         return None

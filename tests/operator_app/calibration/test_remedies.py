@@ -128,4 +128,4 @@ def test_a_file_without_a_table_or_of_another_arm_is_refused(
     assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
     assert "no RVDT table" in capsys.readouterr().err
     assert main(["solve", str(CURVED), "--arm", "franka_panda", "--rvdt-table", str(file)]) == 2
-    assert "is of sarcos_dextrous, these poses are of franka_panda" in capsys.readouterr().err
+    assert "sarcos_dextrous, these poses are of franka_panda" in capsys.readouterr().err

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -73,6 +73,9 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
         tolerance=tolerance,
         prior=stated_priors(model.without(solution.tolerated), arm, fixture),
     )
+    found = solution.components
+    if found is not None:
+        errors = replace(errors, signed=found.signed)
 
     def settled(rest: IntArray) -> Settled:
         return settle(
@@ -81,8 +84,8 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
             errors.at_poses(rest),
             x0=solution.estimate.x,
             group=poses.placement[there[rest]],
-            # How far readings scatter is no parameter: found anew for every part it would be most of the work.
-            variances=None if solution.components is None else solution.components.variances,
+            # Sizes of errors are no parameters: to find them anew for every part would be most of the work.
+            variances=None if found is None else found.variances,
         )
 
     def estimated(rest: IntArray) -> Estimate:

@@ -62,6 +62,8 @@ class VarianceComponents:
         Rounds of the iteration.
     variances
         Every variance component as found, by its name in the error model.
+    signed
+        Whether joints were found to sag to where gravity takes them.
     """
 
     components: tuple[Component, ...]
@@ -75,6 +77,7 @@ class VarianceComponents:
     iterations: int
     converged: bool
     variances: Mapping[str, float] = field(default_factory=dict)
+    signed: bool = True
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
         """Return the same with what belongs to single poses for these."""
@@ -304,4 +307,5 @@ def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
         iterations=found.iterations,
         converged=found.converged,
         variances={c.name: float(v) for c, v in zip(design.components, fit.v, strict=True)},
+        signed=design.errors.signed,
     )

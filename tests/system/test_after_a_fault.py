@@ -279,7 +279,7 @@ def test_nothing_to_reset_on_the_arm_inside_this_program(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["reset", "--sessions", str(tmp_path)]) == 2
-    assert "begins anew with every program" in capsys.readouterr().err
+    assert "nothing to reset" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

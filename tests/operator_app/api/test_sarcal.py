@@ -187,7 +187,7 @@ def test_a_saved_result_comes_back_as_it_was(result: sarcal.Result, tmp_path: Pa
     assert sarcal.compare(again, folder).to_json()["verdict"].startswith("same poses")
     with pytest.raises(sarcal.SessionError, match="Copy that folder"):
         again.save(tmp_path / "other")
-    with pytest.raises(sarcal.SessionError, match="no session"):
+    with pytest.raises(sarcal.SessionError, match="journal"):
         sarcal.load_result(tmp_path / "other")
     with pytest.raises(TypeError, match="session=3: give the folder"):
         sarcal.load_result(3)

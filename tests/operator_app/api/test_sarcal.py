@@ -223,7 +223,7 @@ def test_other_data_are_replaced_where_that_is_said(
 def test_what_was_taken_once_is_not_saved_over(
     result: sarcal.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A session of an arm, one that somebody wrote notes in, one in use, and one that cannot be read."""
+    """A session never replaced, one that somebody wrote notes in, one in use, and one that cannot be read."""
     from operator_app.session.store.journal import Journal
 
     monkeypatch.chdir(tmp_path)
@@ -238,7 +238,7 @@ def test_what_was_taken_once_is_not_saved_over(
     Path("damaged").mkdir()
     lines = Path("noted/journal.jsonl").read_bytes().splitlines(keepends=True)
     Path("damaged/journal.jsonl").write_bytes(b"".join([lines[0], *lines[2:]]))
-    for folder, why in (("arm", "of an arm"), ("noted", "worked on"), ("damaged", "damaged")):
+    for folder, why in (("arm", "never replaced"), ("noted", "worked on"), ("damaged", "damaged")):
         kept = Path(folder, "journal.jsonl").read_bytes()
         with pytest.raises(sarcal.SessionError, match=why):
             result.save(folder, overwrite=True)

@@ -18,11 +18,11 @@ ROOT = Path(operator_app.__file__).parent
 KEYED = {
     ROOT / "session" / "store" / "parameters.py",
     ROOT / "report" / "json_schema.py",
-    ROOT / "report" / "posterior_tables.py",
+    ROOT / "report" / "uncertainty_tables.py",
     ROOT / "report" / "results" / "history.py",
     ROOT / "report" / "results" / "recording.py",
     ROOT / "commands" / "import_poses.py",
-    ROOT / "report" / "results" / "plan_json.py",
+    ROOT / "report" / "results" / "plan.py",
     ROOT / "report" / "exports.py",
     ROOT / "session" / "workflow" / "importing.py",
 }

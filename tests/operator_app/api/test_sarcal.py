@@ -238,7 +238,7 @@ def test_what_was_taken_once_is_not_saved_over(
     Path("damaged").mkdir()
     lines = Path("noted/journal.jsonl").read_bytes().splitlines(keepends=True)
     Path("damaged/journal.jsonl").write_bytes(b"".join([lines[0], *lines[2:]]))
-    for folder, why in (("arm", "never replaced"), ("noted", "worked on"), ("damaged", "damaged")):
+    for folder, why in (("arm", "never replaced"), ("noted", "edited"), ("damaged", "damaged")):
         kept = Path(folder, "journal.jsonl").read_bytes()
         with pytest.raises(sarcal.SessionError, match=why):
             result.save(folder, overwrite=True)

@@ -223,7 +223,7 @@ def test_other_data_are_replaced_where_that_is_said(
 def test_what_was_taken_once_is_not_saved_over(
     result: sarcal.Result, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A session never replaced, one that somebody wrote notes in, one in use, and one that cannot be read."""
+    """A session taken on an arm, one with notes, one in use, and one that cannot be read."""
     from operator_app.session.store.journal import Journal
 
     monkeypatch.chdir(tmp_path)

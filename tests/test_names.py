@@ -3,7 +3,7 @@
 import ast
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -22,10 +22,13 @@ EXCEPTIONS = {"test_a_drive_joint_goes_where_it_is_told_and_back"}
 """A test of the contract that other packages run: its name is public."""
 
 
-def modules() -> Iterator[tuple[Path, ast.Module]]:
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def modules() -> list[tuple[Path, ast.Module]]:
+    return [
+        (path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8")))
+        for package in PACKAGES
+        for path in (ROOT / package).rglob("*.py")
+    ]
 
 
 def identifiers(path: Path, module: ast.Module) -> set[str]:

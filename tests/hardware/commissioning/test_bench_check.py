@@ -136,6 +136,7 @@ def failed(findings: list[CheckFinding]) -> list[tuple[str, int | None]]:
     return [(f.name, f.joint) for f in findings if f.passed is False]
 
 
+@pytest.mark.campaign
 def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench: Bench) -> None:
     tried_joints, others = (
         [1, 6],

@@ -139,6 +139,7 @@ def test_simulated_is_said_and_real_is_not(subject: Subject, take_apart: type) -
     assert "scenario wild" in text
 
 
+@pytest.mark.campaign
 @pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
 def test_no_table_is_cut_on_a_laptop_or_a_screen_and_no_page_on_a_phone(
     subject: Subject, tmp_path: Path

@@ -68,9 +68,7 @@ def test_a_foreign_arm_is_refused_then_probed_then_calibrated(
     step(axes)
     with foreign_arm(open_bus(settings), NODES, axes, step):
         assert main(["probe", *bus]) == 3
-        assert "node 21: a drive that the bus profile sarcos does not name" in (
-            capsys.readouterr().out
-        )
+        assert "node 21: a drive that is not in the bus profile sarcos" in (capsys.readouterr().out)
         assert main(["run", "hinge", *bus]) == 3
         assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in capsys.readouterr().err
 

@@ -49,7 +49,7 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy), "--json"]
     assert main(["export", folder.name, *other, *options]) == 4
     said = capsys.readouterr()
-    assert "solved again" in said.err
+    assert "calibrated again" in said.err
     told = json.loads(said.out)
     assert told["file"] == str(copy)
     assert told["forced"] == "to compare"

@@ -93,7 +93,7 @@ def test_one_log_of_several_placements_is_that_of_a_log_each(
     assert main(["export", folder, "--format", "urdf"]) == 0
     assert main(["export", folder]) == 0
     said = {w.code: w.text for w in load_parameters(Path(folder) / "parameters.yaml").warnings}
-    assert said["PLACEMENTS"].endswith("is of placement 2, the last")
+    assert said["PLACEMENTS"].endswith("placement 2, the last")
     capsys.readouterr()
     own = sarcal.poses_of(q_rad=q_rad[placement == 2][:8], placement=[2] * 8)
     assert main(["verify", folder, str(own.to_csv(tmp_path / "own.csv"))]) == 2

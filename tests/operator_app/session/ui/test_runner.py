@@ -182,7 +182,7 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
         runner.snapshot()
         assert not ended.wait(0.05)
     assert ended.wait(PATIENCE_S)
-    assert any("the screen did not answer" in m.text for m in runner.snapshot().messages)
+    assert any("the screen did not respond" in m.text for m in runner.snapshot().messages)
 
 
 def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatch) -> None:

@@ -248,7 +248,7 @@ def test_while_exploring_an_arm_that_was_moved_is_taken_back(make_session: MakeS
     again = make_session(wanted, resume=True)
     told = Told(again)
     assert told.run().complete
-    assert any("going back there first" in text for text in told.said)
+    assert any("last position first" in text for text in told.said)
 
 
 @pytest.mark.campaign

@@ -76,7 +76,7 @@ def test_an_arm_outside_its_box_is_not_moved_before_the_operator_agrees(bench: B
     with bench.session() as session:
         taken_to(session, 5, -189.2465 + 12.0)
     with bench.session() as session:
-        with pytest.raises(GuardError, match=r"joint 5 stands at .*, outside") as refused:
+        with pytest.raises(GuardError, match=r"joint 5 is at .*, outside") as refused:
             run(session, Listener())
         assert "--go-home" in refused.value.remedy
         assert session.state.poses == ()

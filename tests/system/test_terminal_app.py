@@ -358,7 +358,8 @@ STUCK = """
 import sys, threading, time
 threading.Thread(target=lambda: [time.sleep(0.01) for _ in range(10**9)]).start()
 from operator_app.cli import main
-sys.exit(main(["--seed", "1"]))
+sys.argv[1:] = ["--seed", "1"]
+sys.exit(main())
 """
 
 
@@ -374,7 +375,8 @@ def test_a_thread_that_never_ends_does_not_keep_the_process(tmp_path, hangs_up):
         program.seen("\x1b[?1049l", mark)
         if hangs_up:
             program.hang_up()
-        assert program.process.wait(10) == 0
+        # Whether the hang-up is seen before the app is over is a matter of milliseconds.
+        assert program.process.wait(10) in ({0, 130} if hangs_up else {0})
     finally:
         program.process.kill()
         program.close()

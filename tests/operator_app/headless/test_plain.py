@@ -163,7 +163,7 @@ def test_notes_undo_and_exclusion(source):
 
 
 def test_enter_stops_a_motion(source):
-    source.pace_s = 0.005
+    source.pace_s = 0.05  # a busy machine must not take longer to stop than the motion takes
     script = Script([*TO_CAPTURE, "Move to", "Quit"])
     script.touch_after = 0
     Plain(source, script, pause=lambda _: None).run()

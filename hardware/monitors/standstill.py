@@ -1,4 +1,4 @@
-"""Detects motion of joints after a quick stop, whoever triggered it.
+"""Detects motion of joints after a quick stop from any source.
 
 After a quick stop a drive holds its own target, which the operator does not know, so the reference is the
 position where the joint came to rest. A drive whose quick stop ends without power (605Ah below 5) reports

@@ -65,8 +65,8 @@ class FaultDescription:
         """What the operator sees, as a sentence."""
         clauses = " or ".join(f'"... {part.format(joint="J")} ..."' for part in self.says)
         if not self.goes_on:
-            return f"is told {clauses}"
-        return f"goes on, or is told {clauses}" if clauses else "goes on"
+            return f"the message {clauses}"
+        return f"nothing, or the message {clauses}" if clauses else "nothing: the session continues"
 
     def does(self) -> str:
         """What the arm does, as a sentence."""
@@ -86,7 +86,7 @@ _DIVERGED = (
     "Press STOP unless the program has stopped the arm. Mend that drive, or end the program that commands it; then "
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
-_COUNT_LOSS = ("jumped by", "joint {joint} has shifted by")
+_COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
 """The second when the first pose is repeated: in position mode the drive compensates its sensor's loss."""
 _COUNT_LOSS_KEPT = (
     f"{POSES}; if a joint in position mode is reported when the first pose is repeated, none since then (for a degree: "
@@ -253,7 +253,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "lost-counts-5": FaultDescription(
             broken="an encoder loses 5 counts",
-            says=("jumped by",),
+            says=("joint {joint} jumped",),
             goes_on=True,
             remedy=_SENSOR,
         ),

@@ -288,7 +288,7 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
     """Return a scenario for an arm and a fixture: the paper's own if the files allow it.
 
     Otherwise the truth is drawn by seed within the tolerances of the files, including lengths and twists that nothing
-    identifies (not in ``exact``). From the second `placement` on the fixture is drawn anew, the arm is the same.
+    identifies (not in ``exact``). From the second `placement` on the fixture is another draw and the arm the same.
 
     `ValueError` if there is no such scenario, or no plant can be built of these files.
     """

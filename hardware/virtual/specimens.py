@@ -218,7 +218,7 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):
-        raise ValueError(f"a {stated.fixture.kind} fixture is not mounted anew")  # noqa: TRY004
+        raise ValueError(f"a {stated.fixture.kind} fixture is not remounted")  # noqa: TRY004
     sides = {*model.ground_side, *(() if stated.fixture.stays_on_hand else model.hand_side)}
     rows = truth.table.stacked()[:, -arm.joint_count :]
     nominal, true = nominal_vector(model.parameters), _true_vector(model, truth)
@@ -237,7 +237,7 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
         (_truth(model, np.where(new, x, true), rows) for x in drawn),
         arm,
         home_pose,
-        f"mounted anew within the tolerance of its file, in none of {MAX_DRAWS} placements does this arm close "
+        f"remounted within the tolerance of its file, in none of {MAX_DRAWS} placements does this arm close "
         "near its home_deg: state the placement more narrowly",
     )
 

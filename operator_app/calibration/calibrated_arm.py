@@ -201,7 +201,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Take the arm out of a calibration of it."""
     estimate, model = solution.estimate, solution.model
     x = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
-    # A fixture that was put up anew for every placement has a side of the hand in each: the first counts.
+    # A fixture that was remounted for every placement has a side of the hand in each: the first counts.
     part, columns, _ = model.parts()[0]
     plain = [p.name for p in part.parameters]
     names = [p.name for p in estimate.parameters]

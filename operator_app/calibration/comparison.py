@@ -211,7 +211,7 @@ def _not_compared(
     found += [(name, "identified in B only") for name in second if name not in first]
     other_fixture = before.fixture != after.fixture
     if other_fixture or remounted:
-        why = "another fixture" if other_fixture else "the fixture was mounted anew"
+        why = "another fixture" if other_fixture else "the fixture was remounted"
         found += [(n, why) for n in first if n in second and sides[n] is not Side.ARM]
     return found
 

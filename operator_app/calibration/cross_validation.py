@@ -84,7 +84,7 @@ def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -
             errors.at_poses(rest),
             x0=solution.estimate.x,
             group=poses.placement[there[rest]],
-            # Sizes of errors are no parameters: to find them anew for every part would be most of the work.
+            # Sizes of errors are not parameters: estimating them for every part would be most of the work.
             variances=None if found is None else found.variances,
         )
 

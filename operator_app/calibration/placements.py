@@ -45,7 +45,7 @@ class IndistinguishablePlacements:
 def indistinguishable_placements(
     model: ClosureModel, estimate: Estimate
 ) -> tuple[IndistinguishablePlacements, ...]:
-    """Find placements between which the fixture was not mounted anew; `estimate` is of all unknowns of `model`."""
+    """Find placements between which the fixture was not remounted; `estimate` is of all unknowns of `model`."""
     if not isinstance(model, Placements):
         return ()
     found: list[IndistinguishablePlacements] = []

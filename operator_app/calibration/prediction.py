@@ -52,14 +52,14 @@ def shift_in_words(shift: CommonShift) -> str:
     if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
         return (
             "the fixture stands elsewhere than the calibration has it, in all these poses alike: was it moved "
-            "or remounted since? Calibrate anew"
+            "or remounted since? Calibrate again"
         )
     turned = ", or the fixture has turned about the axis of joint 1" if shift.subject == "1" else ""
     more = "more" if shift.size > 0.0 else "less"
     return (
         f"joint {shift.subject} reads {SLIP_SIGMA(abs(shift.size)).with_unit} {more} than the calibration foretells "
         f"(sigma {SLIP_SIGMA(shift.sigma).with_unit}), in all these poses alike: its offset is wrong, or it has "
-        f"slipped since{turned}. Look at the coupling and the counter of joint {shift.subject}, then calibrate anew"
+        f"slipped since{turned}. Look at the coupling and the counter of joint {shift.subject}, then calibrate again"
     )
 
 

@@ -154,7 +154,7 @@ def verify_poses(
     ----------
     made
         The calibration with its own poses. What these tell of curves, sag and give is then known, and one
-        common shift is looked for. None: all of that is unknown anew in every pose.
+        common shift is looked for. None: all of that is independent in every pose.
     calibrated
         Numbers of the placements that were calibrated, where the new poses may be of others: where the
         fixture stands there is found from them, everything else is as it was fixed. None: the same.

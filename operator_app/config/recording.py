@@ -273,7 +273,7 @@ def load_bag(
     except Exception as error:
         # A damaged bag fails in any way inside the library.
         text = f"cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}"
-        remedy = "record it anew, or repair it (mcap recover, ros2 bag reindex)"
+        remedy = "record it again, or repair it (mcap recover, ros2 bag reindex)"
         raise only(file, None, None, text, remedy) from error
     names = sorted({name for _, _, at in states for name in at})
     order = find_joints(names, joints, file=file, columns=columns)

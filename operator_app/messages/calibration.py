@@ -382,7 +382,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.SAME_PLACEMENT: (
         (
             "placements {numbers} of the fixture are the same within their sigmas (largest difference: {name}, "
-            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not mounted anew between them, or stands "
+            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or stands "
             "exactly where it was, and they show no more than one placement with all their poses does"
         ),
         "mount it elsewhere within its tolerance and take another placement",

@@ -269,7 +269,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """A fixture that gives: anew in every pose, or smoothly with it."""
+        """A fixture that gives: independently in every pose, or smoothly with it."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

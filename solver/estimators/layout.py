@@ -379,7 +379,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them, all of it anew in every pose; a discrepancy is none."""
+        """Components (K,) as the files state them, all of it independent between poses; no discrepancy."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:

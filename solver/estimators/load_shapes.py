@@ -1,7 +1,7 @@
 """What is the same again at the same pose: sides of play, sag and give, as shapes over the poses.
 
 By load where masses are stated (`solver.estimators.load_effects`), any smooth function of the pose where
-they are not. Shapes have coefficients ~ N(0, 1); what they leave of a stated variance is anew in every
+they are not. Shapes have coefficients ~ N(0, 1); what they leave of a stated variance is independent in every
 pose. Knows no loop and no variance component.
 """
 

@@ -183,7 +183,7 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
                 f"chi2/dof {CHI2(chi2.per_dof).shown}, in 99 % at most {CHI2(chi2.high).shown}."
             ),
             *(
-                [paragraph(f"Not compared, mounted anew: {', '.join(found.left_out)}.")]
+                [paragraph(f"Not compared, remounted: {', '.join(found.left_out)}.")]
                 if found.left_out
                 else []
             ),

@@ -104,4 +104,4 @@ def test_remounted_compares_the_arm_only(
     assert main(["compare", one, moved, "--remounted", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert set(found["parameters"]) == {f"theta_off_{j}" for j in range(2, 7)}
-    assert found["left_out"]["s_1"] == "the fixture was mounted anew"
+    assert found["left_out"]["s_1"] == "the fixture was remounted"

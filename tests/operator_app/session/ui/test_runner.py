@@ -118,6 +118,25 @@ def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
     )
 
 
+def test_a_quick_stop_for_lost_data_leaves_a_waiting_connection(runner: Runner) -> None:
+    begun, go_on = threading.Event(), threading.Event()
+    ran: list[str] = []
+
+    def work() -> None:
+        begun.set()
+        go_on.wait(PATIENCE_S)
+
+    runner.submit(TaskKind.AUTOMATIC, "the first", work)
+    runner.submit(TaskKind.MOVE, "a motion", lambda: ran.append("motion"))
+    runner.submit(TaskKind.CONNECT, "a connection", lambda: ran.append("connection"))
+    assert begun.wait(PATIENCE_S)
+    runner.stop_quietly()
+    assert runner.cancelled()
+    go_on.set()
+    finish(runner)
+    assert ran == ["connection"]
+
+
 def test_that_this_computer_was_late_is_said_once(tmp_path: Path) -> None:
     source = FakeSource(tmp_path / "sessions")
     runner = source.new()

@@ -1,6 +1,8 @@
 """What each command loads: start-up is imports, and they are counted here, not timed."""
 
 import json
+import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -70,7 +72,19 @@ def test_importing_the_library_loads_nothing_to_compute_with() -> None:
 def test_every_public_name_is_found_and_no_other() -> None:
     import sarcal
 
-    assert set(sarcal.__all__) <= set(dir(sarcal))
+    starred: dict[str, object] = {}
+    exec("from sarcal import *", starred)  # noqa: S102 - a star import inside a function is no syntax
+    assert set(sarcal.__all__) <= set(starred)
     assert all(getattr(sarcal, name).__name__ == name for name in sarcal.__all__)
+    assert {name for name in sarcal.__all__ if name.islower()} <= set(dir(sarcal))
     with pytest.raises(AttributeError, match="no_such_name"):
         _ = sarcal.no_such_name
+
+
+def test_help_on_the_library_fits_a_few_screens_and_names_all_there_is() -> None:
+    import sarcal
+
+    text = pydoc.render_doc(sarcal, renderer=pydoc.plaintext)
+    assert text.count("\n") < 350
+    first_screens = text.split("PACKAGE CONTENTS")[0]
+    assert [name for name in sarcal.__all__ if not re.search(rf"\b{name}\b", first_screens)] == []

@@ -11,17 +11,27 @@ True
 >>> result.fk(made.poses.q_rad).shape
 (30, 4, 4)
 
-What there is, in the order of use::
+Functions, in the order of use, and what each returns::
 
-    load_arm, load_fixture     an arm, what holds its hand: files or names of packaged ones
-    load_poses, poses_of       readings, from a CSV file or data frame, or from an array
-    plan                       poses that tell most, before any is taken
-    simulate                   readings of a simulated arm, with the truth
-    calibrate                  a Result: values, sigmas, intervals, verdict, fk, export
-    verify, compare            judge it by new poses, or beside another calibration
-    load_result                a result again, from a session
+    load_arm, load_fixture   Arm, Fixture: of a file, or packaged by name
+    load_poses, poses_of     Poses: readings of a CSV file or data frame, or of an array
+    plan                     Plan: poses that tell most, before any is taken
+    simulate                 Simulation: readings of a simulated arm, with the truth
+    calibrate                Result: values, sigmas, intervals, verdict, fk, export; Table by its table()
+    verify                   Verification: a Result judged by new poses
+    compare                  Comparison: what drifted between two Results
+    load_result              Result again, of a session
 
-Each has a page of its own: ``help(sarcal.calibrate)``. A first script: ``sarcal help scripting`` in a shell.
+Errors, besides TypeError and ValueError for a wrong argument::
+
+    ConfigError, WriteError  a file is wrong, or cannot be written
+    FixtureError             arm and fixture do not go together
+    SolverError              the poses cannot give what is asked for
+    UnidentifiableError      a SolverError: the poses do not determine every parameter
+    SessionError             a session cannot be read, or no plan can be made
+    IncomparableError        a SessionError: two Results have no parameter in common
+
+Each has a page of its own: ``help(sarcal.Result)``. A first script: ``sarcal help scripting`` in a shell.
 
 Own readings come as an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture
 are files, or the names of packaged ones. What a name ends in is its unit: ``_rad``, ``_deg``, ``_m``,
@@ -128,4 +138,6 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    # Functions only: pydoc prints every class that dir() names with all it inherits, 1,300 lines.
+    functions = [name for name in __all__ if name.islower()]
+    return ["__all__", "__doc__", "__file__", "__name__", "__path__", *functions]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from hardware.arm import DriveState, JointMode
-from hardware.scale import JointScale
+from hardware.arm_description import JointScale
 
 
 class Reason(Enum):

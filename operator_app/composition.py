@@ -19,12 +19,10 @@ from pathlib import Path
 
 from fixtures.measured import Measured
 from hardware.arm_plugins import ArmOffer, ArmOrder, offer
-from hardware.bus_setup import BusOpeners
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
-from hardware.control.process_priority import real_time_priority
 from hardware.outside_arm import OutsideArm
-from hardware.timing import Pace, Timing
+from hardware.timing import Pace, Timing, real_time_priority
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
 from operator_app.config.description import describe

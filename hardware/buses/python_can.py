@@ -1,4 +1,4 @@
-"""Settings of a CAN bus and opening it by python-can, with errors that name a remedy.
+"""Settings of a CAN bus and of the arm on it, and opening it by python-can, with errors that name a remedy.
 
 Settings use python-can's names and sources, strongest first: command-line options
 (``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
@@ -22,9 +22,12 @@ from can.interfaces import virtual
 from can.interfaces.socketcan import SocketcanBus
 from can.util import load_config, load_environment_config, load_file_config
 
+from hardware.arm_description import ArmDescription
 from hardware.arm_plugins import offered_names
 from hardware.buses.loopback import DEFAULT_CHANNEL, LoopbackBus
+from hardware.canopen.bus_profile import BusProfile
 from hardware.errors import BusError, BusSettingsError
+from hardware.timing import Pace, Timing
 
 # Failures that these libraries log reach the caller as BusError.
 for _library in ("can", "canopen"):
@@ -268,3 +271,23 @@ class _VirtualSender(virtual.VirtualBus):
             if self._open:
                 self.channel.append(self.queue)  # the base class removes it
             super().shutdown()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BusOpeners:
+    """Functions that open the two handles on a bus."""
+
+    main: Callable[[BusSettings], can.BusABC] = open_bus
+    stop: Callable[[BusSettings], can.BusABC] = open_sender
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmOnBus:
+    """The arm expected, its bus and how to open it, its nodes' set-up, SYNC pace and time-outs."""
+
+    description: ArmDescription
+    settings: BusSettings
+    profile: BusProfile
+    pace: Pace
+    timing: Timing
+    openers: BusOpeners

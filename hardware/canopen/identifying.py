@@ -6,7 +6,12 @@ import math
 from collections.abc import Iterable
 
 from hardware.arm import ArmIdentity, NodeIdentity
-from hardware.arm_description import ArmDescription, EncoderDescription, JointDescription
+from hardware.arm_description import (
+    ArmDescription,
+    EncoderDescription,
+    JointDescription,
+    JointScale,
+)
 from hardware.canopen.bus_profile import BusProfile, JointProfile
 from hardware.canopen.maps import ABSENT
 from hardware.canopen.objects import (
@@ -34,7 +39,6 @@ from hardware.canopen.objects import (
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import SdoRefused, WrongArm
 from hardware.limits import JointLimits, joint_limits
-from hardware.scale import JointScale
 
 
 def read_identity(

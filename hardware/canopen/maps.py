@@ -33,8 +33,8 @@ from hardware.canopen.objects import (
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
 
 if TYPE_CHECKING:
+    from hardware.arm_description import JointScale
     from hardware.canopen.sdo import ObjectAccess
-    from hardware.scale import JointScale
 
 POSITION_AGREEMENT_RAD = 0.01
 """Limit between position by PDO and by SDO: RVDT noise, and creep of a joint at rest between the two."""

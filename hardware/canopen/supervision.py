@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from hardware.arm_description import JointScale
 from hardware.canopen.bus_profile import MAX_HEARTBEAT_MS, BusProfile
 from hardware.canopen.maps import read_number
 from hardware.canopen.objects import (
@@ -19,7 +20,6 @@ from hardware.canopen.objects import (
 )
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy
-from hardware.scale import JointScale
 
 HEARTBEAT_TIMEOUT_PERIODS = 2.5
 """Heartbeat periods without a heartbeat after which a node counts as silent."""

@@ -19,7 +19,6 @@ from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import maps
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.masters import describe_master_frame
 from hardware.canopen.objects import (
     ARM,
     ARM_JOINTS,
@@ -45,6 +44,7 @@ from hardware.canopen.pdo_reading import (
 from hardware.canopen.sdo import ObjectAccess
 from hardware.canopen.supervision import operator_monitoring_differences
 from hardware.errors import BusError, HardwareError, SdoRefused
+from hardware.monitors.node_monitor import describe_master_frame
 
 LISTEN_S: Final = 1.2
 """Several heartbeats of an operator, and one of the slowest node allowed."""

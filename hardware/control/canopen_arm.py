@@ -17,14 +17,13 @@ from hardware.arm import (
     Watch,
 )
 from hardware.arm_description import ArmDescription
-from hardware.bus_setup import ArmOnBus, BusOpeners
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.canopen import uploading
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
 from hardware.canopen.supervision import DriveFacts, read_drive_facts
-from hardware.control import reading_steps, steps
+from hardware.control import steps
 from hardware.control.connection import Connection
 from hardware.control.connector import Connector
 from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
@@ -225,7 +224,7 @@ class CanopenArm:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
         settled: bool = link.loop.run(
-            reading_steps.settle(
+            steps.settle(
                 link.loop,
                 link.scales,
                 window=window,
@@ -240,9 +239,7 @@ class CanopenArm:
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
-        reading: Reading = link.loop.run(
-            reading_steps.capture(link.loop, link.scales, samples=samples)
-        )
+        reading: Reading = link.loop.run(steps.capture(link.loop, link.scales, samples=samples))
         link.require_same_maps()
         return reading
 

@@ -12,9 +12,8 @@ import can
 
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, HostLatency, JointMode
 from hardware.arm_description import EncoderDescription
-from hardware.bus_setup import ArmOnBus
 from hardware.buses.acceptance_filters import operator_filters, set_hardware_filters
-from hardware.buses.python_can import stamping_clock
+from hardware.buses.python_can import ArmOnBus, stamping_clock
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import identifying, uploading
 from hardware.canopen.cia402 import POWERED_STATES, state_of
@@ -22,7 +21,7 @@ from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
 from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control import reading_steps
+from hardware.control import steps
 from hardware.control.control_loop import ControlLoop
 from hardware.control.sampling import build_snapshot
 from hardware.control.start_up import StartUp
@@ -130,7 +129,7 @@ class Connection:
     def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
 
-        A STOP newer than `press` ends this. `takes_over`: see `in_use.require_unused`.
+        A STOP newer than `press` ends this. `takes_over`: see `start_up.require_unused`.
         """
         start_up = StartUp(
             self._on_bus,
@@ -204,7 +203,7 @@ class Connection:
         for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
             spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
             self.loop.run(
-                reading_steps.settle(
+                steps.settle(
                     self.loop, self.scales, window=10, spread_rad=spread, timeout_syncs=100
                 )
             )

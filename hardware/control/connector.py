@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hardware.arm import ArmIdentity, DriveState
-from hardware.bus_setup import ArmOnBus
+from hardware.buses.python_can import ArmOnBus
 from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, reached, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
 from hardware.control import steps

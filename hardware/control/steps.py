@@ -1,4 +1,4 @@
-"""Motions as steps, SYNC by SYNC: enable, change modes, move, hold, reset.
+"""Motions and readings as steps, SYNC by SYNC: enable, change modes, move, hold, reset, settle, read.
 
 Each is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, is sent its sample,
 and returns a result. If one ends early, joints in position mode rest at their last targets.
@@ -6,13 +6,15 @@ and returns a result. If one ends early, joints in position mode rest at their l
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 
-from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Watch
+from hardware.arm import ArmSnapshot, DriveState, JointMode, MoveResult, Reading, Watch
+from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import (
     CONTROLWORD_ENABLE_OPERATION,
     StatusBit,
@@ -33,7 +35,6 @@ from hardware.errors import (
     HardwareError,
     Stopped,
 )
-from hardware.scale import JointScale
 
 INCOMPLETE_SYNCS = 200
 """Consecutive incomplete samples after which a move ends."""
@@ -304,3 +305,56 @@ def _next_controlword(status: int, target: TargetState, previous: int) -> int:
         return next_controlword(status, target, previous=previous)
     except ValueError:
         return 0
+
+
+SYNCS_PER_SAMPLE, EXTRA_SYNCS = 20, 100
+"""Limit of a reading in SYNCs: per sample, and in addition; frames may be lost."""
+
+
+def settle(
+    loop: LoopView,
+    scales: Sequence[JointScale],
+    *,
+    window: int,
+    spread_rad: Sequence[float],
+    timeout_syncs: int,
+) -> Generator[Setpoints | None, Sample, bool]:
+    """Wait until every joint's spread over the last `window` complete samples is within `spread_rad`."""
+    bounds = np.array([s * scale.density for s, scale in zip(spread_rad, scales, strict=True)])
+    recent: deque[tuple[int, ...]] = deque(maxlen=window)
+    for _ in range(timeout_syncs):
+        sample = yield None
+        raise_alarm(loop)
+        if sample.complete:
+            recent.append(sample.counts)
+            if len(recent) == window and np.all(np.ptp(np.array(recent), axis=0) <= bounds):
+                return True
+    return False
+
+
+def capture(
+    loop: LoopView, scales: Sequence[JointScale], *, samples: int
+) -> Generator[Setpoints | None, Sample, Reading]:
+    """Average complete samples, each with all joints latched on the same SYNC."""
+    rows: list[tuple[int, ...]] = []
+    first = 0
+    for _ in range(EXTRA_SYNCS + SYNCS_PER_SAMPLE * samples):
+        if len(rows) == samples:
+            break
+        sample = yield None
+        raise_alarm(loop)
+        if sample.complete:
+            first = first or sample.sync_count
+            rows.append(sample.counts)
+    if len(rows) < samples:
+        raise incomplete_samples(sample)
+    counts = np.array(rows, dtype=np.float64)
+    mean = counts.mean(axis=0)
+    spread = counts.std(axis=0, ddof=1) if samples > 1 else np.zeros(len(scales))
+    return Reading(
+        mean_counts=mean,
+        mean_rad=np.array([s.to_rad(m) for s, m in zip(scales, mean.tolist(), strict=True)]),
+        sd_rad=spread / [scale.density for scale in scales],
+        samples=samples,
+        first_sync=first,
+    )

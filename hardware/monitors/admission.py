@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from hardware.arm import DriveState, JointMode
+from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import Command, command_of, state_of
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
@@ -18,7 +19,6 @@ from hardware.limits import (
     refuse_move,
     refuse_target,
 )
-from hardware.scale import JointScale
 
 
 def admit(

@@ -24,15 +24,14 @@ import can
 from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
 from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
-from hardware.control.process_priority import raise_loop_priority
 from hardware.monitors.latency import LatencyMonitor
-from hardware.virtual.axis import AxisSettings
+from hardware.timing import raise_loop_priority
+from hardware.virtual.axis import AxisSettings, PlantPort
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
-from hardware.virtual.port import PlantPort
 from hardware.virtual.supervisor_node import ArmLabel, ControllerHooks, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
 

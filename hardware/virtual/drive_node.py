@@ -12,12 +12,11 @@ from typing import Final
 from hardware.arm import DriveState, JointMode
 from hardware.canopen import cia402, objects
 from hardware.canopen.objects import JOINT_PRODUCT, EmergencyCode, ErrorBit, NmtState
-from hardware.eds.dictionary import pdo_struct
-from hardware.virtual.axis import AxisSettings
+from hardware.eds import pdo_struct
+from hardware.virtual.axis import AxisSettings, JointCommand, PlantPort
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive import Drive
 from hardware.virtual.node import Value, VirtualNode
-from hardware.virtual.port import JointCommand, PlantPort
 
 _REGISTER: Final = {
     EmergencyCode.HEARTBEAT_LOST: ErrorBit.COMMUNICATION,

@@ -11,7 +11,7 @@ from typing import Any, cast
 import can
 from can.interfaces.virtual import VirtualBus, channels_lock
 
-from hardware.bus_setup import BusOpeners
+from hardware.buses.python_can import BusOpeners
 from hardware.virtual.controller import VirtualController
 
 _SENT = can.Message()

@@ -23,9 +23,9 @@ from hardware.canopen.objects import (
     NmtCommand,
     joint_node,
 )
+from hardware.virtual.axis import FixturePort, PlantPort
 from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
 from hardware.virtual.drive_node import DriveNode
-from hardware.virtual.port import FixturePort, PlantPort
 from hardware.virtual.supervisor_node import SupervisorNode
 
 RIPPLE_COUNTS = 10.0

@@ -27,7 +27,7 @@ from hardware.canopen.objects import (
     NmtCommand,
     NmtState,
 )
-from hardware.eds.dictionary import node_dictionary, variables
+from hardware.eds import node_dictionary, variables
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.sdo_server import NodeSdoServer
 

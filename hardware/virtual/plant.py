@@ -19,7 +19,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
-from hardware.virtual.port import JointCommand, PlantReading
+from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.sensors import SensorBank
 from hardware.virtual.truth import Truth
 from solver.arrays import FloatArray, frozen

@@ -115,7 +115,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Run until interrupted."""
     from hardware.buses.python_can import bus_settings
-    from hardware.control.process_priority import real_time_priority
+    from hardware.timing import real_time_priority
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.procedure_file import load_procedure
@@ -244,7 +244,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
     """Serve the tracker of an open arm; yields the option for the command that connects to it."""
-    from hardware.virtual.tracker_port import HOST, PORT, serve_tracker
+    from hardware.virtual.tracker import HOST, PORT, serve_tracker
 
     if tracker is None:
         if port is not None:

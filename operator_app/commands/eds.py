@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Write the files; never over a different file."""
-    from hardware.eds.dictionary import EDS_FILES
+    from hardware.eds import EDS_FILES
     from operator_app.config.atomic import write_atomically
 
     sheets = {args.output / sheet.name: sheet.read_bytes() for sheet in EDS_FILES.values()}

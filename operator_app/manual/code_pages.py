@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen.objects import JOINT_PRODUCT
-from hardware.eds.dictionary import EDS_FILES, product_dictionary, variables
+from hardware.eds import EDS_FILES, product_dictionary, variables
 from hardware.virtual.fault_messages import FAULTS, FaultDescription
 from hardware.virtual.operator_side import OPERATOR_SIDE
 from operator_app.exit_codes import MEANING

@@ -12,7 +12,7 @@ import numpy as np
 
 from hardware.arm import JointMode
 from hardware.canopen.objects import CONTROL_PERIOD_S
-from hardware.virtual.port import JointCommand
+from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import STIFF, Scenario, scenario
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.result import Solution

@@ -13,8 +13,7 @@ from hardware.arm_description import (
     JointDescription,
     RvdtDescription,
 )
-from hardware.bus_setup import BusOpeners
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus

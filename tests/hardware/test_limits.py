@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hardware.arm import DriveState, JointMode
+from hardware.arm_description import JointScale
 from hardware.limits import (
     JointLimits,
     Reason,
@@ -19,7 +20,6 @@ from hardware.limits import (
     refuse_move,
     refuse_target,
 )
-from hardware.scale import JointScale
 
 LIMITS = JointLimits(
     joint=4, lower_counts=-1000, upper_counts=500, max_speed_rad_per_s=2.0, max_step_counts=20

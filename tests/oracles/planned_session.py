@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hardware.arm import JointMode
+from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.plant import Plant
-from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.scenarios import Scenario
 from solver.chain.arm_model import ArmModel
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch

@@ -20,7 +20,7 @@ from hardware.arm import (
 )
 from hardware.control.trajectory import StraightMove
 from hardware.errors import UploadRefused
-from hardware.virtual.port import JointCommand, PlantReading
+from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.procedure import Procedure

@@ -12,10 +12,9 @@ from typing import Any
 import can
 
 from hardware.arm import JointMode
-from hardware.virtual.axis import AxisSettings, axis
+from hardware.virtual.axis import AxisSettings, JointCommand, PlantReading, axis
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameter_store import ValidatedParameters
-from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.supervisor_node import ArmLabel
 from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, Rvdt

@@ -21,8 +21,7 @@ import can
 import numpy as np
 
 from hardware.arm import JointMode
-from hardware.bus_setup import BusOpeners
-from hardware.buses.python_can import BusSettings, open_bus
+from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.timing import Pace, Timing

@@ -13,8 +13,7 @@ from hardware.arm import JointMode
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
-from hardware.virtual.axis import arm_axes
-from hardware.virtual.port import JointCommand
+from hardware.virtual.axis import JointCommand, arm_axes
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm

@@ -45,7 +45,7 @@ from hardware.errors import (
     UploadUnknown,
 )
 from hardware.virtual import DEFAULT_SCENARIO
-from hardware.virtual.port import JointCommand
+from hardware.virtual.axis import JointCommand
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.session.workflow.opening import Choices

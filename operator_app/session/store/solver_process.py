@@ -18,7 +18,7 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-from hardware.control.process_priority import normal_priority
+from hardware.timing import normal_priority
 from operator_app.errors import SessionError
 
 if TYPE_CHECKING:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import random
 import time
+from pathlib import Path
 
 import can
 import pytest
 
-from hardware.buses.shared_bus import SharedBus, queue_is_full
+from hardware.buses.shared_bus import REORDER_S, Recording, SharedBus, queue_is_full
 from hardware.errors import BusError
 
 
@@ -70,3 +72,64 @@ def test_a_bus_that_is_gone_is_not_waited_for() -> None:
         wire.send(0x080, b"")
     assert bus.refusals == 0
     assert wire.queue_full == 0
+
+
+def frame(number: int, stamp: float) -> can.Message:
+    return can.Message(
+        arbitration_id=number & 0x7FF,
+        data=number.to_bytes(4, "little"),
+        is_extended_id=False,
+        timestamp=stamp,
+    )
+
+
+def recorded(path: Path) -> list[tuple[int, float]]:
+    with can.LogReader(path) as frames:
+        return [(int.from_bytes(f.data, "little"), f.timestamp) for f in frames]
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".log"])
+def test_frames_that_were_taken_late_are_written_in_their_place(
+    tmp_path: Path, suffix: str
+) -> None:
+    chance = random.Random(4)  # noqa: S311 - no secret
+    stamps = [1.7e9 + 0.001 * k for k in range(3000)]
+    taken = sorted(
+        range(len(stamps)), key=lambda k: stamps[k] + chance.uniform(0.0, 0.9 * REORDER_S)
+    )
+    assert taken != sorted(taken)
+    recording = Recording(tmp_path / f"bus{suffix}")
+    for number in taken:
+        (recording.note if number % 7 == 0 else recording.record)(frame(number, stamps[number]))
+    recording.close()
+    recording.close()
+    assert recording.failure is None
+    found = recorded(tmp_path / f"bus{suffix}")
+    assert [number for number, _ in found] == list(range(3000))
+    assert [stamp for _, stamp in found] == pytest.approx(stamps, abs=1e-5)
+
+
+def test_frames_of_one_moment_stay_in_the_order_they_came(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bus.log")
+    for number in range(100):
+        recording.record(frame(number, 1.7e9))
+    recording.close()
+    assert [number for number, _ in recorded(tmp_path / "bus.log")] == list(range(100))
+
+
+def test_a_clock_that_is_set_back_loses_and_holds_back_nothing(tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "bus.log")
+    stamps = [5000.0, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
+    for number, stamp in enumerate(stamps):
+        recording.record(frame(number, stamp))
+    recording.close()
+    assert [number for number, _ in recorded(tmp_path / "bus.log")] == [0, 1, 2, 4, 3, 5, 6, 7]
+
+
+def test_a_link_that_leads_nowhere_is_not_recorded_through(tmp_path: Path) -> None:
+    (tmp_path / "bus.log").symlink_to(tmp_path / "elsewhere.log")
+    recording = Recording(tmp_path / "bus.log")
+    recording.record(can.Message(arbitration_id=0x80, is_extended_id=False, timestamp=1.0))
+    recording.close()
+    assert not (tmp_path / "elsewhere.log").exists()
+    assert "080" in (tmp_path / "bus-2.log").read_text()

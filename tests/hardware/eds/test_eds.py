@@ -17,7 +17,7 @@ from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen import objects
 from hardware.canopen.bus_profile import Pdo
-from hardware.eds.dictionary import EDS_FILES, node_dictionary, product_dictionary, variables
+from hardware.eds import EDS_FILES, node_dictionary, product_dictionary, variables
 from hardware.virtual.drive_node import RPDO1, TPDO1
 from tests.oracles.profiles import sarcos
 

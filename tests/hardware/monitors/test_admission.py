@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 
 from hardware.arm import JointMode
+from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Sample, Setpoint
 from hardware.errors import CommandRefused, StopLatched
 from hardware.limits import JointLimits
 from hardware.monitors.admission import admit, admit_modes, admit_move
-from hardware.scale import JointScale
 from tests.oracles.approved import Approve
 
 LIMITS = (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import JointMode
-from hardware.virtual.port import JointCommand
+from hardware.virtual.axis import JointCommand
 from hardware.virtual.truth import PAPER_HOME_RAD
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable

@@ -9,8 +9,8 @@ import can
 import pytest
 
 from hardware.arm import JointMode
+from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.supervisor_node import ArmLabel
 from tests.oracles.virtual_rig import Rig, TrivialPlant, axes, rig
 

@@ -12,10 +12,9 @@ import pytest
 
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.canopen.objects import COB_SYNC, COB_TPDO1
-from hardware.virtual.axis import arm_axes
+from hardware.virtual.axis import PlantReading, arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import EmbeddedBus, attended_openers
-from hardware.virtual.port import PlantReading
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
 from operator_app.config.arm_file import load_arm

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 import pytest
 
+from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
-from hardware.virtual.port import JointCommand, PlantReading
 from hardware.virtual.sensors import JointSensor, SensorBank
 from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray

@@ -10,8 +10,8 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual import SCENARIOS
+from hardware.virtual.axis import JointCommand
 from hardware.virtual.plant import Plant
-from hardware.virtual.port import JointCommand
 from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
 from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray

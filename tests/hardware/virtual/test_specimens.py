@@ -9,7 +9,7 @@ import pytest
 
 from fixtures.ball import Ball
 from hardware.arm import JointMode
-from hardware.virtual.port import JointCommand
+from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
 from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fixtures.measured import Measured
 from hardware.arm import JointMode
-from hardware.virtual.port import JointCommand
+from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
 from hardware.virtual.specimens import SpecimenFiles, mounted_entries
 from hardware.virtual.truth import OpenTruth, paper_loop

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
-from hardware.virtual.port import PlantReading
+from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles
 from operator_app.calibration.prior import KnownArm, known_arm

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.virtual.port import PlantReading
+from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario
 from operator_app.calibration.innovation import LEAST, is_unpredicted
 from operator_app.config.poses_file import parse_poses

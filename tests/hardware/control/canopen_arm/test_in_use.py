@@ -9,7 +9,7 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
-from hardware.monitors.alarms import Observations, find_alarm
+from hardware.monitors.joint_monitor import Observations, find_alarm
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import FakeArmBus
@@ -49,8 +49,8 @@ class Asked(FakeArmBus):
 
 @pytest.fixture(autouse=True)
 def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.in_use.DEFAULT_TIMEOUT_S", 0.2)
-    monkeypatch.setattr("hardware.control.in_use.POLL_S", 0.02)
+    monkeypatch.setattr("hardware.control.start_up.DEFAULT_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("hardware.control.start_up.POLL_S", 0.02)
     monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
 
 

@@ -9,8 +9,7 @@ from typing import Any
 import can
 import pytest
 
-from hardware.bus_setup import BusOpeners
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.control.tasks import Steps
 from hardware.errors import (

@@ -7,10 +7,10 @@ import struct
 
 import pytest
 
+from hardware.arm_description import JointScale
 from hardware.canopen.sdo import ObjectAccess
 from hardware.canopen.supervision import following_windows_counts
 from hardware.errors import MappingMismatch
-from hardware.scale import JointScale
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
 from tests.oracles.profiles import sarcos

@@ -10,8 +10,7 @@ from contextlib import suppress
 import can
 import pytest
 
-from hardware.bus_setup import BusOpeners
-from hardware.buses.python_can import BusSettings
+from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.control.control_loop import MAX_IDLE_POLL_S
 from hardware.errors import (

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.control.process_priority import real_time_priority
+from hardware.timing import real_time_priority
 from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

@@ -16,7 +16,7 @@ import pytest
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines, GrowingFile, StdinLines, TcpLines
 from hardware.line_stream import LONGEST
-from hardware.virtual.tracker_port import CLIENTS, serve_tracker
+from hardware.virtual.tracker import CLIENTS, serve_tracker
 from operator_app.errors import SessionError
 from operator_app.session.workflow.instrument import Instrument, TargetLostError, port_of
 from tests.oracles.approved import Approve

@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from hardware.control.process_priority import (
+from hardware.timing import (
     LOOP_PRIORITY,
     PRIORITY,
     raise_loop_priority,

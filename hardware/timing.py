@@ -26,10 +26,18 @@ class Pace(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timing:
-    """Periods and time-outs of the control loop.
+    """Periods and time-outs of a connection and its control loop.
 
     Attributes
     ----------
+    listen_s
+        Time to listen for another operator before anything is sent: three of its heartbeats.
+    boot_timeout_s
+        Time-out for a node to boot, and to start.
+    operator_timeout_s
+        Silence after which another operator is gone, for nodes that do not state their time-out.
+    upload_retry_s
+        Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms).
     sdo_timeout_s
         Time-out of every SDO answer.
     answer_timeouts_s
@@ -45,7 +53,11 @@ class Timing:
     period_s: float = CONTROL_PERIOD_S
     heartbeat_period_s: float = HEARTBEAT_PERIOD_S
     heartbeat_timeout_s: float = 1.0
+    listen_s: float = 0.35
+    boot_timeout_s: float = 3.0
+    operator_timeout_s: float = 1.0
     sdo_timeout_s: float = 1.0
+    upload_retry_s: float = 0.5
     answer_timeouts_s: Mapping[Pace, float] = field(
         default_factory=lambda: {Pace.REAL_TIME: 0.03, Pace.FAST_FORWARD: 0.5}
     )

@@ -37,8 +37,7 @@ from hardware.errors import (
     UploadUnknown,
 )
 
-MAX_UPLOADS, RETRY_PAUSE_S = 6, 0.5
-"""Attempts, and the pause between; a lapsed token is granted again after the next heartbeat (100 ms)."""
+MAX_UPLOADS = 6
 
 
 class UploadLink(Protocol):
@@ -66,8 +65,8 @@ def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
         raise
 
 
-def upload(link: UploadLink, document: bytes) -> UploadReceipt:
-    """Write a document, stage it, read it back and commit it.
+def upload(link: UploadLink, document: bytes, *, retry_s: float) -> UploadReceipt:
+    """Write a document, stage it, read it back and commit it; `retry_s` is the pause between attempts.
 
     Repeated where an answer is missing or control has lapsed: nothing is active before the commit, and 2003h and
     2001h show whether a commit was carried out. After an error, the previous document stays active.
@@ -97,7 +96,7 @@ def upload(link: UploadLink, document: bytes) -> UploadReceipt:
             return _receipt(link.access, attempt.supervisor, link.profile)
         except (BusError, DuplicateNodeId, SdoRefused) as lost:
             if left and attempt.is_transient(lost) and link.may_repeat(lost):
-                threading.Event().wait(RETRY_PAUSE_S)
+                threading.Event().wait(retry_s)
                 continue
             why, known = link.explain(lost), False
             with suppress(BusError, DuplicateNodeId, SdoRefused):

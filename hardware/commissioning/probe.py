@@ -58,7 +58,7 @@ NO_OPERATOR_MONITORING: Final = (
 )
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
-"""Limit of the wait for answers, in `ANSWERS_S`."""
+"""Limit of the wait for answers, in such silences."""
 _READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
 _UPLOAD_ANSWER: Final = 2
 _SUPERVISES: Final = ((ARM, ARM_JOINTS), (TOKEN, 0))
@@ -136,9 +136,9 @@ class _Listener:
         """Wait; the thread goes on receiving."""
         self._closing.wait(seconds)
 
-    def wait_for_answers(self) -> None:
-        """Wait until no node has answered for `ANSWERS_S`, counted in polls so that host latency does not end it."""
-        polls = round(ANSWERS_S / _POLL_S)
+    def wait_for_answers(self, quiet_s: float) -> None:
+        """Wait until no node has answered for `quiet_s`, counted in polls so that host latency does not end it."""
+        polls = round(quiet_s / _POLL_S)
         known = quiet = 0
         for _ in range(_MAX_ANSWER_PERIODS * polls):
             self.listen(_POLL_S)
@@ -189,9 +189,13 @@ def probe(
     *,
     opener: Callable[[BusSettings], can.BusABC] = open_bus,
     listen_s: float = LISTEN_S,
+    answers_s: float = ANSWERS_S,
     record_to: Path | None = None,
 ) -> Probe:
-    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails."""
+    """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
+
+    `listen_s`: how long before anything is sent; `answers_s`: silence after which all nodes have answered.
+    """
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(wire, profile)
     try:
@@ -203,7 +207,7 @@ def probe(
             wire.send(COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
                 listener.listen(_POLL_S)  # slow adapters take a few frames at a time
-        listener.wait_for_answers()
+        listener.wait_for_answers(answers_s)
         answers = dict(listener.answers)
         access = ObjectAccess(wire.send, sorted(answers))
         listener.deliver = access.deliver

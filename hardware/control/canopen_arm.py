@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -61,6 +62,8 @@ class CanopenArm:
         Periods and time-outs of the control loop.
     openers
         How to open the bus, if not by its settings.
+    clock
+        Monotonic time of this computer, s.
     """
 
     def __init__(
@@ -74,6 +77,7 @@ class CanopenArm:
         acceleration_rad_per_s2: float = ACCELERATION_RAD_PER_S2,
         timing: Timing | None = None,
         openers: BusOpeners | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.on_bus = ArmOnBus(
             description=description,
@@ -85,7 +89,7 @@ class CanopenArm:
         )
         self._acceleration = acceleration_rad_per_s2
         self._n = len(description.joints)
-        self._connector = Connector(self.on_bus, record_to)
+        self._connector = Connector(self.on_bus, record_to, clock)
 
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
@@ -311,7 +315,7 @@ class CanopenArm:
                     "parameters can be uploaded only in control: take control first"
                 )
             link.take_token()
-        return uploading.upload(link, document)
+        return uploading.upload(link, document, retry_s=self.on_bus.timing.upload_retry_s)
 
     def active_parameters(self) -> bytes:
         """The controller's active parameter document; empty if there is none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -41,9 +40,6 @@ from hardware.monitors.admission import admit
 from hardware.monitors.continuity import ENCODER_COUNTS, RVDT_COUNTS
 from hardware.monitors.joint_monitor import JointMonitor
 
-LISTEN_S: Final = 0.35
-"""Time to listen for another operator: three of its heartbeats."""
-BOOT_TIMEOUT_S: Final = 3.0
 POSITION_RECHECKS: Final = 3
 """Repetitions of a differing position comparison by PDO and SDO, if the maps are unchanged."""
 
@@ -71,7 +67,7 @@ class Connection:
         *,
         record_to: Path | None,
         latch: StopLatch,
-        clock: Callable[[], float] = time.monotonic,
+        clock: Callable[[], float],
     ) -> None:
         description, settings, profile = on_bus.description, on_bus.settings, on_bus.profile
         timing = on_bus.timing
@@ -137,8 +133,6 @@ class Connection:
             access=self.access,
             send=self._wire.send,
             scales=self.scales,
-            listen_s=LISTEN_S,
-            boot_timeout_s=BOOT_TIMEOUT_S,
         )
         try:
             started = start_up.run(press, takes_over=takes_over)

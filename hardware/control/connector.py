@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,8 +73,10 @@ class Connector:
         Whether the next connection may reset enabled drives: this program left them so, or it was requested.
     """
 
-    def __init__(self, on_bus: ArmOnBus, record_to: Path | None) -> None:
-        self._on_bus, self.record_to = on_bus, record_to
+    def __init__(
+        self, on_bus: ArmOnBus, record_to: Path | None, clock: Callable[[], float]
+    ) -> None:
+        self._on_bus, self.record_to, self._clock = on_bus, record_to, clock
         self.latch = StopLatch()
         self.takes_over = False
         self._connection: Connection | None = None
@@ -106,7 +108,7 @@ class Connector:
         press, self._connecting = self.latch.last_press, True
         try:
             self._opening = connection = Connection(
-                self._on_bus, record_to=self.record_to, latch=self.latch
+                self._on_bus, record_to=self.record_to, latch=self.latch, clock=self._clock
             )
             # For this connection only: another program may enable drives later.
             takes_over, self.takes_over = self.takes_over, False
@@ -152,7 +154,7 @@ class Connector:
         """State of every drive (6041h) by SDO alone, without reset, heartbeat and SYNC."""
         if self._connection is not None:
             raise ValueError("this arm is connected: its snapshot has the states")
-        link = Connection(self._on_bus, record_to=None, latch=self.latch)
+        link = Connection(self._on_bus, record_to=None, latch=self.latch, clock=self._clock)
         try:
             return link.read_states()
         finally:

@@ -56,18 +56,22 @@ from hardware.errors import (
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 
-DEFAULT_TIMEOUT_S: Final = 1.0
-"""For nodes that do not state their time-out."""
 MARGIN: Final = 1.5
 """Factor on a stated time-out, for reaction time and late answers."""
-POLL_S: Final = 0.1
+POLLS: Final = 10
+"""Readings of the drives' states within `timeout_s`."""
 
 _Object = tuple[int, int]
 """Node and index."""
 
 
 def require_unused(
-    access: ObjectAccess, nodes: NodeMonitor, listen: Callable[[float], None], *, takes_over: bool
+    access: ObjectAccess,
+    nodes: NodeMonitor,
+    listen: Callable[[float], None],
+    *,
+    takes_over: bool,
+    timeout_s: float,
 ) -> None:
     """Return if no other operator can be using the arm.
 
@@ -83,6 +87,8 @@ def require_unused(
         Listens for a number of seconds and raises for any operator heard.
     takes_over
         Whether drives that stay enabled in silence may be taken over.
+    timeout_s
+        Silence after which an operator is gone, for nodes that do not state their time-out.
 
     Raises
     ------
@@ -101,9 +107,11 @@ def require_unused(
     enabled, holder = _powered(values), _token_holder(values)
     if not enabled and not holder:
         return
-    timeout_s = _timeout_s(access, [*enabled, *(node for node, _ in tokens if holder)])
-    for _ in range(ceil(timeout_s / POLL_S)):
-        listen(POLL_S)
+    poll_s = timeout_s / POLLS
+    stated = [*enabled, *(node for node, _ in tokens if holder)]
+    timeout_s = max(timeout_s, _stated_timeout_s(access, stated))
+    for _ in range(ceil(timeout_s / poll_s)):
+        listen(poll_s)
         if holder in nodes.foreign_nodes:
             raise ControlDenied(holder)
         # A node without an answer keeps its last value.
@@ -142,9 +150,9 @@ def _read_all(access: ObjectAccess, objects: Sequence[_Object]) -> dict[_Object,
         return {key: value for key, value in answers if value is not None}
 
 
-def _timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """Longest silence of an operator that these drives, or this supervisor, accept."""
-    timeout_s = DEFAULT_TIMEOUT_S
+def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
+    """Longest silence of an operator that these drives, or this supervisor, state; 0 if none does."""
+    timeout_s = 0.0
     for node in nodes:
         try:
             timeout_s = max(timeout_s, MARGIN * (operator_timeout_s(access, node) or 0.0))
@@ -171,10 +179,6 @@ class StartUp:
         The arm expected, and the scales of joints 1..n.
     loop, access, send
         Cyclic traffic, object access, and what puts a frame on the bus.
-    listen_s
-        Time to listen for others before anything is sent.
-    boot_timeout_s
-        Time-out for a node to boot, and to start.
     """
 
     def __init__(
@@ -185,15 +189,12 @@ class StartUp:
         access: ObjectAccess,
         send: Callable[[int, bytes], None],
         scales: Sequence[JointScale],
-        listen_s: float,
-        boot_timeout_s: float,
     ) -> None:
         self._description, self._profile = on_bus.description, on_bus.profile
-        self._period_s = on_bus.timing.period_s
+        self._timing = on_bus.timing
         # In fast forward no time passes for the drives, and no other program has that arm.
         self._shared = on_bus.pace is Pace.REAL_TIME
         self._loop, self._access, self._send, self._scales = loop, access, send, tuple(scales)
-        self._listen_s, self._boot_timeout_s = listen_s, boot_timeout_s
         self._configured: tuple[str, ...] = ()
         self._zeroed: list[str] = []
         self._pressed: Callable[[], bool] = lambda: False
@@ -204,9 +205,15 @@ class StartUp:
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
         loop.start()
-        self._listen(self._listen_s)
+        self._listen(self._timing.listen_s)
         if self._shared:
-            require_unused(access, loop.nodes, self._listen, takes_over=takes_over)
+            require_unused(
+                access,
+                loop.nodes,
+                self._listen,
+                takes_over=takes_over,
+                timeout_s=self._timing.operator_timeout_s,
+            )
             self._listen(0.0)  # commands of others meanwhile, before they are cleared
         loop.nodes.expect_boot_up()
         missing = self._send_nmt(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
@@ -282,7 +289,9 @@ class StartUp:
     def _check_arm(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
         """Compare all but the PDOs; set heartbeat time-out and following windows."""
         access, profile, loop = self._access, self._profile, self._loop
-        identifying.check_arm(access, identity, self._description, profile, period_s=self._period_s)
+        identifying.check_arm(
+            access, identity, self._description, profile, period_s=self._timing.period_s
+        )
         loop.heartbeat_timeout_s = heartbeat_timeout_s(access, profile, loop.heartbeat_timeout_s)
         unwatching = check_operator_monitoring(access, profile)
         loop.watch.set_following_windows(following_windows_counts(access, profile, self._scales))
@@ -308,12 +317,12 @@ class StartUp:
         NMT commands are not acknowledged, and either frame may be lost: nodes that are heard get it twice.
         """
         self._command_nodes(command)
-        missing = wait(self._boot_timeout_s)
+        missing = wait(self._timing.boot_timeout_s)
         self.raise_if_cancelled()
         heard = [node for node in missing if node in self._loop.nodes.heard_at_s]
         if heard:
             self._command_nodes(command, heard)
-            missing = wait(self._boot_timeout_s)
+            missing = wait(self._timing.boot_timeout_s)
             self.raise_if_cancelled()
         return missing
 

@@ -108,6 +108,10 @@ class FakeArmBus(can.BusABC):
         """Of SDO and NMT frames and boot-ups, by identifier: which do not arrive."""
         self.staged = False
         self.on_sync: Callable[[int], None] = lambda _sync: None
+        self.on_send: Callable[[int, bytes], None] = lambda _identifier, _data: None
+        """Called before a frame is sent, in the sender's thread."""
+        self.on_closing: Callable[[], None] = lambda: None
+        """Called when the second handle is closed, the last thing but the bus itself."""
         self.broken: Exception | None = None
         self.model, self.serial = "fake", "FAKE-1"
         self.full_scale = 120_000_000
@@ -122,6 +126,7 @@ class FakeArmBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         if self.broken is not None:
             raise self.broken
+        self.on_send(msg.arbitration_id, bytes(msg.data))
         with self._wake:
             self.sent.append((msg.arbitration_id, bytes(msg.data)))
             self._handle(msg.arbitration_id, bytes(msg.data))
@@ -370,7 +375,7 @@ class FakeArmBus(can.BusABC):
 
 
 class _StopHandle(can.BusABC):
-    """Second handle on the same bus: sends, is_heard nothing."""
+    """Second handle on the same bus: sends, hears nothing."""
 
     def __init__(self, bus: FakeArmBus) -> None:
         self._bus = bus
@@ -379,6 +384,10 @@ class _StopHandle(can.BusABC):
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         self._bus.send(msg, timeout)
+
+    def shutdown(self) -> None:
+        self._bus.on_closing()
+        super().shutdown()
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         return None, False

@@ -43,13 +43,17 @@ def describe() -> ArmDescription:
     )
 
 
+def hasty(**options: Any) -> Timing:
+    """Time-outs no longer than the fake bus needs."""
+    waits = {"listen_s": 0.02, "boot_timeout_s": 1.0, "upload_retry_s": 0.01}
+    return Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), **{**waits, **options})
+
+
 def make(
     bus: FakeArmBus, *, description: ArmDescription | None = None, **options: Any
 ) -> CanopenArm:
     options.setdefault("pace", Pace.FAST_FORWARD)
-    options.setdefault(
-        "timing", Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), heartbeat_timeout_s=0.35)
-    )
+    options.setdefault("timing", hasty(heartbeat_timeout_s=0.35))
     return CanopenArm(
         description or describe(),
         BusSettings(channel="fake"),

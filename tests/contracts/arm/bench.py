@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from hardware.arm import JointMode
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
-from hardware.timing import Pace
+from hardware.timing import Pace, Timing
 from hardware.virtual.axis import arm_axes
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameter_store import ValidatedParameters
@@ -60,4 +60,4 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
 
 def operator_on(settings: BusSettings, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
     """The arm as its operator has it, not connected."""
-    return CanopenArm(describe(MODEL), settings, sarcos(), pace=pace)
+    return CanopenArm(describe(MODEL), settings, sarcos(), pace=pace, timing=Timing(listen_s=0.15))

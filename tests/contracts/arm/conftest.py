@@ -12,11 +12,6 @@ from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 
 
-@pytest.fixture(autouse=True)
-def a_shorter_listen(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.15)
-
-
 @pytest.fixture
 def controller(settings: BusSettings) -> Iterator[VirtualController]:
     with controller_on(settings) as running:

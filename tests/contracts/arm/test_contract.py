@@ -198,29 +198,3 @@ def test_an_observer_sees_standard_frames(driven: CanopenArm, settings: BusSetti
         status, counts, _torque = struct.unpack("<Hih", answers[0x180 + joint].data)
         assert status & 0x6F == 0x27
         assert counts == state.position_counts
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("frame", [2, 3, 9])
-def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(
-    driven: CanopenArm, monkeypatch: pytest.MonkeyPatch, frame: int
-) -> None:
-    driven.hold()
-    document = b"1 2 3 4 5 6 7" + b" " * 200
-    wire, sent = driven._link._wire, []
-    whole = wire.send
-
-    def interrupted(identifier: int, data: bytes) -> None:
-        if identifier == 0x610:
-            sent.append(data)
-            if len(sent) == frame:
-                raise KeyboardInterrupt
-        whole(identifier, data)
-
-    sender = driven._link.access._network
-    monkeypatch.setattr(sender, "_send", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        driven.upload_parameters(document)
-    assert driven.active_parameters() == b""
-    assert driven.upload_parameters(document).length == len(document)
-    assert driven.active_parameters() == document

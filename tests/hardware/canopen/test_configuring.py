@@ -70,12 +70,6 @@ def profile(text: str = PROFILE) -> BusProfile:
     return parse_profile(text.encode(), "acme.yaml", joints=JOINTS)
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.05)
-    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
-
-
 @pytest.fixture
 def settings() -> BusSettings:
     return BusSettings(channel=f"configured-{next(_channels)}")

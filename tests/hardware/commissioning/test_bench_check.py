@@ -6,12 +6,14 @@ import itertools
 import math
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from typing import Any
 
 import can
 import pytest
+from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
 from hardware.arm_description import (
@@ -20,8 +22,8 @@ from hardware.arm_description import (
     JointDescription,
     RvdtDescription,
 )
-from hardware.buses.python_can import BusSettings
-from hardware.canopen.objects import HEARTBEAT_CONSUMER, OPERATOR_NODE
+from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
+from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, check
 from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.finding import BENCH, CheckFinding, Stage
@@ -38,12 +40,6 @@ from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, p
 WATCH_S = 1.5
 STEP, SPEED = math.radians(1.0), math.radians(5.0)
 _channels = itertools.count()
-
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.15)
-    monkeypatch.setattr("hardware.commissioning.probe.ANSWERS_S", 0.3)
 
 
 class Bystander:
@@ -78,7 +74,11 @@ class Bench:
             for drive in self.controller.drives:
                 drive.serve(HEARTBEAT_CONSUMER, 1, lambda: OPERATOR_NODE << 16 | int(1e3 * WATCH_S))
 
-    def arm(self, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
+    def arm(
+        self,
+        pace: Pace = Pace.FAST_FORWARD,
+        opener: Callable[[BusSettings], can.BusABC] = open_bus,
+    ) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
         encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
         description = ArmDescription(
@@ -95,14 +95,20 @@ class Bench:
                 for j in range(1, 8)
             ),
         )
-        return patient(description, self.settings, sarcos(), pace=pace)
+        return patient(description, self.settings, sarcos(), pace=pace, opener=opener)
 
 
-def patient(*args: object, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
+def patient(
+    *args: Any, opener: Callable[[BusSettings], can.BusABC] = open_bus, **options: Any
+) -> CanopenArm:
     timing = Timing(
-        answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=5.0, lost_after_s=5.0
+        listen_s=0.15,
+        answer_timeouts_s=dict.fromkeys(Pace, 2.0),
+        heartbeat_timeout_s=5.0,
+        lost_after_s=5.0,
     )
-    return CanopenArm(*args, pace=pace, timing=timing)  # type: ignore[arg-type]
+    options = {"pace": Pace.FAST_FORWARD} | options
+    return CanopenArm(*args, timing=timing, openers=BusOpeners(main=opener), **options)
 
 
 @pytest.fixture
@@ -313,24 +319,36 @@ def test_a_ctrl_c_of_somebody_else_is_not_the_one_that_is_tried(bench: Bench) ->
             list(is_interrupted(turn, lambda: None))
 
 
-def test_a_second_program_that_is_let_in_is_told(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    elsewhere = ExitStack()
-    with elsewhere:
-        other = Bench(elsewhere).arm()
-        monkeypatch.setattr(CanopenArm, "another", lambda _: other)
-        findings = tried(bench.arm(), Bystander(), Stage.LOOK)
-    assert failed(findings) == [("one operator", None)]
+class Alone(CanopenArm):
+    """An arm whose second program is this one."""
+
+    other: CanopenArm
+
+    def another(self) -> CanopenArm:
+        return self.other
 
 
-def test_a_second_program_that_is_refused_after_it_has_reset_the_nodes_was_let_in(
-    bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """On the same bus: it is_heard nobody, and what it meets once it is at work is no refusal."""
+class WithoutOperators(VirtualBus):
+    """A handle that hears no operator."""
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        message = super().recv(timeout)
+        is_operator = (
+            message is not None and message.arbitration_id == COB_HEARTBEAT + OPERATOR_NODE
+        )
+        return None if is_operator else message
+
+
+@pytest.mark.parametrize("same_bus", [False, True])
+def test_a_second_program_that_is_let_in_is_told(bench: Bench, same_bus: bool) -> None:
+    """On the same bus it is refused after it has reset the nodes, once it hears who commands them: let in as well."""
     arm = bench.arm()
-    monkeypatch.setattr("hardware.control.start_up.StartUp._listen", lambda *_: None)
-    findings = tried(arm, Bystander(), Stage.LOOK)
+    with ExitStack() as elsewhere:
+        arm.__class__ = Alone
+        arm.other = (bench if same_bus else Bench(elsewhere)).arm(
+            opener=lambda s: WithoutOperators(s.channel)
+        )
+        findings = tried(arm, Bystander(), Stage.LOOK)
     assert failed(findings) == [("one operator", None)]
     assert "was let in" in findings[-1].text
 

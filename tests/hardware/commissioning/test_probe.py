@@ -14,11 +14,6 @@ from tests.hardware.fake_arm import FakeArmBus
 from tests.oracles.profiles import sarcos
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.commissioning.probe.ANSWERS_S", 0.1)
-
-
 @pytest.fixture
 def bus() -> Iterator[FakeArmBus]:
     fake = FakeArmBus()
@@ -30,7 +25,8 @@ def bus() -> Iterator[FakeArmBus]:
 
 
 def look(bus: FakeArmBus) -> Probe:
-    return probe(BusSettings(channel="fake"), sarcos(), opener=lambda _: bus, listen_s=0.3)
+    settings = BusSettings(channel="fake")
+    return probe(settings, sarcos(), opener=lambda _: bus, listen_s=0.3, answers_s=0.1)
 
 
 def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) -> None:

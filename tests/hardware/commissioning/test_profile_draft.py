@@ -44,13 +44,6 @@ DESCRIPTION = ArmDescription(
 _channels = itertools.count()
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.05)
-    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
-    monkeypatch.setattr("hardware.commissioning.probe.ANSWERS_S", 0.3)
-
-
 @pytest.fixture
 def settings() -> BusSettings:
     return BusSettings(channel=f"foreign-{next(_channels)}")
@@ -77,7 +70,12 @@ def elsewhere(settings: BusSettings) -> Iterator[ForeignArm]:
 
 
 def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
-    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.5), heartbeat_timeout_s=5.0)
+    timing = Timing(
+        listen_s=0.05,
+        boot_timeout_s=1.0,
+        answer_timeouts_s=dict.fromkeys(Pace, 0.5),
+        heartbeat_timeout_s=5.0,
+    )
     return CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
 
 
@@ -89,7 +87,7 @@ def connected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
 
 def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
     """By probe, through the file it writes."""
-    found = probe(settings, sarcos(), listen_s=0.5)
+    found = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3)
     made = draft(found.nodes, name="acme", configure=configure)
     text = format_profile(made, comment="drafted")
     return parse_profile(text, "acme.yaml", joints=JOINTS)
@@ -280,6 +278,6 @@ def test_a_map_changed_behind_the_profiles_back_is_refused(
 def test_the_file_reads_back_what_was_drafted(
     settings: BusSettings, elsewhere: ForeignArm, tmp_path: Path
 ) -> None:
-    found = probe(settings, sarcos(), listen_s=0.5)
+    found = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3)
     made = draft(found.nodes, name="acme")
     assert parse_profile(format_profile(made, comment="x"), "x", joints=JOINTS) == made

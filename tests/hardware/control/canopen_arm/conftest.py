@@ -21,12 +21,6 @@ def bus() -> FakeArmBus:
     return fake
 
 
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.02)
-    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
-
-
 @pytest.fixture
 def arm(bus: FakeArmBus) -> Iterator[CanopenArm]:
     made = make(bus)

@@ -158,44 +158,35 @@ def test_stop_while_closing_stops_the_drives_and_latches(
 
 
 def test_stop_reaches_the_drives_to_the_last_moment_of_closing(
-    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    loop = driven._link.loop
-    close, before = loop.close, []
+    before = []
 
-    def close_and_stop() -> None:
-        close()
+    def stop() -> None:
         before.append(len(bus.sent))
         driven.stop()
 
-    monkeypatch.setattr(loop, "close", close_and_stop)
+    bus.on_closing = stop
     driven.close()
     late = [(i, struct.unpack("<Hib", data)[0]) for i, data in bus.sent[before[0] :]]
     assert late == [(0x200 + j, 0x0002) for j in range(1, JOINTS + 1)]
 
 
-def test_closing_twice_at_once_closes_once(
-    driven: CanopenArm, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    link = driven._link
-    close, closed = link.close, []
+def test_closing_twice_at_once_closes_once(driven: CanopenArm, bus: FakeArmBus) -> None:
     other = threading.Thread(target=driven.close)
     waited = []
 
-    def close_within() -> None:
-        closed.append(link)
-        if len(closed) == 1:
-            driven.close()  # as a signal handler of this thread would
-            other.start()
-            other.join(0.05)
-            waited.append(other.is_alive())
-        close()
+    def close_again() -> None:
+        waited.append(None)
+        driven.close()  # as a signal handler of this thread would
+        other.start()
+        other.join(0.05)
+        waited[-1] = other.is_alive()
 
-    monkeypatch.setattr(link, "close", close_within)
+    bus.on_closing = close_again
     driven.close()
     other.join(5.0)
-    assert waited == [True], "the other thread went on before the arm was closed"
-    assert closed == [link]
+    assert waited == [True], "closed once, and the other thread waited until the arm was closed"
     with pytest.raises(BusError, match="not connected"):
         driven.snapshot()
 

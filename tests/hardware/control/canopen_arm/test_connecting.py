@@ -20,11 +20,7 @@ from hardware.errors import (
     WrongArm,
 )
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import (
-    PER_RAD,
-    describe,
-    make,
-)
+from tests.hardware.on_fake_bus import PER_RAD, describe, hasty, make
 
 
 def test_it_is_an_arm(bus: FakeArmBus) -> None:
@@ -77,17 +73,13 @@ COMMANDS_JOINT_1 = bytes.fromhex("0f000500000008")
     ],
 )
 def test_nothing_is_sent_where_another_master_works(
-    bus: FakeArmBus,
-    monkeypatch: pytest.MonkeyPatch,
-    frames: tuple[tuple[int, bytes], ...],
-    words: str,
+    bus: FakeArmBus, frames: tuple[tuple[int, bytes], ...], words: str
 ) -> None:
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.3)
     bus.other_master = frames
     with pytest.raises(
         OtherMaster, match=f"else works on this bus: {words} came .* End that program"
     ):
-        make(bus).connect()
+        make(bus, timing=hasty(listen_s=0.3)).connect()
     assert bus.sent == []
 
 

@@ -10,9 +10,9 @@ import pytest
 from hardware.arm import JointMode
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveDiverged, Stopped
-from hardware.timing import Pace, Timing
+from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, frames, make, wait_for
+from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, frames, hasty, make, wait_for
 
 FAR, WINDOW = 1600, 1111
 """Counts: how far it goes, and the degree that a drive without 6065h is allowed."""
@@ -39,7 +39,7 @@ def creep_when_stopped(bus: FakeArmBus, *joints: int) -> None:
 
 def in_real_time(bus: FakeArmBus) -> CanopenArm:
     """Ten times as fast as an arm is: nothing is asked of it, and SYNCs go on."""
-    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0)
+    timing = hasty(speed=10.0)
     arm = make(bus, pace=Pace.REAL_TIME, timing=timing)
     arm.connect()
     arm.take_control()

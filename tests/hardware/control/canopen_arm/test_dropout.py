@@ -9,9 +9,9 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, DriveDiverged, DriveDropout, DriveFault
-from hardware.timing import Pace, Timing
+from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, make, wait_for
+from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, hasty, make, wait_for
 
 SWITCHED_ON, READY, ENABLED, OFF, STOPPED = 0x23, 0x21, 0x27, 0x40, 0x07
 
@@ -145,7 +145,7 @@ def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmB
 
 
 def test_it_stays_off_though_nobody_asks_for_anything(bus: FakeArmBus) -> None:
-    timing = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0)
+    timing = hasty(speed=10.0)
     arm = make(bus, pace=Pace.REAL_TIME, timing=timing)
     arm.connect()
     arm.take_control()

@@ -11,9 +11,9 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
 from hardware.monitors.joint_monitor import Observations, find_alarm
 from hardware.monitors.node_monitor import NodeMonitor
-from hardware.timing import Pace, Timing
+from hardware.timing import Pace
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, make
+from tests.hardware.on_fake_bus import capture_for_ever, hasty, make
 from tests.oracles.profiles import sarcos
 
 ENABLED, QUICK_STOP, TRIPPED = 0x27, 0x07, 0x08
@@ -47,22 +47,13 @@ class Asked(FakeArmBus):
         return sum(frame[0] == 0x000 for frame in self.sent)
 
 
-@pytest.fixture(autouse=True)
-def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hardware.control.start_up.DEFAULT_TIMEOUT_S", 0.2)
-    monkeypatch.setattr("hardware.control.start_up.POLL_S", 0.02)
-    monkeypatch.setattr("hardware.control.connection.BOOT_TIMEOUT_S", 1.0)
-
-
 @pytest.fixture
 def bus() -> Asked:
     return Asked()
 
 
 def real(bus: FakeArmBus) -> CanopenArm:
-    timing = Timing(
-        answer_timeouts_s=dict.fromkeys(Pace, 0.05), speed=10.0, sdo_timeout_s=SDO_TIMEOUT_S
-    )
+    timing = hasty(speed=10.0, operator_timeout_s=0.2, sdo_timeout_s=SDO_TIMEOUT_S)
     return make(bus, pace=Pace.REAL_TIME, timing=timing)
 
 

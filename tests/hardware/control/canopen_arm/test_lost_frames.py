@@ -12,11 +12,10 @@ import pytest
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, FramesLost, NodeMissing
-from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
+from tests.hardware.on_fake_bus import hasty, make
 
-HASTY = Timing(answer_timeouts_s=dict.fromkeys(Pace, 0.05), sdo_timeout_s=0.05)
+HASTY = hasty(sdo_timeout_s=0.05)
 
 
 def one_in(share: int) -> Callable[[int, bytes], bool]:

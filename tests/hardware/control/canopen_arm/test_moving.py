@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import itertools
 import math
+import os
+import signal
 import struct
 import threading
 from collections.abc import Callable
+from types import FrameType
 
 import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot
 from hardware.control.canopen_arm import CanopenArm
-from hardware.control.tasks import LoopTask
 from hardware.errors import (
     CommandRefused,
     DriveFault,
@@ -111,29 +113,25 @@ def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(
     assert driven.move({2: 0.0}, speed_rad_per_s=0.5).reached
 
 
-def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(
-    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    reached_middle, pressed = threading.Event(), threading.Event()
+def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven: CanopenArm, bus: FakeArmBus) -> None:
+    seen = threading.Event()
 
-    def wait_in_the_middle(_sync: int) -> None:
-        if bus.drives[2].target > 0.3 * PER_RAD:
-            reached_middle.set()
-            pressed.wait(10)  # the simulated move would else be over before Ctrl-C is seen
+    def press_in_the_middle(_sync: int) -> None:
+        if bus.drives[2].target > 0.3 * PER_RAD and not seen.is_set():
+            os.kill(os.getpid(), signal.SIGINT)
+            seen.wait(10)  # the simulated move would else be over before Ctrl-C is seen
 
-    bus.on_sync = wait_in_the_middle
-    wait, interrupted = LoopTask.wait, []
+    def note(number: int, frame: FrameType | None) -> None:
+        seen.set()
+        signal.default_int_handler(number, frame)
 
-    def interrupted_wait(task: LoopTask, someone_there: Callable[[], bool]) -> bool:
-        if not interrupted:
-            interrupted.append(reached_middle.wait(10))
-            pressed.set()
-            raise KeyboardInterrupt
-        return wait(task, someone_there)
-
-    monkeypatch.setattr(LoopTask, "wait", interrupted_wait)
-    with pytest.raises(KeyboardInterrupt):
-        driven.move({2: 1.5}, speed_rad_per_s=0.5)
+    bus.on_sync = press_in_the_middle
+    before = signal.signal(signal.SIGINT, note)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            driven.move({2: 1.5}, speed_rad_per_s=0.5)
+    finally:
+        signal.signal(signal.SIGINT, before)
     rest = bus.drives[2].target
     assert 0.3 * PER_RAD < rest < 1.5 * PER_RAD - 1
     assert not driven.snapshot().moving

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import struct
+import threading
 import time
-from typing import Any
 
 import can
 import pytest
 
 from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
-from hardware.control.tasks import Steps
 from hardware.errors import (
     BusError,
     CommandRefused,
@@ -24,6 +23,7 @@ from tests.hardware.on_fake_bus import (
     capture_for_ever,
     describe,
     frames,
+    hasty,
     make,
     wait_for,
 )
@@ -57,23 +57,21 @@ def test_after_stop_during_a_move_the_last_word_is_quick_stop(
 
 
 def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(
-    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
-    """STOP strikes between the loop's look at the latch and its frame."""
-    loop = driven._link.loop
-    send = loop._sender._send
-    struck = []
+    """STOP strikes from another thread between the loop's look at the latch and its frame, and waits for no lock."""
+    presses: list[threading.Thread] = []
 
-    def late_send(identifier: int, data: bytes) -> None:
-        if identifier == 0x202 and bus.drives[2].target > 0.1 * PER_RAD and not struck:
-            struck.append(identifier)
-            driven.stop()
-        send(identifier, data)
+    def strike(identifier: int, _data: bytes) -> None:
+        if identifier == 0x202 and bus.drives[2].target > 0.1 * PER_RAD and not presses:
+            presses.append(threading.Thread(target=driven.stop))
+            presses[0].start()
+            presses[0].join(10.0)
+            assert not presses[0].is_alive()
 
-    monkeypatch.setattr(loop._sender, "_send", late_send)
+    bus.on_send = strike
     with pytest.raises(Stopped):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
-    assert struck
     words = [struct.unpack("<Hib", data)[0] for i, data in bus.sent if i == 0x202]
     late = len(words) - 1 - words[::-1].index(0x000F)
     assert words[late - 1] == 0x0002, "the late frame of this test did not come late"
@@ -91,7 +89,7 @@ STAGES = {
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
-    stage: str, monkeypatch: pytest.MonkeyPatch
+    stage: str,
 ) -> None:
     """By the time a STOP is pressed the bus may be open, and a drive may be moving for whoever was before us."""
 
@@ -110,20 +108,16 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
                 arm.stop()
             return super()._recv_internal(timeout)
 
-    monkeypatch.setattr(
-        "hardware.control.connection.LISTEN_S", 30.0 if stage == "listening" else 0.02
-    )
     bus = Pressed()
     bus.drives[7].counts = 100
-    arm = make(bus)
+    arm = make(bus, timing=hasty(listen_s=2.0 if stage == "listening" else 0.02))
     begun = time.monotonic()
     with pytest.raises(Stopped, match="STOP was pressed while connecting"):
         arm.connect()
-    assert time.monotonic() - begun < 10.0
+    assert stage != "listening" or time.monotonic() - begun < 1.9
     assert [data[:2] for _, data in frames(bus, 0x200)] == [b"\x02\x00"] * JOINTS
     with pytest.raises(BusError, match="not connected"):
         arm.stop()
-    monkeypatch.setattr("hardware.control.connection.LISTEN_S", 0.02)
     arm.connect()
     assert arm.snapshot().stopped
     with pytest.raises(Stopped):
@@ -147,12 +141,6 @@ def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus: FakeArm
     assert bus.sent == []
 
 
-def test_stop_needs_no_lock(driven: CanopenArm) -> None:
-    with driven._link._wire._send_lock:
-        driven.stop()
-    assert driven.snapshot().stopped
-
-
 def test_reset_clears_the_latch_and_moves_nothing(driven: CanopenArm, bus: FakeArmBus) -> None:
     driven.stop()
     bus.trip(3, 0x7305)
@@ -171,20 +159,13 @@ def test_reset_clears_the_latch_and_moves_nothing(driven: CanopenArm, bus: FakeA
 
 
 def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(
-    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     """On a busy machine it may still wait to be looked at when RESET has its turn."""
     driven.stop()
-    loop = driven._link.loop
-    run = loop.run
-
-    def tripped(asked: Steps) -> Steps:
-        bus.trip(3, 0x7305)
-        return (yield from asked)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(loop, "run", lambda asked, **options: run(tripped(asked), **options))
-        driven.reset_stop()
+    first = bus.syncs + 1
+    bus.on_sync = lambda sync: bus.trip(3, 0x7305) if sync == first else None
+    driven.reset_stop()
     assert {drive.status for drive in bus.drives.values()} == {0x40}
     assert driven.snapshot().faults == ()
     driven.take_control()
@@ -204,29 +185,6 @@ def test_reset_forgets_an_emergency_that_nobody_says_is_over(
     driven.reset_stop()
     assert driven.snapshot().faults == ()
     driven.take_control()
-
-
-def test_a_stop_between_reset_and_its_turn_stays(
-    driven: CanopenArm, bus: FakeArmBus, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """STOP strikes after RESET was asked for and before the loop comes to it."""
-    driven.stop()
-    loop = driven._link.loop
-    run = loop.run
-
-    def late_run(asked: Steps, **options: Any) -> Any:
-        driven.stop()
-        return run(asked, **options)
-
-    with monkeypatch.context() as patched:
-        patched.setattr(loop, "run", late_run)
-        with pytest.raises(Stopped, match="again"):
-            driven.reset_stop()
-    assert driven.snapshot().stopped
-    assert {drive.status for drive in bus.drives.values()} == {0x07}
-    driven.reset_stop()
-    assert not driven.snapshot().stopped
-    assert {drive.status for drive in bus.drives.values()} == {0x40}
 
 
 def test_a_stop_while_being_reset_stays(driven: CanopenArm, bus: FakeArmBus) -> None:

@@ -4,33 +4,57 @@ from __future__ import annotations
 
 import hashlib
 import struct
+import time
+from collections.abc import Iterator
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
-from hardware.arm import DriveState, HostLatency
+from hardware.arm import DriveState
 from hardware.canopen.uploading import MAX_UPLOADS
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     ControlDenied,
     HostLatencyExceeded,
-    SdoRefused,
     UploadRefused,
     UploadUnknown,
 )
+from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.on_fake_bus import hasty, make, wait_for
 
 FREE_TOKEN = struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021)
 DOCUMENT = ("schema: sarcal/parameters/1\n" + "x: 1.0\n" * 600).encode()
 
 
+class Clock:
+    """Shows a time at which this computer was busy for so long."""
+
+    late_s = 0.0
+
+    def __call__(self) -> float:
+        return time.monotonic() + self.late_s
+
+
 @pytest.fixture
-def hasty(driven: CanopenArm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An operator's program that waits no longer than a fake arm needs."""
-    monkeypatch.setattr("hardware.canopen.uploading.RETRY_PAUSE_S", 0.01)
-    for client in driven._link.access._clients.values():
-        monkeypatch.setattr(client, "RESPONSE_TIMEOUT", 0.04)
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def pace() -> Pace:
+    return Pace.FAST_FORWARD
+
+
+@pytest.fixture
+def arm(bus: FakeArmBus, clock: Clock, pace: Pace) -> Iterator[CanopenArm]:
+    """Of an operator's program that waits no longer than a fake arm needs."""
+    timing = hasty(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
+    made = make(bus, pace=pace, timing=timing, clock=clock)
+    made.connect()
+    yield made
+    made.close()
 
 
 def test_an_upload_is_staged_read_back_and_committed(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -98,7 +122,7 @@ COMMITTED = b"\x60\x02\x20\x00"
     ids=["the command", "its answer"],
 )
 def test_a_commit_of_which_a_frame_was_lost_is_found_out(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None, loses: Loses
+    driven: CanopenArm, bus: FakeArmBus, loses: Loses
 ) -> None:
     """Whether it was carried out or not, 2003h says."""
     bus.document, bus.loses = b"the one before", loses
@@ -109,7 +133,7 @@ def test_a_commit_of_which_a_frame_was_lost_is_found_out(
 
 
 def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     def loses(identifier: int, data: bytes) -> bool:
         return identifier == 0x590 and bus.document == DOCUMENT
@@ -122,7 +146,7 @@ def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(
 
 
 def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_since(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     """Its answer was lost, and it was repeated: what 2003h says counts, and not why the repetition is refused."""
     asked = 0
@@ -145,7 +169,7 @@ def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_si
 
 @pytest.mark.parametrize("times", [1, 100])
 def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_to_be_dropped(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None, times: int
+    driven: CanopenArm, bus: FakeArmBus, times: int
 ) -> None:
     """As a supervisor does whose operator is missed for a moment."""
     dropped = 0
@@ -172,7 +196,7 @@ def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_t
     ("identifier", "begin"), [(0x610, b"\x10"), (0x590, b"\x30")], ids=["request", "answer"]
 )
 def test_a_frame_lost_in_the_document_has_it_written_again(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None, identifier: int, begin: bytes
+    driven: CanopenArm, bus: FakeArmBus, identifier: int, begin: bytes
 ) -> None:
     bus.loses = Loses(identifier, begin, skip=3)
     receipt = driven.upload_parameters(DOCUMENT)
@@ -182,7 +206,7 @@ def test_a_frame_lost_in_the_document_has_it_written_again(
 
 
 def test_frames_lost_each_time_are_a_silence_and_no_refusal(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     """The node refuses the segment that closes a transfer which it has given up: not the reason."""
     bus.document, bus.loses = b"the one before", Loses(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
@@ -193,15 +217,12 @@ def test_frames_lost_each_time_are_a_silence_and_no_refusal(
 
 @pytest.mark.parametrize("times", [1, MAX_UPLOADS - 1])
 def test_an_upload_whose_check_is_not_answered_is_repeated(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None, times: int
+    driven: CanopenArm, bus: FakeArmBus, times: int
 ) -> None:
     bus.loses = Loses(0x590, COMMITTED, times=times)
     assert driven.upload_parameters(DOCUMENT).length == len(DOCUMENT)
     assert bus.loses.left == 0
     assert bus.document == DOCUMENT
-
-
-LATE = HostLatency(times=2, last_s=0.4, longest_s=0.74)
 
 
 class Lapses:
@@ -219,10 +240,12 @@ class Lapses:
         return True
 
 
+@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
 def test_control_that_lapsed_by_our_own_lateness_is_taken_again(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None
+    driven: CanopenArm, bus: FakeArmBus, clock: Clock
 ) -> None:
-    driven._link.loop.latency._lateness = LATE
+    clock.late_s = 0.74
+    wait_for(lambda: driven.snapshot().lateness.times > 0)
     bus.document, bus.loses = b"the one before", Lapses(bus)
     driven.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
@@ -230,7 +253,7 @@ def test_control_that_lapsed_by_our_own_lateness_is_taken_again(
 
 
 def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None
+    driven: CanopenArm, bus: FakeArmBus
 ) -> None:
     bus.document, bus.loses = b"the one before", Lapses(bus)
     with pytest.raises(ControlDenied) as denied:
@@ -240,22 +263,44 @@ def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(
     assert bus.document == b"the one before"
 
 
+@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
 def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(
-    driven: CanopenArm, bus: FakeArmBus, hasty: None
+    driven: CanopenArm, bus: FakeArmBus, clock: Clock
 ) -> None:
-    driven._link.loop.latency._lateness = LATE
+    clock.late_s = 0.74
+    wait_for(lambda: driven.snapshot().lateness.times > 0)
     bus.document, bus.loses = b"the one before", Lapses(bus, always=True)
     with pytest.raises(HostLatencyExceeded) as late:
         driven.upload_parameters(DOCUMENT)
-    assert (late.value.times, late.value.longest_s) == (2, 0.74)
+    assert late.value.longest_s == pytest.approx(0.7, abs=0.1)
     assert bus.loses.times == MAX_UPLOADS
     assert bus.document == b"the one before"
 
 
-def test_a_refusal_after_a_silence_is_a_refusal(driven: CanopenArm) -> None:
-    access = driven._link.access
+def test_a_refusal_after_a_silence_is_a_refusal(driven: CanopenArm, bus: FakeArmBus) -> None:
+    bus.refusal = "another arm"
     try:
         raise SdoCommunicationError("No SDO response received")
     except SdoCommunicationError:
-        with pytest.raises(SdoRefused):
-            access.read(1, 0x5FFF)
+        with pytest.raises(UploadRefused, match="another arm"):
+            driven.upload_parameters(DOCUMENT)
+
+
+@pytest.mark.parametrize("frame", [2, 3, 9])
+def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(
+    driven: CanopenArm, bus: FakeArmBus, frame: int
+) -> None:
+    sent = []
+
+    def interrupt(identifier: int, data: bytes) -> None:
+        if identifier == 0x610:
+            sent.append(data)
+            if len(sent) == frame:
+                raise KeyboardInterrupt
+
+    bus.on_send = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        driven.upload_parameters(DOCUMENT)
+    assert bus.document == b""
+    assert driven.upload_parameters(DOCUMENT).length == len(DOCUMENT)
+    assert driven.active_parameters() == DOCUMENT

@@ -1,0 +1,25 @@
+"""The steps of a reset."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+from hardware.control import steps
+from hardware.control.stop_line import StopLatch
+from hardware.errors import Stopped
+
+
+def test_a_stop_between_reset_and_its_turn_stays() -> None:
+    """STOP strikes after RESET was asked for and before the loop comes to it."""
+    latch, cleared = StopLatch(), list[None]()
+    latch.press()
+    asked = latch.last_press
+    latch.press()
+    loop = SimpleNamespace(latch=latch, commands=())
+    with pytest.raises(Stopped, match="again"):
+        next(steps.reset(loop, lambda: cleared.append(None), press=asked))  # type: ignore[arg-type]
+    assert latch.latched
+    assert cleared == []
+    assert loop.commands == ()

@@ -65,7 +65,7 @@ def execute(args: argparse.Namespace) -> int:
 
     from operator_app.config.atomic import write_atomically
     from operator_app.documents import arm_history
-    from operator_app.report.html.history_page import history_html
+    from operator_app.report.html.page import history_html
     from operator_app.report.results.history import history_json, history_text
     from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 

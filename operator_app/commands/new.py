@@ -22,7 +22,7 @@ from solver.loops.endpoint_geometry import Line
 if TYPE_CHECKING:
     from fixtures.ball import Ball
     from fixtures.hinge import Hinge
-    from operator_app.config.json_schemas import FileKind
+    from operator_app.config.any_file import FileKind
     from solver.arrays import FloatArray
 
 COMMENT = """\
@@ -141,13 +141,13 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _arm(args: argparse.Namespace) -> int:
+    from operator_app.config.any_file import schema_line
     from operator_app.config.arm_file import parse_arm
-    from operator_app.config.json_schemas import schema_line
+    from operator_app.config.atomic import dump_strict
     from operator_app.config.new_files import copied
     from operator_app.config.quantities import short_degrees
     from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
     from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
-    from operator_app.config.yaml_writer import dump_strict
     from operator_app.planning.homes import bent_home
 
     if bool(args.urdf) == bool(args.packaged):
@@ -262,7 +262,7 @@ def _procedure(args: argparse.Namespace) -> int:
     from operator_app.config.new_files import copied, procedure_file
     from operator_app.config.procedure_file import parse_procedure
     from operator_app.config.resources import Resource, resolve
-    from operator_app.planning.fixed_parameters import entries_to_fix
+    from operator_app.planning.task import entries_to_fix
 
     def read(data: bytes, file: str) -> object:
         return parse_procedure(Resource(file=file, folder=_target(args, name).parent, data=data))
@@ -323,7 +323,7 @@ def _save(
     parse: Callable[[bytes, str], object],
 ) -> Path:
     """Write a file, checked by parsing it, and its schema; never over an existing file."""
-    from operator_app.config.json_schemas import save_with_schema
+    from operator_app.config.any_file import save_with_schema
 
     target = _target(args, name)
     if target.exists():

@@ -72,8 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Plan and report on stdout."""
-    from operator_app.planning.fixed_parameters import fixed_parameter_checks
     from operator_app.planning.preview import preview
+    from operator_app.planning.task import fixed_parameter_checks
     from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
 
     if args.poses is not None and args.poses < 1:

@@ -118,7 +118,7 @@ def _report_no_nodes(found: Probe, bus: str) -> bool:
 
 def _draft(args: argparse.Namespace, found: Probe) -> int:
     from hardware.commissioning.profile_draft import DraftRefused, draft
-    from operator_app.config.json_schemas import save_with_schema, schema_line
+    from operator_app.config.any_file import save_with_schema, schema_line
     from operator_app.config.profile_file import format_profile
 
     if _report_no_nodes(found, "this bus"):

@@ -79,8 +79,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.composition import unattended
     from operator_app.errors import NotLetGoError
     from operator_app.headless.console import ConsoleListener
-    from operator_app.headless.remounting import next_placement, require_mounted
-    from operator_app.headless.runner import run
+    from operator_app.headless.runner import next_placement, require_mounted, run
     from operator_app.session.workflow.opening import begin, resume
     from solver.errors import UnidentifiableError
 
@@ -141,8 +140,12 @@ def _solver_for(session: Session) -> AbstractContextManager[Solver]:
 
 def _report(args: argparse.Namespace, session: Session, result: RunResult) -> None:
     from operator_app.report.facts import facts_of
-    from operator_app.report.results.capture import capture_json, capture_text
-    from operator_app.report.results.session import session_json, session_text
+    from operator_app.report.results.session import (
+        capture_json,
+        capture_text,
+        session_json,
+        session_text,
+    )
     from operator_app.report.text import facts_text
 
     folder, state, solution = session.journal.path.parent, session.state, result.solution

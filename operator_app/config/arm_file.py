@@ -15,12 +15,14 @@ from operator_app.config.error_model import (
     BACKLASH_DEG,
     GAIN,
     SAG_DEG,
+    GravityModel,
+    LinkModel,
     RowToleranceModel,
     ToleranceModel,
     assumed_of_joints,
     assumed_of_rows,
+    link_masses,
 )
-from operator_app.config.link_masses import GravityModel, LinkModel, link_masses
 from operator_app.config.quantities import (
     AngleDeg,
     Count,

@@ -1,13 +1,24 @@
-"""Writing a file whole or not at all, also through a power cut."""
+"""Writing files: whole or not at all, also through a power cut; YAML that `strict_yaml` reads back as the same values.
+
+Floats are written with the digits that read back as the same double (never more than 17), text is
+quoted whenever it could be taken for anything else.
+"""
 
 from __future__ import annotations
 
+import math
 import os
+import re
 import stat
 import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import yaml
 
 from operator_app.config.errors import WriteError
+from operator_app.config.strict_yaml import resolve_plain
 
 
 def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> None:
@@ -62,3 +73,68 @@ def _mode(target: Path) -> int:
         os.umask(mask)
         return 0o666 & ~mask
     return stat.S_IMODE(found)
+
+
+PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
+
+
+def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
+    """Write a mapping of plain values; `comment` lines go first, behind ``#``.
+
+    Raises
+    ------
+    ValueError
+        For a value that a strict file cannot hold, such as NaN.
+    """
+    text = yaml.dump(
+        data,
+        Dumper=_StrictDumper,
+        sort_keys=False,
+        default_flow_style=None,
+        width=100,
+        allow_unicode=False,
+    )
+    head = "".join(f"# {line}\n" for line in comment.splitlines())
+    return (head + text).encode("utf-8")
+
+
+def float_text(value: float) -> str:
+    """Shortest decimal that reads back as the same double; always with a point."""
+    if not math.isfinite(value):
+        raise ValueError(f"{value} cannot be written: only finite numbers")
+    text = repr(float(value))
+    # YAML 1.1 readers, which this file may meet as well, take 1e-08 for text.
+    return text if "." in text else text.replace("e", ".0e")
+
+
+def scalar_text(value: str) -> str:
+    """Write a text as it stands behind a key, on one line: quoted where it could be anything else."""
+    written: str = yaml.dump(value, Dumper=_StrictDumper, width=math.inf)
+    return written.removesuffix("...\n").rstrip("\n")
+
+
+class _StrictDumper(yaml.SafeDumper):
+    """SafeDumper without aliases, with our numbers and quotes."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
+    return dumper.represent_scalar("tag:yaml.org,2002:float", float_text(value))
+
+
+def _represent_str(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
+    if any("\ud800" <= c <= "\udfff" for c in value):
+        raise ValueError("half a character cannot be written")
+    plain = PLAIN.fullmatch(value) is not None and resolve_plain(value) == value
+    return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=None if plain else '"')
+
+
+def _represent_list(dumper: yaml.SafeDumper, value: Sequence[Any]) -> yaml.Node:
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", value)
+
+
+_StrictDumper.add_representer(float, _represent_float)
+_StrictDumper.add_representer(str, _represent_str)
+_StrictDumper.add_representer(tuple, _represent_list)

@@ -1,4 +1,4 @@
-"""What files state about what is not known exactly, and what is assumed where they do not.
+"""What files state about what is not known exactly, and about the weight of links; what is assumed where they do not.
 
 The figures assumed are those that an ordinary shop reaches. All are one standard deviation, 0 is
 exact: a plain ``tolerance: 0`` or ``give: 0`` stands for all figures of that mapping.
@@ -8,14 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import ConfigDict, model_validator
+import numpy as np
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fixtures.base import Compliance
-from operator_app.config.quantities import StatedDeg, StatedMm, StatedMrad
+from operator_app.config.quantities import (
+    Count,
+    LengthM,
+    NonNegativeNumber,
+    Number,
+    StatedDeg,
+    StatedMm,
+    StatedMrad,
+    refuse,
+)
 from operator_app.config.schema import StrictModel
 from solver.chain.arm_model import RowTolerance
+from solver.chain.statics import LinkMasses
 
 LENGTH_MM, TWIST_DEG = 0.5, 0.1
 ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
@@ -89,3 +100,61 @@ def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[s
     if silent:
         value = getattr(models[silent[0]], key)
         yield f"{key}: {value:g} (joint{'s' * (len(silent) > 1)} {', '.join(map(str, silent))})"
+
+
+MASS_PERCENT, CENTRE_MM, TILT_DEG = 20.0, 15.0, 3.0
+"""How well masses, centres and the mounting are known where a file gives no figure."""
+
+
+class LinkModel(StrictModel):
+    """What moves with one joint: its mass and where its centre is.
+
+    Without it, what bends under load is taken to be any smooth function of the pose.
+    """
+
+    link: Annotated[Count, Field(description="The joint that it moves with, from 1.")]
+    mass_kg: Annotated[NonNegativeNumber, Field(le=10_000.0)]
+    centre_m: Annotated[
+        tuple[LengthM, LengthM, LengthM],
+        Field(
+            description="Centre of mass from the joint's origin p_{j-1}: z along the joint's axis, "
+            "x where theta + theta_off turns the link (x_j)."
+        ),
+    ]
+    mass_tolerance_percent: Annotated[
+        NonNegativeNumber, Field(le=100.0, description="One standard deviation.")
+    ] = MASS_PERCENT
+    centre_tolerance_mm: Annotated[
+        StatedMm, Field(description="One standard deviation of each component.")
+    ] = CENTRE_MM
+
+
+class GravityModel(StrictModel):
+    """Which way is down, seen from the arm's base (frame 0)."""
+
+    down: Annotated[
+        tuple[Number, Number, Number], Field(description="Any length: [-1, 0, 0] is along -x.")
+    ]
+    tolerance_deg: StatedDeg = TILT_DEG
+
+    @field_validator("down")
+    @classmethod
+    def _some_way(cls, value: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not math.hypot(*value) > 0.0:
+            raise refuse("down points nowhere", "write for example [0, 0, -1]")
+        return value
+
+
+def link_masses(links: Sequence[LinkModel], gravity: GravityModel) -> LinkMasses:
+    """Domain object."""
+    mass = np.array([link.mass_kg for link in links])
+    down = np.array(gravity.down, dtype=np.float64)
+    down /= np.abs(down).max()  # of any length, also one whose square is no float
+    return LinkMasses(
+        mass_kg=mass,
+        centre_m=np.array([link.centre_m for link in links], dtype=np.float64),
+        mass_sd_kg=mass * np.array([link.mass_tolerance_percent for link in links]) / 100.0,
+        centre_sd_m=np.array([link.centre_tolerance_mm for link in links]) / 1e3,
+        down=down / np.linalg.norm(down),
+        down_sd_rad=math.radians(gravity.tolerance_deg),
+    )

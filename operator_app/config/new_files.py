@@ -12,11 +12,11 @@ from typing import Any
 
 from fixtures.ball import Ball
 from fixtures.hinge import Hinge
+from operator_app.config.any_file import schema_line
+from operator_app.config.atomic import dump_strict, scalar_text
 from operator_app.config.errors import only
-from operator_app.config.json_schemas import schema_line
 from operator_app.config.resources import Kind, builtin_names, resolve
 from operator_app.config.strict_yaml import load_strict
-from operator_app.config.yaml_writer import dump_strict, scalar_text
 from solver.chain.arm_model import ArmModel
 
 MEASURED_HINGE = """\

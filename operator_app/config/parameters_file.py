@@ -6,14 +6,13 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
-from operator_app.config.atomic import write_atomically
+from operator_app.config.atomic import dump_strict, write_atomically
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.parameter_records import CalibratedEntry, DhRow, JointParameters
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.quantities import degrees_for_file
 from operator_app.config.resources import YAML_LIMIT_BYTES, expanded, read_limited
 from operator_app.config.schema import adapter, is_unlike_any_key, read_model, schema_name
-from operator_app.config.yaml_writer import dump_strict
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.sensors import NoSensor

@@ -17,12 +17,12 @@ from hardware.canopen.bus_profile import (
 )
 from hardware.canopen.objects import CONTROLWORD, TARGET_POSITION
 from hardware.canopen.pdo_reading import DESCRIPTION_OBJECTS
+from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal
 from operator_app.config.resources import resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import load_strict
-from operator_app.config.yaml_writer import dump_strict
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:

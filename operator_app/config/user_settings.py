@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from platformdirs import user_config_path
 from pydantic import Field
 
-from operator_app.config.atomic import write_atomically
+from operator_app.config.atomic import dump_strict, write_atomically
 from operator_app.config.errors import ConfigError, only
 from operator_app.config.quantities import Text
 from operator_app.config.resources import YAML_LIMIT_BYTES, read_limited
 from operator_app.config.schema import StrictRecord, read_model
 from operator_app.config.strict_yaml import load_strict
-from operator_app.config.yaml_writer import dump_strict
 
 if TYPE_CHECKING:
     from hardware.buses.python_can import BusSettings

@@ -13,8 +13,7 @@ from typing import Protocol
 
 from operator_app.documents import arm_history
 from operator_app.headless.plain_messages import describe, results
-from operator_app.manual.pages import Manual
-from operator_app.manual.reference import reference
+from operator_app.manual.pages import Manual, reference
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text

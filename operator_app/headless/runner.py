@@ -1,18 +1,29 @@
-"""`sarcal run` without output: the steps of a session in order."""
+"""`sarcal run` without output: the steps of a session in order, and confirming a remounted fixture before them.
+
+The confirmation goes into the journal before the arm is connected, so that an interrupted session resumes in the
+right placement.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.errors import SessionError
+from operator_app.headless.console import ConsoleListener
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.workflow.capture import connect, take_poses
 from operator_app.session.workflow.drive_selection import drives_of
 from operator_app.session.workflow.export import Exported, export
 from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Opening, resume
+from operator_app.session.workflow.placements import record_remounted, remounting_steps
 from operator_app.session.workflow.planned_capture import CampaignEnd
 from operator_app.session.workflow.session import Session
 
@@ -93,3 +104,108 @@ def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> st
     except SessionError as error:
         return error.happened
     return hint(ranked)
+
+
+_WORD = "mounted"
+"""A word instead of Enter, which may be left from before: the arm moves afterwards."""
+
+
+def next_placement(
+    opening: Opening, listener: ConsoleListener, *, root: Path, drives_off: bool = False
+) -> Opening:
+    """Wait for the confirmation of the next placement, record it, and return the opening of the session.
+
+    `drives_off`: this program has just released the arm, and its drives confirmed that they are off. For an arm
+    simulated by this program there is nothing to confirm.
+
+    Raises
+    ------
+    SessionError
+        The mounting was not confirmed.
+    """
+    listener.close()
+    # The journal has the bus that was really used; the options may leave it to the environment.
+    opening = resume(str(opening.folder), opening.choices, root=root)
+    number, wanted = opening.placement + 1, opening.procedure.placements
+    if opening.choices.interface == "virtual":
+        listener.say(f"Placement {number} of {wanted}: the virtual fixture is remounted.")
+    else:
+        with _interrupted_in_words(opening, listener):
+            for line in words(opening, drives_off=drives_off):
+                listener.say(line)
+            _confirmed(opening, number)
+    record_remounted(opening.folder, number)
+    return resume(str(opening.folder), opening.choices, root=root)
+
+
+def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
+    """Wait for and record the confirmation of a later placement without a pose.
+
+    Raises
+    ------
+    SessionError
+        The mounting was not confirmed.
+    """
+    if not opening.unconfirmed_placement:
+        return
+    if opening.choices.interface != "virtual":
+        with _interrupted_in_words(opening, listener):
+            listener.say(
+                f"Placement {opening.placement} has no pose yet. Type {_WORD} and Enter when its fixture is "
+                "mounted and nobody is within reach: the arm will move."
+            )
+            _confirmed(opening, opening.placement)
+    record_remounted(opening.folder, opening.placement)
+
+
+@contextmanager
+def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterator[None]:
+    """Report what is kept of a run that is interrupted while the fixture is being mounted."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        listener.say(
+            "The run was interrupted while the fixture was being mounted. Nothing commands the arm; all poses are "
+            f"kept in {opening.folder}."
+        )
+        listener.say(f"Go on with: sarcal run --resume {opening.folder}")
+        raise
+
+
+def _confirmed(opening: Opening, number: int) -> None:
+    """Wait for the word; discard input typed before the question."""
+    if sys.stdin.isatty():
+        import termios
+
+        termios.tcflush(sys.stdin, termios.TCIFLUSH)
+    while line := sys.stdin.readline():
+        if line.strip().lower() == _WORD:
+            return
+    raise SessionError(
+        f"the mounting of the fixture for placement {number} was not confirmed",
+        f"when it is mounted, go on with: sarcal run --resume {opening.folder}",
+    )
+
+
+def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
+    """Return the instructions between two placements; states that drives are off only if that was checked."""
+    off = (
+        "Nothing commands the arm any more: its drives are off."
+        if drives_off
+        else "This program does not command the arm and has not checked its drives: make sure that they are off."
+    )
+    number = opening.placement + 1
+    lines = [
+        f"Placement {opening.placement} of {opening.procedure.placements} has its poses.",
+        f"{off} Leave its controller on, so that no counter is reset.",
+        *remounting_steps(opening.procedure),
+    ]
+    if opening.choices.interface == "loopback":
+        again = f"its controller and start it again with --placement {number}"
+        lines.append(f"(Virtual arm: end {again}.)")
+    lines.append(
+        f"Type {_WORD} and Enter when placement {number} is mounted and nobody is within reach: the arm will move. "
+        "Ctrl-C quits; "
+        f"sarcal run --resume {opening.folder} then asks again."
+    )
+    return tuple(lines)

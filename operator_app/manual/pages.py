@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 from types import MappingProxyType
 
@@ -147,3 +148,44 @@ class Manual:
 
 def _written(topic: str) -> str:
     return (FOLDER / f"{topic}.md").read_text(encoding="utf-8")
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table; line breaks in a cell become spaces."""
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join(f"| {' | '.join(map(_cell, line))} |" for line in lines)
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def reference() -> Mapping[str, Callable[[], str]]:
+    """Return what makes each page."""
+    return {
+        **{f"{kind}-file": partial(_file, kind) for kind in FILES},
+        **{
+            topic: partial(_of_code, topic) for topic in ("exit-codes", "keys", "faults", "objects")
+        },
+    }
+
+
+FILES = ("arm", "fixture", "procedure", "profile", "parameters")
+
+
+def _file(kind: str) -> str:
+    from operator_app.manual.code_pages import FILE_KINDS, file_page
+
+    return file_page(next(known for known in FILE_KINDS if known == kind))
+
+
+def _of_code(topic: str) -> str:
+    from operator_app.manual import code_pages
+
+    makes = {
+        "exit-codes": code_pages.exit_codes_page,
+        "keys": code_pages.keys_page,
+        "faults": code_pages.faults_page,
+        "objects": code_pages.objects_page,
+    }
+    return makes[topic]()

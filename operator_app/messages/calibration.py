@@ -13,8 +13,7 @@ from math import radians
 
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from operator_app.units import figure
-from operator_app.units.figure import CLOSURE_LENGTH, SHIFTED, TURNED, Figure
-from operator_app.units.numbers import joints_named, names
+from operator_app.units.figure import CLOSURE_LENGTH, SHIFTED, TURNED, Figure, joints_named, names
 
 NAMED = 5
 """How many poses a message lists by label."""

@@ -19,8 +19,7 @@ from operator_app.calibration.calibrated_arm import CalibratedArm, calibrated_ar
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.config.csv_table import write_records
-from operator_app.config.urdf import format_urdf
-from operator_app.config.urdf_editing import with_calibration
+from operator_app.config.urdf_editing import format_urdf, with_calibration
 from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
 from operator_app.units.figure import quantity_of

@@ -7,11 +7,16 @@ from collections.abc import Callable, Iterable, Mapping
 
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.units.figure import ANGLE, LENGTH, Figure, Key, Quantity, quantity_of
-from operator_app.units.numbers import (
+from operator_app.units.figure import (
+    ANGLE,
+    LENGTH,
     NOT_KNOWN,
+    Figure,
+    Key,
+    Quantity,
     places_needed,
     places_to_show,
+    quantity_of,
 )
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, Parameter, nominal_vector

@@ -18,8 +18,6 @@ from operator_app.units.figure import (
     SIGMA_POS,
     Figure,
     Key,
-)
-from operator_app.units.numbers import (
     plural,
     significant,
 )

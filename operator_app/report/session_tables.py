@@ -14,10 +14,11 @@ from operator_app.units.figure import (
     CLOSURE_LENGTH,
     LSB,
     NOISE_ANGLE,
+    NOT_KNOWN,
     SHARE,
     Figure,
+    places_needed,
 )
-from operator_app.units.numbers import NOT_KNOWN, places_needed
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor, rms_per_amplitude

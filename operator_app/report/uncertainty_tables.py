@@ -20,8 +20,8 @@ from operator_app.units.figure import (
     SHARE,
     Figure,
     quantity_of,
+    significant,
 )
-from operator_app.units.numbers import significant
 from solver.chain.parameters import DhKind
 from solver.estimators.variance_components import VarianceComponents
 from solver.posterior.corrections import ReadingCorrection

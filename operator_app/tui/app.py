@@ -26,8 +26,7 @@ from textual.scrollbar import ScrollBar, ScrollBarRender
 from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
-from operator_app.manual.pages import Manual
-from operator_app.manual.reference import reference
+from operator_app.manual.pages import Manual, reference
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ENDING, ending_signals_wait
 from operator_app.tui.driver import Pressed, watched

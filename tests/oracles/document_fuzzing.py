@@ -20,7 +20,7 @@ from operator_app.config.poses_file import load_poses, parse_poses
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Resource, resolve
-from operator_app.config.urdf import format_urdf
+from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import parse_urdf
 from operator_app.config.user_settings import parse_settings
 from operator_app.session.store.folders import read_session

@@ -20,9 +20,8 @@ from operator_app.config.poses_file import save_poses
 from operator_app.errors import SessionError
 from operator_app.report.exports import FILES, Calibration, in_format, into_description
 from operator_app.report.facts import Facts, facts_of
-from operator_app.report.html.markup import element, join
+from operator_app.report.html.markup import element, join, table_html
 from operator_app.report.html.page import REPORT_NAME, report_html
-from operator_app.report.html.table import table_html
 from operator_app.report.plots.figure_files import PaperFigure, drawings
 from operator_app.report.plots.figure_files import figure as draw_figure
 from operator_app.report.subject import Subject, subject_of_session

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from operator_app.report.html.table import table_html
+from operator_app.report.html.markup import table_html
 from operator_app.report.table import FactTable as Facts
 from operator_app.report.table import shown
 from operator_app.report.text import table_text

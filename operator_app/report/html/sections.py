@@ -18,8 +18,8 @@ from operator_app.report.html.markup import (
     prose,
     remark,
     sentence,
+    table_html,
 )
-from operator_app.report.html.table import table_html
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.session_tables import (
     joint_table,
@@ -27,8 +27,14 @@ from operator_app.report.session_tables import (
     rvdt_joints,
     rvdt_table,
 )
-from operator_app.units.figure import CLOSURE_ANGLE, CLOSURE_LENGTH, Figure
-from operator_app.units.numbers import joints_named, names, plural
+from operator_app.units.figure import (
+    CLOSURE_ANGLE,
+    CLOSURE_LENGTH,
+    Figure,
+    joints_named,
+    names,
+    plural,
+)
 from solver.diagnostics.rvdt import RvdtVerdict, Soundness
 
 if TYPE_CHECKING:

@@ -28,8 +28,9 @@ from operator_app.units.figure import (
     LSB,
     Figure,
     Quantity,
+    plural,
+    significant,
 )
-from operator_app.units.numbers import plural, significant
 from solver.arrays import FloatArray
 from solver.chain.sensors import Rvdt
 from solver.diagnostics.rvdt_response import RvdtFigures

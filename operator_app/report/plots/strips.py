@@ -20,7 +20,7 @@ from operator_app.report.plots.svg import (
     picture,
     segment,
 )
-from operator_app.units.numbers import fixed, significant
+from operator_app.units.figure import fixed, significant
 
 ROW = 34.0
 NAME = 74.0

@@ -23,8 +23,8 @@ from operator_app.units.figure import (
     READING_SD,
     SPAN,
     Figure,
+    joints_named,
 )
-from operator_app.units.numbers import joints_named
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.parameters import DhKind
 from solver.chain.sensors import Encoder, NoSensor, Rvdt

@@ -25,9 +25,9 @@ from operator_app.units.figure import (
     WHOLE_DEGREES,
     Figure,
     in_json,
+    joints_named,
     quantity_of,
 )
-from operator_app.units.numbers import joints_named
 
 if TYPE_CHECKING:
     from fixtures.advice import PlacementReport, RankedPlacement

@@ -1,11 +1,11 @@
-"""A session's calibration as `run` and `report` give it, its table of poses, and a repaired journal.
+"""A session's calibration as `run` and `report` give it, its planned capture and poses, and a repaired journal.
 
 It checks only whether a poses file holds the session's poses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,16 +15,27 @@ import numpy as np
 from operator_app.config.errors import ConfigError
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.report.text import paragraph, table_text
+from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.store.journal_format import JOURNAL_NAME
-from operator_app.units.figure import ANGLE, CONDITION, NOISE_ANGLE, Figure
-from operator_app.units.numbers import joints_named, names, plural
+from operator_app.units.figure import (
+    ANGLE,
+    CONDITION,
+    NOISE_ANGLE,
+    Figure,
+    in_json,
+    joints_named,
+    names,
+    plural,
+    quantity_of,
+)
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts
     from operator_app.session.store.journal_repair import RepairedLine, RepairResult
-    from operator_app.session.store.state import SessionState
+    from operator_app.session.store.state import CapturedPose, SessionState
+    from operator_app.session.workflow.planned_capture import CampaignEnd
+    from solver.chain.parameters import Parameter
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
 
@@ -283,3 +294,55 @@ def repair_text(found: RepairResult) -> str:
             )
         )
     return "\n".join(said)
+
+
+PLACES = 4
+
+
+def capture_json(
+    end: CampaignEnd | None,
+    advice: str,
+    parameters: Iterable[Parameter],
+    poses: Sequence[CapturedPose],
+) -> dict[str, Any] | None:
+    """Return the JSON object of a planned capture; None where poses were explored only."""
+    if end is None:
+        return None
+    known = {p.name: p for p in parameters}
+    return {
+        "complete": end.complete,
+        "text": end.text,
+        "explored": sum(not p.planned for p in poses),
+        "planned": sum(p.planned for p in poses),
+        "weak": [
+            {
+                "name": w.name,
+                "sigma": None if w.sigma is None else in_json(known[w.name], w.sigma),
+                "requested": in_json(known[w.name], w.requested),
+            }
+            for w in end.weak
+        ],
+        "advice": advice or None,
+    }
+
+
+def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
+    """Return how a planned capture ended, which parameters fall short, and advice."""
+    known = {p.name: quantity_of(p) for p in parameters}
+    weak = FactTable(
+        ident="weak",
+        title="",
+        columns=(*words("short of the request", "unit"), *figures("sigma", "requested")),
+        rows=tuple(
+            (
+                w.name,
+                known[w.name].unit,
+                *(Figure(v, known[w.name], places=PLACES) for v in (w.sigma, w.requested)),
+            )
+            for w in end.weak
+        ),
+    )
+    lines = [paragraph(f"Plan        {end.text}.", indent=12), *table_lines(weak)]
+    if advice:
+        lines.append(paragraph(f"Advice      {advice}.", indent=12))
+    return "\n".join(lines)

@@ -11,8 +11,17 @@ from operator_app.calibration.prediction import FIXTURE, shift_in_words
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text
-from operator_app.units.figure import ANGLE, CHI2, LENGTH, SIGMA_ORI, SIGMA_POS, Figure, Quantity
-from operator_app.units.numbers import places_to_show, significant
+from operator_app.units.figure import (
+    ANGLE,
+    CHI2,
+    LENGTH,
+    SIGMA_ORI,
+    SIGMA_POS,
+    Figure,
+    Quantity,
+    places_to_show,
+    significant,
+)
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 if TYPE_CHECKING:

@@ -17,13 +17,14 @@ from operator_app.calibration.closure_gate import ClosureFit, LoopAtReading, loo
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError
-from operator_app.session.safety.counter_reset import (
+from operator_app.session.safety.resume_checks import (
     MAX_SAG_RAD,
+    ClosureResult,
+    check_closure_by_poses,
     check_counters,
     counters_near_zero,
     zero_position,
 )
-from operator_app.session.safety.resume_checks import ClosureResult, check_closure_by_poses
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState
 from operator_app.units.figure import REACH, WHOLE_DEGREES

@@ -29,12 +29,13 @@ from operator_app.session.safety.return_check import check_repeat, repeat_text
 from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
 from operator_app.session.workflow.drive_box import (
     HOMING_SPEED_RAD_PER_S,
+    explore,
     go_home,
     joints_outside_box,
+    reach,
     require_in_box,
     verification_waypoints,
 )
-from operator_app.session.workflow.exploration import explore, reach
 from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import CampaignEnd, MoveStart, PlannedCapture

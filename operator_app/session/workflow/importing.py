@@ -18,10 +18,9 @@ from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
 from operator_app.config.arm_file import parse_arm
-from operator_app.config.atomic import write_atomically
+from operator_app.config.atomic import dump_strict, write_atomically
 from operator_app.config.procedure_file import parse_procedure
 from operator_app.config.resources import Resource
-from operator_app.config.yaml_writer import dump_strict
 from operator_app.errors import JournalError
 from operator_app.session.store.folders import new_folder, next_order
 from operator_app.session.store.journal import Clock, lock, read_journal, utc_now
@@ -31,7 +30,7 @@ from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import solution_data, solve
 from operator_app.session.workflow.opening import KINDS
-from operator_app.units.numbers import plural
+from operator_app.units.figure import plural
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 

@@ -37,8 +37,8 @@ from operator_app.errors import (
 )
 from operator_app.messages.errors import by_hand_words
 from operator_app.planning.exploration import range_watch
-from operator_app.planning.fixed_parameters import fixed_parameter_checks
 from operator_app.planning.mode_rule import modes_problem
+from operator_app.planning.task import fixed_parameter_checks
 from operator_app.session.safety.latency import LatenessRecorder
 from operator_app.session.safety.preflight import require_plausible_readings
 from operator_app.session.safety.resume_checks import check_identity

@@ -10,8 +10,8 @@ import yaml
 
 from hardware.canopen.objects import MAX_JOINTS
 from hardware.virtual.sdo_server import LONGEST_DOCUMENT
+from operator_app.config.any_file import json_schema
 from operator_app.config.errors import ConfigError
-from operator_app.config.json_schemas import json_schema
 from operator_app.config.parameter_records import (
     CalibratedEntry,
     Correction,

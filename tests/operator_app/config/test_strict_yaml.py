@@ -10,9 +10,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.strict_yaml import YamlDocument, load_strict
-from operator_app.config.yaml_writer import dump_strict
 from tests.oracles.approved import Approve
 
 

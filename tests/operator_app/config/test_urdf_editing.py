@@ -14,10 +14,10 @@ import pytest
 import yaml
 
 from operator_app.config.arm_file import parse_arm
+from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import with_calibration
 from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
-from operator_app.config.yaml_writer import dump_strict
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward

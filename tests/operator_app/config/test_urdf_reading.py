@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 from operator_app.config.arm_file import parse_arm
+from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
-from operator_app.config.urdf import format_urdf
+from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
-from operator_app.config.yaml_writer import dump_strict
 from solver.chain.kinematics import forward
 from tests.oracles.approved import Approve
 

@@ -18,7 +18,7 @@ from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.parameters_file import load_parameters
-from operator_app.config.urdf import format_urdf
+from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import parse_urdf
 from solver.chain.kinematics import DhTable, forward
 from tests.oracles import lbr_iiwa

@@ -7,8 +7,7 @@ import re
 import pytest
 
 from operator_app.config.parameters_file import load_parameters
-from operator_app.manual.pages import Manual
-from operator_app.manual.reference import reference
+from operator_app.manual.pages import Manual, reference
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Ask, Confirm, Read

@@ -9,7 +9,7 @@ from typing import Any, get_args
 import pytest
 import yaml
 
-from operator_app.config.json_schemas import json_schema
+from operator_app.config.any_file import json_schema
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.resources import Kind, builtin_names, resolve
 from tests.oracles.json_schema import complaints

@@ -13,7 +13,7 @@ import yaml
 from operator_app import cli
 from operator_app.commands.help_topic import manual
 from operator_app.commands.table import COMMANDS
-from operator_app.config.json_schemas import FileKind, json_schema
+from operator_app.config.any_file import FileKind, json_schema
 from operator_app.exit_codes import MEANING, ExitCode
 
 ROOT = Path(__file__).resolve().parents[3]

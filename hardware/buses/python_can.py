@@ -195,12 +195,12 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
             interface=settings.interface, channel=settings.channel, ignore_config=True, **options
         )
     except Exception as error:  # missing drivers raise anything
-        raise BusError(_failure_text(settings, error) + _named_in(settings)) from error
+        raise BusError(describe_failure(settings, error) + _named_in(settings)) from error
     if isinstance(bus, SocketcanBus):
         pending = bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if pending:  # a device that is down can be opened
             bus.shutdown()
-            down = _failure_text(settings, OSError(pending, ""))
+            down = describe_failure(settings, OSError(pending, ""))
             raise BusError(down + _named_in(settings))
     return bus
 
@@ -212,7 +212,7 @@ def _named_in(settings: BusSettings) -> str:
     return f" The interface {settings.interface} is named in {settings.named_in}."
 
 
-def _failure_text(settings: BusSettings, error: Exception) -> str:
+def describe_failure(settings: BusSettings, error: Exception) -> str:
     """Cause and remedy of a failure to open."""
     code = getattr(error, "errno", None) or getattr(error, "error_code", None)
     channel = settings.channel

@@ -121,7 +121,7 @@ class VirtualController:
         serial = arm.number % 1_000_000 * 100
         self.drives = tuple(DriveNode(axis, serial_number=serial + axis.joint) for axis in axes)
         self._joints = {node.number for node in self.drives}
-        self._group = DriveGroup(self.drives, plant, self.disturbances)
+        self.group = DriveGroup(self.drives, plant, self.disturbances)
         self.plant = plant
         self.supervisor = SupervisorNode(
             arm=arm,
@@ -130,8 +130,8 @@ class VirtualController:
             validate=validate,
             hooks=ControllerHooks(
                 is_heard=self._is_heard,
-                control_changed=self._group.control_changed,
-                set_home_offsets=self._group.set_home_offsets,
+                control_changed=self.group.control_changed,
+                set_home_offsets=self.group.set_home_offsets,
                 later=self._work.put,
             ),
         )
@@ -151,7 +151,7 @@ class VirtualController:
 
     def start(self) -> None:
         """Step the plant once for a first reading, boot all nodes, inject the faults of SYNC 0, start both threads."""
-        self._group.step()
+        self.group.step()
         for node in self._nodes:
             node.boot()
         self._happen(0)
@@ -292,7 +292,7 @@ class VirtualController:
     def _on_sync(self) -> None:
         self.sync_count += 1
         self._happen(self.sync_count)
-        self._group.step()
+        self.group.step()
         disturbances, send = self.disturbances, self._network.send_message
         for node in self.drives:
             data = node.tpdo1()
@@ -326,11 +326,11 @@ class VirtualController:
             self._catch_up()
             holder = self.supervisor.holder
             if holder and self._lost(holder):
-                self._group.lose_heartbeat()
+                self.group.lose_heartbeat()
                 self.supervisor.lapse()
         for number, since in self.disturbances.cut_since_s.items():
             if number in self._joints and now - since > self._timeout_s:
-                self._group.lose_heartbeat_at(number)
+                self.group.lose_heartbeat_at(number)
         if now >= self._next_beat_s:
             # From now: a late loop sends no burst.
             self._next_beat_s = now + HEARTBEAT_PERIOD_S

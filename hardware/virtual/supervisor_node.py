@@ -103,7 +103,7 @@ class SupervisorNode(VirtualNode):
         self._busy = False
         self._refusal = ""
         self._active = Slot.NONE
-        self._active_document: bytes | None = None
+        self.active_document: bytes | None = None
         self._serve_objects()
         self.load()
 
@@ -119,11 +119,11 @@ class SupervisorNode(VirtualNode):
     def load(self) -> None:
         """Apply the active document; an invalid one is reported in 2004h and not used."""
         self._active = self._store.active
-        self._active_document = self._store.document(self._active)
+        self.active_document = self._store.document(self._active)
         offsets: tuple[int, ...] = (0,) * len(self._axes)
-        if self._active_document is not None:
+        if self.active_document is not None:
             try:
-                offsets = self._check(self._active_document).home_offset_counts
+                offsets = self._check(self.active_document).home_offset_counts
             except _Refused as refused:
                 self._refusal = f"active document not used: {refused.text}"
         self._hooks.set_home_offsets(offsets)
@@ -231,7 +231,7 @@ class SupervisorNode(VirtualNode):
         document, parameters = self._staged
         slot = self._store.commit(document)
         with self.lock:
-            self._active, self._active_document = slot, document
+            self._active, self.active_document = slot, document
             self._received = self._staged = None
         self._hooks.set_home_offsets(parameters.home_offset_counts)
 
@@ -245,7 +245,7 @@ class SupervisorNode(VirtualNode):
         parameters = self._check(document)
         slot = self._store.roll_back()
         with self.lock:
-            self._active, self._active_document = slot, document
+            self._active, self.active_document = slot, document
         self._hooks.set_home_offsets(parameters.home_offset_counts)
 
     def _check(self, document: bytes) -> ValidatedParameters:
@@ -261,7 +261,7 @@ class SupervisorNode(VirtualNode):
     # ---- objects -------------------------------------------------------------------------------------
 
     def _document(self) -> bytes:
-        document = self._active_document if self._received is None else self._received
+        document = self.active_document if self._received is None else self._received
         return b"" if document is None else document
 
     def _serve_objects(self) -> None:

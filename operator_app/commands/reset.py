@@ -69,14 +69,15 @@ def execute(args: argparse.Namespace) -> int:
             }
     cleared = {joint: text for joint, text in found.items() if joint not in stays}
     left = {joint: found.get(joint, text) for joint, text in stays.items()}
-    _report(args, cleared, left, arm_joints=len(before.joints))
+    report(cleared, left, arm_joints=len(before.joints), in_json=args.json)
     return ExitCode.ARM_FAULT if stays else ExitCode.ACCEPTED
 
 
-def _report(
-    args: argparse.Namespace, cleared: dict[int, str], stays: dict[int, str], *, arm_joints: int
+def report(
+    cleared: dict[int, str], stays: dict[int, str], *, arm_joints: int, in_json: bool
 ) -> None:
-    if args.json:
+    """Print the faults of joints that were cleared, and those that stay."""
+    if in_json:
         facts = {
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],
             "left": [{"joint": j, "is": text} for j, text in stays.items()],

@@ -58,7 +58,7 @@ REACHES_NOTHING = (
 
 def stopped_words(why: str) -> str:
     """Return why the arm stopped where nobody pressed STOP, and what to do now."""
-    return f"{_capital(why)}. {_REMEDIES[DriveDiverged]}"
+    return f"{_capital(why)}. {REMEDIES[DriveDiverged]}"
 
 
 def _remedy(error: BaseException) -> str:
@@ -70,11 +70,11 @@ def _remedy(error: BaseException) -> str:
         return "The other poses are kept"
     if isinstance(error, DriveFault) and error.code in _TRIPS:
         return _TRIPS[error.code]
-    found = next((kind for kind in type(error).__mro__ if kind in _REMEDIES), None)
-    return "Nothing was changed" if found is None else _REMEDIES[found]
+    found = next((kind for kind in type(error).__mro__ if kind in REMEDIES), None)
+    return "Nothing was changed" if found is None else REMEDIES[found]
 
 
-_REMEDIES: Mapping[type, str] = {
+REMEDIES: Mapping[type, str] = {
     BusError: "Without a heartbeat the drives hold by themselves. Check cable and interface, "
     "then connect again",
     HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "

@@ -71,6 +71,7 @@ class SarcalApp(App[str]):
         ascii_only: bool = False,
         resume: str | None = None,
         manual: Manual | None = None,
+        poll_s: float = POLL_S,
     ) -> None:
         # Textual would turn colours into greys; the theme without any does what is meant.
         colourless = os.environ.pop("NO_COLOR", "") != ""
@@ -80,7 +81,7 @@ class SarcalApp(App[str]):
         self.theme = NO_COLOUR if colourless else theme
         self.look: Look = look(self.theme, ascii_only=ascii_only)
         ScrollBar.renderer = AsciiScrollBar if ascii_only else ScrollBarRender
-        self.resume_first = resume
+        self.resume_first, self.poll_s = resume, poll_s
         self.manual = manual or Manual(reference())
         self.runner: Runner | None = None
         self.step = Step.CONNECT
@@ -127,7 +128,7 @@ class SarcalApp(App[str]):
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.interface.begin()
-        self.main.set_interval(POLL_S, self.poll)
+        self.main.set_interval(self.poll_s, self.poll)
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
         """Leave through the event loop; without the screen if the loop does not respond."""

@@ -51,7 +51,8 @@ class Lines(Widget, can_focus=True):
         classes: str | None = None,
     ) -> None:
         super().__init__(id=id, classes=classes)
-        self._lines: tuple[Line, ...] = ()
+        self.shown: tuple[Line, ...] = ()
+        """Lines on the screen."""
         self._strips: dict[int, Strip] = {}
         self._base: Style | None = None
         self._titled = ""
@@ -88,7 +89,7 @@ class Lines(Widget, can_focus=True):
     def show_lines(self, lines: Sequence[Line]) -> None:
         """Show lines as they are."""
         new = tuple(tuple(row) for row in lines)
-        old = self._lines
+        old = self.shown
         changed = [
             y
             for y in range(max(len(new), len(old)))
@@ -96,7 +97,7 @@ class Lines(Widget, can_focus=True):
         ]
         if not changed:
             return
-        self._lines = new
+        self.shown = new
         above = self.gutter.top
         for y in changed:
             self._strips.pop(y, None)
@@ -148,7 +149,7 @@ class Lines(Widget, can_focus=True):
         strip = self._strips.get(y)
         if strip is None:
             width = self.content_size.width
-            strip = self._strip(self._lines[y] if y < len(self._lines) else (), width)
+            strip = self._strip(self.shown[y] if y < len(self.shown) else (), width)
             self._strips[y] = strip
         return strip
 

@@ -118,7 +118,7 @@ def lives_on(
         assert isinstance(plant, Plant)
         then, begun, farthest = drives_of(controller), plant.true_angles_rad, 0.0
         for _ in range(LIVES_ON_SYNCS):
-            controller._group.step()
+            controller.group.step()
             farthest = max(farthest, float(np.abs(plant.true_angles_rad - begun).max()))
         return then, float(np.rad2deg(farthest))
 

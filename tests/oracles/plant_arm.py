@@ -36,7 +36,7 @@ class PlantArm:
     def __init__(self, procedure: Procedure, chosen: Scenario | str, serial: str = SERIAL) -> None:
         self.model = procedure.arm
         chosen = scenario(chosen) if isinstance(chosen, str) else chosen
-        self._plant = chosen.build(procedure.arm)
+        self.plant = chosen.build(procedure.arm)
         n = self.model.joint_count
         self._resolution = np.array(
             [
@@ -59,7 +59,7 @@ class PlantArm:
         if self.interrupt_at_sync is not None and self._syncs >= self.interrupt_at_sync:
             raise KeyboardInterrupt
         self._syncs += 1
-        self._reading = self._plant.step(
+        self._reading = self.plant.step(
             [
                 JointCommand(mode=m, target_rad=t)
                 for m, t in zip(self._modes, self._targets, strict=True)

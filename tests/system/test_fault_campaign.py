@@ -272,7 +272,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
         controller.unhang()
         arm.close()
         # Whatever came of it, what is active is one document, whole.
-        held = controller.supervisor._active_document
+        held = controller.supervisor.active_document
         assert held in (whole, whole + b"# another\n")
 
 

@@ -62,7 +62,6 @@ def test_it_is_calibrated_by_name(
         # Nobody there keeps parameters: written, not uploaded.
         assert (folder_of_it / "parameters.yaml").is_file()
         assert found["session"]["uploaded"] is False
-        monkeypatch.setattr("operator_app.session.store.logbook.calibrate", None)
         # The journal knows the arm by name, no option is needed; nothing is solved twice.
         assert main(["run", "--resume", "latest", "--json"]) == 0
         assert "serial TOY-0001" in capsys.readouterr().err

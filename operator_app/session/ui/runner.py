@@ -202,6 +202,11 @@ class Runner:
     # -- commands ----------------------------------------------------------------------------------
 
     @property
+    def pending(self) -> int:
+        """Number of tasks that have not ended, the running one included."""
+        return len(self._waiting_jobs)
+
+    @property
     def operations(self) -> Operations:
         """The operations for `submit`."""
         return self._operations

@@ -94,7 +94,7 @@ class PlannedCapture:
         self._listener, self._say = listener, listener.report
         self._candidates = candidates
         self._chosen = drives
-        self._campaign: Campaign | None = None
+        self.campaign: Campaign | None = None
         self._moved = False
         self._ended: CampaignEnd | None = None
 
@@ -102,7 +102,7 @@ class PlannedCapture:
         """Replay the journal and compare the arm's position; return the drive joints. Moves nothing."""
         session = self._session
         log = session.state.campaign
-        self._campaign, self._moved, self._ended = None, False, None
+        self.campaign, self._moved, self._ended = None, False, None
         if not log.begun or not log_is_current(session.state, self._wanted()):
             return self._chosen
         if log.ended:
@@ -116,10 +116,10 @@ class PlannedCapture:
             return self._chosen
         here = session.arm.snapshot().positions_rad
         if can_continue_from(campaign.propose(), campaign.at_rad, here):
-            self._campaign = campaign
+            self.campaign = campaign
             return campaign.drives
         if campaign.phase is Phase.EXPLORING:
-            self._campaign, self._moved = campaign, True
+            self.campaign, self._moved = campaign, True
             return campaign.drives
         self._say("The arm was moved: making a new plan from its present position.")
         return self._chosen
@@ -132,7 +132,7 @@ class PlannedCapture:
     @property
     def continues_in_place(self) -> bool:
         """After `ready`: whether the arm is at its last position, or nothing is left to do."""
-        return self._ended is not None or (self._campaign is not None and not self._moved)
+        return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
         """Carry out the campaign, with the joints of `ready` in position mode.
@@ -149,16 +149,16 @@ class PlannedCapture:
         session = self._session
         if self._ended is not None:
             return self._ended
-        if self._campaign is None:
+        if self.campaign is None:
             again = bool(session.state.campaign.begun)
-            self._campaign = self._new_campaign()
-            self._campaign.propose()
-            if again and self._campaign.phase is Phase.EXPLORING:
+            self.campaign = self._new_campaign()
+            self.campaign.propose()
+            if again and self.campaign.phase is Phase.EXPLORING:
                 # The first step of a new exploration leads straight back to the start of the session.
                 require_in_box(session)
         elif self._moved:
-            self._move_back(self._campaign)
-        campaign = self._campaign
+            self._move_back(self.campaign)
+        campaign = self.campaign
         while True:
             phase, made = campaign.phase, campaign.plan
             action = campaign.propose()
@@ -190,7 +190,7 @@ class PlannedCapture:
         -------
         Why the pose was not reached ("" if it was), and the start of each move, to go back.
         """
-        campaign = None if self._moved else self._campaign
+        campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad
         moves = None if campaign is None else campaign.way_to(first)
         if campaign is None or moves is None:

@@ -85,7 +85,7 @@ def test_a_broken_environment_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_a_kernel_error_becomes_what_to_do(code: int, channel: str, approve: Approve) -> None:
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)
-    approve(python_can._failure_text(settings, OSError(code, "something")))
+    approve(python_can.describe_failure(settings, OSError(code, "something")))
 
 
 def test_a_missing_device_or_kernel_support_is_a_bus_error() -> None:

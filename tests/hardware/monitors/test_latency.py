@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
+import threading
 import time
 from collections import deque
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 
 import can
@@ -15,7 +17,6 @@ from hardware.buses.python_can import BusSettings, stamping_clock
 from hardware.canopen.cyclic import Sample
 from hardware.canopen.objects import COB_HEARTBEAT, COB_SYNC, COB_TPDO1, NmtState
 from hardware.control.control_loop import ControlLoop
-from hardware.control.tasks import LoopTask
 from hardware.errors import BusError
 from hardware.monitors.latency import MAX_POLL_GAP_S, REPORTED_S, LatencyMonitor
 from hardware.timing import Pace, Timing
@@ -44,11 +45,17 @@ class Bus:
     kept_from_running_s: float = 0.0
     kept_from_answering_s: float = 0.0
     sent: list[tuple[int, bytes]] = field(default_factory=list)
+    on_sync: Callable[[], None] = lambda: None
+    scenario: Iterator[None] = field(default_factory=lambda: iter(()))
+    """Goes on by one step before each look at the bus, in the loop's own thread."""
+    over: threading.Event = field(default_factory=threading.Event)
+    failure: AssertionError | None = None
 
     def send(self, identifier: int, data: bytes) -> None:
         """Every SYNC is answered at once, while somebody computes for a while, or nobody does."""
         self.sent.append((identifier, data))
         if identifier == COB_SYNC:
+            self.on_sync()
             self.waiting.extend(
                 can.Message(
                     arbitration_id=COB_TPDO1 + joint, data=bytes(8), timestamp=self.stamps()
@@ -62,6 +69,12 @@ class Bus:
         return self.clock.now_s + TIME_OF_DAY_S
 
     def receive(self, timeout_s: float) -> can.Message | None:
+        try:
+            next(self.scenario)
+        except StopIteration:
+            self.over.set()
+        except AssertionError as failure:
+            self.failure = failure
         self.clock.now_s += self.kept_from_running_s
         self.kept_from_running_s = 0.0
         if self.waiting:
@@ -83,7 +96,7 @@ def bus() -> Bus:
 
 @pytest.fixture
 def loop(bus: Bus) -> ControlLoop:
-    made = ControlLoop(
+    return ControlLoop(
         bus,
         profile=sarcos(JOINTS),
         pace=Pace.REAL_TIME,
@@ -94,40 +107,61 @@ def loop(bus: Bus) -> ControlLoop:
         clock=bus.clock,
         stamps=bus.stamps,
     )
-    bus.beat()
-    listen(made, looks=4)
-    return made
 
 
-def listen(loop: ControlLoop, *, looks: int) -> None:
-    for _ in range(looks):
-        loop._receive_one(0.05)
+def looks(count: int) -> Iterator[None]:
+    yield from itertools.repeat(None, count)
+
+
+def play(loop: ControlLoop, bus: Bus, scenario: Iterator[None]) -> None:
+    """Run the loop's thread until the scenario is over."""
+    bus.scenario = scenario
+    loop.start()
+    assert bus.over.wait(60.0)
+    loop.close()
+    if bus.failure is not None:
+        raise bus.failure
 
 
 def test_a_loop_that_was_kept_from_running_does_not_call_the_arm_silent(bus, loop) -> None:
-    bus.kept_from_running_s = 5.0
-    loop._receive_one(0.05)
-    assert loop.alarm() is None
-    bus.beat()
-    listen(loop, looks=4)
-    assert loop.alarm() is None
-    assert loop.latency.late_s == pytest.approx(5.0 - MAX_POLL_GAP_S + 0.05)
+    def scenario() -> Iterator[None]:
+        bus.beat()
+        yield from looks(4)
+        bus.kept_from_running_s = 5.0
+        yield
+        assert loop.alarm() is None
+        bus.beat()
+        yield from looks(4)
+        assert loop.alarm() is None
+        assert loop.latency.late_s == pytest.approx(5.0 - MAX_POLL_GAP_S, abs=0.03)
+
+    play(loop, bus, scenario())
 
 
 def test_a_loop_that_only_ever_gets_short_turns_still_hears_who_speaks(bus, loop) -> None:
-    for _ in range(50):
-        bus.kept_from_running_s = 0.7
-        bus.beat()
-        listen(loop, looks=4)
-        assert loop.alarm() is None
+    def scenario() -> Iterator[None]:
+        for _ in range(50):
+            bus.kept_from_running_s = 0.7
+            bus.beat()
+            yield from looks(4)
+            assert loop.alarm() is None
+
+    play(loop, bus, scenario())
 
 
 def test_a_silent_arm_is_found_however_late_we_are(bus, loop) -> None:
-    bus.kept_from_running_s = 5.0
-    listen(loop, looks=25)
-    alarm = loop.alarm()
-    assert isinstance(alarm, BusError)
-    assert "no heartbeat from node 1, 2, 16" in str(alarm)
+    def scenario() -> Iterator[None]:
+        bus.beat()
+        yield from looks(4)
+        bus.kept_from_running_s = 5.0
+        until_s = bus.clock.now_s + 6.25
+        while bus.clock.now_s < until_s:
+            yield
+        alarm = loop.alarm()
+        assert isinstance(alarm, BusError)
+        assert "no heartbeat from node 1, 2, 16" in str(alarm)
+
+    play(loop, bus, scenario())
 
 
 def test_listening_never_counts_for_more_than_the_time_that_passed() -> None:
@@ -145,26 +179,31 @@ def test_listening_never_counts_for_more_than_the_time_that_passed() -> None:
 # ---- how old what we look at is ------------------------------------------------------------------------
 
 
-def ages(bus: Bus, loop: ControlLoop) -> list[float]:
-    return [bus.clock.now_s - at for at in loop.view.answered_at_s]
-
-
 def test_an_answer_that_waited_for_us_is_as_old_as_its_stamp(bus, loop) -> None:
-    for _ in range(3):
-        loop._cycle()
-        assert max(ages(bus, loop)) < 0.001
-    bus.kept_from_answering_s = 0.7
-    loop._cycle()
-    assert ages(bus, loop) == pytest.approx([0.7, 0.7], abs=1e-6)
+    ages: list[float] = []
+    own: list[float] = []
+    """Of the sample before each SYNC, 10 ms later: the oldest age, and how much of it is our own."""
+    found: list[HostLatency] = []
+
+    def look() -> None:
+        ages.append(max(bus.clock.now_s - at for at in loop.view.answered_at_s))
+        own.append(max(loop.latency.late_s - at for at in loop.view.late_at_s))
+        found.append(loop.latency.lateness)
+        if len(ages) == 4:
+            bus.kept_from_answering_s = 0.7
+        elif len(ages) == 6:
+            bus.over.set()
+
+    bus.on_sync, bus.scenario = look, itertools.repeat(None)
+    loop.begin_sync()
+    loop.start()
+    assert bus.over.wait(60.0)
+    loop.close()
+    assert ages[1:6] == pytest.approx([0.01, 0.01, 0.01, 0.7, 0.01], abs=0.001)
     # All of it is our own lateness, none of it the arm's silence.
-    late = [loop.latency.late_s - at for at in loop.view.late_at_s]
-    assert late == pytest.approx(ages(bus, loop), abs=MAX_POLL_GAP_S + 1e-6)
-    assert loop.latency.lateness == HostLatency(
-        times=1, last_s=pytest.approx(0.7, abs=1e-6), longest_s=pytest.approx(0.7, abs=1e-6)
-    )
-    loop._cycle()
-    assert max(ages(bus, loop)) < 0.001
-    assert loop.latency.lateness.times == 1
+    assert own[4] == pytest.approx(0.7, abs=MAX_POLL_GAP_S + 1e-6)
+    late_s = pytest.approx(0.7, abs=1e-6)
+    assert found[4] == found[5] == HostLatency(times=1, last_s=late_s, longest_s=late_s)
 
 
 @pytest.mark.parametrize("set_by_s", [-3600.0, -0.5, -0.02, 0.02, 0.5, 3600.0])
@@ -264,33 +303,33 @@ def test_nothing_new_is_commanded_by_a_sample_that_is_old_as_we_were_late(bus, l
     asked: list[int] = []
 
     def steps() -> Generator[None, Sample, None]:
-        for _ in range(6):
+        for k in range(6):
+            if k == 3:
+                bus.kept_from_answering_s = 0.4
             asked.append((yield None).sync_count)
 
     loop.begin_sync()
-    loop._cycle()
-    task = LoopTask(steps())
-    loop._tasks._tasks.append(task)
-    bus.clock.now_s += 0.02
-    while loop._tasks.first is not None:
-        if loop.sample.sync_count == 4:
-            bus.kept_from_answering_s = 0.4
-        loop._work()
-    assert asked == [2, 3, 4, 6, 7, 8]
+    loop.start()
+    loop.run(steps())
+    loop.close()
+    assert [count - asked[0] for count in asked] == [0, 1, 2, 4, 5, 6]
 
 
 def test_steps_are_asked_in_turn_however_late_we_always_are(bus, loop) -> None:
     """So that an alarm, or Ctrl-C, still ends them."""
     asked: list[int] = []
 
+    def be_late() -> None:
+        bus.kept_from_answering_s = 0.4
+
     def steps() -> Generator[None, Sample, None]:
         for _ in range(3):
             asked.append((yield None).sync_count)
 
+    bus.on_sync = be_late
     loop.begin_sync()
-    loop._tasks._tasks.append(LoopTask(steps()))
-    while loop._tasks.first is not None:
-        bus.kept_from_answering_s = 0.4
-        loop._work()
-        assert loop.sample.sync_count < 20
+    loop.start()
+    loop.run(steps())
+    loop.close()
     assert len(asked) == 3
+    assert asked[-1] - asked[0] < 20

@@ -12,6 +12,7 @@ from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.supervisor_node import ArmLabel
+from tests.hardware.on_fake_bus import wait_for
 from tests.oracles.virtual_rig import Rig, TrivialPlant, axes, rig
 
 NODES = (*range(1, 8), 16)
@@ -252,7 +253,7 @@ def test_a_bus_that_goes_away_is_remembered_as_the_failure() -> None:
     )  # fmt: skip
     controller.start()
     bus.shutdown()
-    controller._loop.join(5.0)
+    wait_for(lambda: controller.failure is not None)
     controller.close()
     assert isinstance(controller.failure, can.CanError)
 
@@ -269,7 +270,7 @@ def break_the_plant() -> None:
         made.peer.start()
         for _ in range(5):
             made.peer.send(0x080)
-        made.controller._loop.join(5.0)
+        wait_for(lambda: made.controller.failure is not None)
         made.peer.quiet()
         made.peer.log.clear()
         made.clock.time_s += 1.0

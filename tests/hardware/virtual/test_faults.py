@@ -6,6 +6,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual.faults import ScriptedFault
+from tests.hardware.on_fake_bus import wait_for
 from tests.oracles.virtual_rig import Rig, rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
@@ -214,7 +215,7 @@ def test_scripted_faults_happen_at_their_sync() -> None:
 def test_a_plant_without_a_fixture_cannot_slip() -> None:
     with rig() as made:
         made.controller.faults.bind_hinge()
-        made.controller._loop.join(5.0)
+        wait_for(lambda: made.controller.failure is not None)
         assert isinstance(made.controller.failure, TypeError)
         made.controller.failure = None
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import can
@@ -11,6 +12,7 @@ import pytest
 
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.fault_messages import FAULTS
+from hardware.virtual.faults import FaultInjector, ScriptedFault
 from operator_app.cli import main
 from operator_app.commands.controller import script_of
 from operator_app.commands.table import parser_of
@@ -62,7 +64,16 @@ def test_what_shows_as_an_arm_is_connected_is_there_before() -> None:
 def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind: str) -> None:
     at_sync = "0" if FAULTS[kind].at_connect else "1"
     words = ["-i", "loopback", "--fault", kind, "--fault-joint", "6", "--fault-sync", at_sync]
-    script = script_of(parser_of("controller").parse_args(words), 7)
+    happened: list[int] = []
+
+    def noted(fault: ScriptedFault) -> ScriptedFault:
+        def happen(faults: FaultInjector) -> None:
+            happened.append(fault.at_sync)
+            fault.happen(faults)
+
+        return replace(fault, happen=happen)
+
+    script = [noted(fault) for fault in script_of(parser_of("controller").parse_args(words), 7)]
     settings = BusSettings(channel=f"kind-{kind}")
     arm = load_procedure("hinge").arm
     with (
@@ -77,5 +88,5 @@ def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind: str
             peer.receive(0.02)
             controller.unhang()
         assert controller.sync_count > 0
-        assert not controller._script
+        assert len(happened) == len(script) > 0
     assert controller.failure is None

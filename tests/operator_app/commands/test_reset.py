@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
-
 import pytest
 
-from operator_app.commands.reset import _report
+from operator_app.commands.reset import report
 
 STOP, TORQUE = "external stop, first contact (5441h)", "excess torque (8311h)"
 
@@ -14,7 +12,7 @@ STOP, TORQUE = "external stop, first contact (5441h)", "excess torque (8311h)"
 def said(
     capsys: pytest.CaptureFixture[str], cleared: dict[int, str], stays: dict[int, str]
 ) -> tuple[str, list[str]]:
-    _report(argparse.Namespace(json=False), cleared, stays, arm_joints=7)
+    report(cleared, stays, arm_joints=7, in_json=False)
     captured = capsys.readouterr()
     return captured.out, captured.err.splitlines()
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from operator_app.config import atomic
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 
@@ -71,7 +70,7 @@ def test_a_disk_that_fails_leaves_the_old_file(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(atomic.os, step, full)
+    monkeypatch.setattr(os, step, full)
     with pytest.raises(WriteError, match=r"a\.yaml: cannot be written: No space left on device"):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
@@ -85,7 +84,7 @@ def test_ctrl_c_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     def interrupt(_: int) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(atomic.os, "fsync", interrupt)
+    monkeypatch.setattr(os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
@@ -103,7 +102,7 @@ def test_the_file_is_on_the_disk_before_the_rename_and_the_folder_after_it(
         seen.append((stat.S_ISDIR(os.fstat(handle).st_mode), path.exists()))
         real(handle)
 
-    monkeypatch.setattr(atomic.os, "fsync", watch)
+    monkeypatch.setattr(os, "fsync", watch)
     write_atomically(path, b"x")
     assert seen == [(False, False), (True, True)]
 

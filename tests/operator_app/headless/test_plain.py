@@ -29,7 +29,7 @@ class Script:
     """A terminal whose operator picks menu items by their words."""
 
     def __init__(self, answers: list[str | Callable[[], str]]) -> None:
-        self._answers = iter(answers)
+        self.answers = iter(answers)
         self.said: list[str] = []
         self.touches = 0
         self.touch_after: int | None = None
@@ -40,7 +40,7 @@ class Script:
     def ask(self, prompt: str) -> str:
         self.said.append(prompt)
         try:
-            answer = next(self._answers)
+            answer = next(self.answers)
         except StopIteration as end:
             raise EOFError from end
         if callable(answer):
@@ -216,7 +216,7 @@ def test_a_session_folder_that_is_taken_away_is_said_and_the_rescue_named(source
             number for number, _, label in rows if label.startswith("Capture the remaining")
         )
 
-    script._answers = iter((*TO_CAPTURE, vanish, "Quit"))
+    script.answers = iter((*TO_CAPTURE, vanish, "Quit"))
     Plain(source, script, pause=lambda _: None).run()
     said = "\n".join(script.said)
     assert "was deleted, moved or renamed while this session was using it" in said

@@ -14,7 +14,7 @@ from hardware.errors import (
     OtherMaster,
     SensorFault,
 )
-from operator_app.messages.errors import _REMEDIES, words
+from operator_app.messages.errors import REMEDIES, words
 from solver.errors import TooFewPosesError, UnidentifiableError
 from tests.oracles.approved import Approve
 
@@ -73,6 +73,6 @@ def test_errors_are_told_as_approved(error: Exception, approve: Approve) -> None
     approve(str(words(error)))
 
 
-@pytest.mark.parametrize("kind", _REMEDIES, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", REMEDIES, ids=lambda kind: kind.__name__)
 def test_the_remedy_of_every_kind_is_as_approved(kind: type, approve: Approve) -> None:
-    approve(_REMEDIES[kind])
+    approve(REMEDIES[kind])

@@ -45,7 +45,7 @@ class Tracked:
         assert isinstance(fixture, Measured)
         chosen = virtual_arm(procedure.arm, procedure.fixture, opening.choices)
         arm = PlantArm(procedure, chosen)
-        tracker = chosen.tracker(arm._plant, fixture)
+        tracker = chosen.tracker(arm.plant, fixture)
         assert tracker is not None
         port = CalledLines(lambda q: self.says(tracker.answer(q)), "the tracker")
         rig = Rig(

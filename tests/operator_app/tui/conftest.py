@@ -12,6 +12,7 @@ from textual import events
 from textual.drivers.headless_driver import HeadlessDriver
 from textual.keys import _character_to_key
 from textual.pilot import Pilot
+from textual.widgets import Static
 
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
@@ -53,17 +54,22 @@ class Driver:
     def hint(self) -> str:
         """The line above the messages."""
         return " ".join(
-            "".join(text for row in self.app.main.hint._lines for text, _ in row).split()
+            "".join(text for row in self.app.main.hint.shown for text, _ in row).split()
         )
 
     def text(self, selector: str) -> str:
         """What a panel shows."""
         widget = self.app.main.query_one(selector)
-        return "\n".join("".join(text for text, _ in row) for row in widget._lines)
+        return "\n".join("".join(text for text, _ in row) for row in widget.shown)
 
     def words(self, selector: str) -> str:
         """What a panel shows, without its line breaks."""
         return " ".join(self.text(selector).split())
+
+    @property
+    def read(self) -> str:
+        """The text of the dialog on the screen."""
+        return str(self.app.screen.query_one("#text", Static).content)
 
     async def see(self, picture: SessionSnapshot, step: Step) -> None:
         """Put another picture and step on the screen of a still runner, as if just come to it."""
@@ -117,9 +123,7 @@ class Driver:
         """Wait until the worker has nothing to do and the screen shows it."""
         runner = self.app.runner
         assert runner is not None
-        await self.until(
-            lambda: not runner._waiting_jobs and runner.snapshot().task is None, "idle"
-        )
+        await self.until(lambda: not runner.pending and runner.snapshot().task is None, "idle")
         self.app.poll()
         await self.settle()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from textual.widgets import OptionList
+
 from operator_app.headless.plain import Plain
 from operator_app.session.ui import actions
 from operator_app.session.ui.next_action import next_action
@@ -55,7 +57,7 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
         palette = ActionProvider(d.app.main)
         assert title(WHISTLE) in [str(hit.text) async for hit in palette.discover()]
         await d.press("question_mark")
-        assert "Whistle: Blow the whistle beside the arm." in " ".join(d.app.screen._text.split())
+        assert "Whistle: Blow the whistle beside the arm." in " ".join(d.read.split())
         await d.see(story()["connected"], Step.CONNECT)
         await d.press("W")
         assert "there is nobody to hear it" in d.hint
@@ -70,15 +72,13 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
 async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) -> None:
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         await d.press("m")
-        assert d.app.screen._title == "Manual"
-        topics = [key for key, _ in d.app.screen._options]
+        assert d.app.screen.query_one("#box").border_title == "Manual"
+        topics = [o.id for o in d.app.screen.query_one(OptionList).options[1:]]
         assert topics[0] == "tutorial"
         await d.press(*["down"] * (1 + topics.index("sign")), "enter")
         await d.until(lambda: isinstance(d.app.screen, Read), "the page")
-        assert d.app.screen._text.startswith(
-            "Which sign has an offset?\n=========================\n"
-        )
-        assert max(map(len, d.app.screen._text.splitlines())) <= 86
+        assert d.read.startswith("Which sign has an offset?\n=========================\n")
+        assert max(map(len, d.read.splitlines())) <= 86
         await d.press("escape")
         assert d.app.screen is d.app.main
 
@@ -95,7 +95,7 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
                 assert not name or step in actions.by_name(name).steps
 
 
-def test_a_footer_that_is_full_gives_up_the_ways_out_first(monkeypatch) -> None:
+def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
     here = frozenset({Step.FIXTURE})
     more = tuple(
         OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here,
@@ -104,8 +104,8 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first(monkeypatch) -> None:
     )  # fmt: skip
     before = [a.name for a in actions.footer(Step.FIXTURE)]
     assert before == ["stop", "primary", "procedure", "back", "help", "quit"]
-    monkeypatch.setattr(actions, "ACTIONS", (*actions.ACTIONS, *more))
-    after = [a.name for a in actions.footer(Step.FIXTURE)]
+    table = (*actions.ACTIONS, *more)
+    after = [a.name for a in actions.footer(Step.FIXTURE, table)]
     assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
 
 

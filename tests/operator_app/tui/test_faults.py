@@ -20,6 +20,7 @@ from operator_app.messages.errors import stopped_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.snapshot import DataState, Level, TaskKind
 from operator_app.session.ui.steps import Step
+from operator_app.tui.dialogs import Confirm
 
 
 @pytest.mark.sample(2)
@@ -211,7 +212,7 @@ async def test_an_alarm_too_long_for_the_screen_is_marked_and_shown_before_it_is
         d.runner.say(Level.ALARM, text)
         await d.until(lambda: "(A shows all of it)" in d.words("#log"), "marked")
         await d.press("A")
-        await d.until(lambda: getattr(d.app.screen, "_text", "") == text, "shown")
+        await d.until(lambda: isinstance(d.app.screen, Confirm) and d.read == text, "shown")
         assert [a.text for a in d.s.alarms] == [text]
         await d.press("y")
         await d.until(lambda: d.s.alarms == (), "acknowledged")

@@ -27,11 +27,10 @@ SCREENS = {
 def compare(snap_compare, monkeypatch):
     """Compare one picture at one step with what is kept."""
     monkeypatch.delenv("NO_COLOR", raising=False)
-    # Textual waits for an idle processor, which repaints never leave; the one picture is shown here.
-    monkeypatch.setattr("operator_app.tui.app.POLL_S", 3600.0)
 
     def look(picture, step, size, *, press=(), **options):
-        app = SarcalApp(lambda: StillSource(picture), **options)
+        # Textual waits for an idle processor, which repaints never leave; the one picture is shown here.
+        app = SarcalApp(lambda: StillSource(picture), poll_s=3600.0, **options)
 
         async def show(pilot) -> None:
             while app.runner is None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -53,16 +55,21 @@ def task(loop) -> PlanningTask:
     )
 
 
+def knows(task: PlanningTask, x) -> Callable[[np.ndarray], InterimEstimate]:
+    """An interim calibration that knows the truth."""
+    known = InterimEstimate(
+        x=x, covariance=np.eye(14) * 1e-12, noise=task.noise, trusted=True, text="known"
+    )
+    return lambda _q: known
+
+
 def at_plan(task: PlanningTask, x, **settings) -> Campaign:
     """A campaign whose interim calibration knows the truth, driven by the model itself."""
-
-    def knows(q: np.ndarray) -> InterimEstimate:
-        return InterimEstimate(
-            x=x, covariance=np.eye(14) * 1e-12, noise=task.noise, trusted=True, text="known"
-        )
-
     return Campaign(
-        task=task, start_rad=HOME, settings=CampaignSettings(**settings), calibrate=knows
+        task=task,
+        start_rad=HOME,
+        settings=CampaignSettings(**settings),
+        calibrate=knows(task, x),
     )
 
 
@@ -142,7 +149,7 @@ def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> Non
         task=task,
         start_rad=HOME,
         settings=CampaignSettings(poses=3),
-        calibrate=first._calibrate,
+        calibrate=knows(task, x),
         captured=taken,
         taken=1,
     )
@@ -161,7 +168,7 @@ def test_nothing_is_left_to_do_when_all_poses_were_taken_before(task, x) -> None
         task=task,
         start_rad=HOME,
         settings=CampaignSettings(poses=3),
-        calibrate=first._calibrate,
+        calibrate=knows(task, x),
         captured=first.readings_rad,
         taken=3,
     )

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -16,9 +14,10 @@ from operator_app.errors import SessionError
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.ui.snapshot import Level, TaskKind
-from operator_app.session.ui.supervisor import UNWATCHED_S, Supervisor
+from operator_app.session.ui.supervisor import UNWATCHED_S
 from operator_app.session.workflow.drive_box import waypoints_of
 from tests.oracles.live_source import FakeSource
+from tests.oracles.short_procedure import short_procedure
 
 PATIENCE_S = 30.0
 
@@ -30,46 +29,34 @@ def runner(tmp_path: Path) -> Iterator[Runner]:
     source.close("end of the test")
 
 
-class Eager(queue.SimpleQueue):
-    """Returns from handing work over when it is done: no worker can be quicker."""
-
-    def __init__(self) -> None:
-        self._waits = threading.Semaphore(0)
-
-    def get(self, *_: object) -> object:
-        self._waits.release()
-        return super().get()
-
-    def put(self, item: object, *_: object) -> None:
-        if item is not None:
-            assert self._waits.acquire(timeout=PATIENCE_S)
-        super().put(item)
-        if item is not None:
-            assert self._waits.acquire(timeout=PATIENCE_S)
-            self._waits.release()
-
-
 def finish(runner: Runner) -> None:
     """Wait until the worker has done everything that was handed in before."""
     done = threading.Event()
     runner.submit(TaskKind.NOTE, "the last", done.set)
     assert done.wait(PATIENCE_S)
     for _ in range(10_000):
-        if not runner._waiting_jobs:
+        if not runner.pending:
             return
         threading.Event().wait(0.001)
 
 
-def test_work_that_is_over_at_once_is_not_shown_for_ever(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("operator_app.session.ui.runner.queue", SimpleNamespace(SimpleQueue=Eager))
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    ran: list[int] = []
+def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session) -> None:
+    """Whoever hands it in is held up, where the beginning is noted, until it is done or 50 ms have passed."""
+    done = threading.Event()
+
+    def clock() -> float:
+        if threading.current_thread() is threading.main_thread():
+            done.wait(0.05)
+        return time.monotonic()
+
+    runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
     for k in range(3):
-        runner.submit(TaskKind.CONNECT, f"job {k}", lambda k=k: ran.append(k))
+        done.clear()
+        runner.submit(TaskKind.CONNECT, f"job {k}", done.set)
+        assert done.wait(PATIENCE_S)
+        finish(runner)
         assert runner.snapshot().task is None
-    assert ran == [0, 1, 2]
-    source.close("end of the test")
+    runner.close("end of the test")
 
 
 def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> None:
@@ -204,13 +191,13 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
     assert any("the screen did not respond" in m.text for m in runner.snapshot().messages)
 
 
-def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatch) -> None:
-    def broken(*_: object) -> None:
+def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path) -> None:
+    def broken() -> str:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(Supervisor, "_update_motion", broken)
     source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
+    session = source.new().session
+    runner = Runner(session, simulated=True, bus="none", recording_ended=broken)
     for _ in range(1000):
         if runner.defect is not None:
             break
@@ -218,6 +205,7 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path, monkeypatc
     assert isinstance(runner.defect, ZeroDivisionError)
     assert source.arm is not None
     assert source.arm.stops
+    runner.close("end of the test")
     source.close("end of the test")
 
 
@@ -284,7 +272,7 @@ def wait_until_told(runner: Runner) -> None:
     while not any("J5" in a.text or "oint 5" in a.text for a in runner.snapshot().alarms):
         assert time.monotonic() < end
         threading.Event().wait(WATCH_PERIOD_S)
-    while len(runner._waiting_jobs) < 2:
+    while runner.pending < 2:
         assert time.monotonic() < end
         threading.Event().wait(WATCH_PERIOD_S)
 
@@ -331,41 +319,32 @@ def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
 
 
 def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(
-    tmp_path: Path, monkeypatch
+    make_session,
 ) -> None:
     """The screen and the watchman: a job that no key could end would be the wrong one's."""
+    second, begun, ended = threading.Event(), threading.Event(), threading.Event()
 
-    class Slow(queue.SimpleQueue):
-        """Whoever hands in the first job is held up in the middle of it."""
-
-        second = threading.Event()
-
-        def put(self, item: object, *_: object) -> None:
-            if getattr(item, "text", "") == "the first":
-                self.second.wait(0.5)
-            super().put(item)
-            if getattr(item, "text", "") == "the second":
-                self.second.set()
-
-    monkeypatch.setattr("operator_app.session.ui.runner.queue", SimpleNamespace(SimpleQueue=Slow))
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    begun, ended = threading.Event(), threading.Event()
+    def clock() -> float:
+        """Hold up whoever hands in the first job, in the middle of it."""
+        if threading.current_thread() is first:
+            second.wait(0.5)
+        return time.monotonic()
 
     def work() -> None:
         begun.set()
-        while not runner.cancelled() and not runner._closing.is_set():
+        while not runner.cancelled():
             threading.Event().wait(0.01)
-        if runner.cancelled() and not runner._closing.is_set():
-            ended.set()
+        ended.set()
 
-    first = threading.Thread(target=runner.submit, args=(TaskKind.MOVE, "the first", work))
+    first = threading.Thread(target=lambda: runner.submit(TaskKind.MOVE, "the first", work))
+    runner = Runner(make_session(short_procedure(3)), simulated=True, bus="none", monotonic=clock)
     first.start()
-    while not runner._waiting_jobs:
+    while not runner.pending:
         threading.Event().wait(0.001)
-    runner.submit(TaskKind.NOTE, "the second", lambda: None)
+    runner.submit(TaskKind.NOTE, "the second", second.set)
     first.join()
     assert begun.wait(PATIENCE_S)
+    assert not second.is_set()
     runner.cancel()
     assert ended.wait(5.0)
-    source.close("end of the test")
+    runner.close("end of the test")

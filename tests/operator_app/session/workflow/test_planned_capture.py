@@ -170,7 +170,7 @@ def test_replayed_from_the_journal_it_decides_what_it_decided_then(
     told = Told(cut(whole, k, tmp_path / "cut"))
     told.capture.ready()
     assert told.said == []
-    campaign = told.capture._campaign
+    campaign = told.capture.campaign
     assert campaign is not None
     assert is_same_action(campaign.propose(), whole.events[k].name, whole.events[k].data)
 
@@ -193,7 +193,7 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
     told = Told(cut(SimpleNamespace(events=strange, session=whole.session), k, tmp_path / "cut"))
     assert told.capture.ready() == (1, 5)
     assert "cannot be replayed" in told.said[0]
-    assert told.capture._campaign is None
+    assert told.capture.campaign is None
 
 
 @pytest.mark.campaign
@@ -379,6 +379,6 @@ def test_an_arm_that_does_not_come_back_is_said(make_session: MakeSession) -> No
     told = Told(again)
     again.connect()
     again.set_modes(told.capture.ready())
-    told.capture._campaign._q = told.capture._campaign.at_rad + np.deg2rad([0, 0, 9, 0, 0, 0, 0])
+    told.capture.campaign._q = told.capture.campaign.at_rad + np.deg2rad([0, 0, 9, 0, 0, 0, 0])
     with pytest.raises(GuardError, match="joint 3 is 9 deg off"):
         told.capture.run()

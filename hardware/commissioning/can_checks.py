@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from hardware.arm import DriveState
+from hardware.canopen.drive_settings import DriveFacts
 from hardware.canopen.objects import ADVISED_OPERATOR_TIMEOUT_S, MAX_OPERATOR_TIMEOUT_S
-from hardware.canopen.supervision import DriveFacts
 from hardware.commissioning.clauses import is_still
 from hardware.commissioning.finding import Ask, Bounds, Clause, declined, joints_words
 from hardware.control.canopen_arm import CanopenArm

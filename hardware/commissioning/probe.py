@@ -19,6 +19,15 @@ from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
 from hardware.canopen import maps
 from hardware.canopen.bus_profile import BusProfile
+from hardware.canopen.drive_settings import (
+    NO_PDO_CAPABILITY,
+    ActivePdo,
+    PdoCapability,
+    operator_monitoring_differences,
+    read_description_objects,
+    read_pdo_capability,
+    read_pdos,
+)
 from hardware.canopen.objects import (
     ARM,
     ARM_JOINTS,
@@ -33,16 +42,7 @@ from hardware.canopen.objects import (
     POSITION_ACTUAL,
     TOKEN,
 )
-from hardware.canopen.pdo_reading import (
-    NO_PDO_CAPABILITY,
-    ActivePdo,
-    PdoCapability,
-    read_description_objects,
-    read_pdo_capability,
-    read_pdos,
-)
 from hardware.canopen.sdo import ObjectAccess
-from hardware.canopen.supervision import operator_monitoring_differences
 from hardware.errors import BusError, HardwareError, SdoRefused
 from hardware.monitors.node_monitor import describe_master_frame
 

@@ -15,9 +15,9 @@ from hardware.canopen.bus_profile import (
     JointProfile,
     Pdo,
 )
+from hardware.canopen.drive_settings import ActivePdo
 from hardware.canopen.maps import EVERY_SYNC, ON_RECEIPT
 from hardware.canopen.objects import COB_NEXT_PDO, COB_RPDO1, COB_TPDO1
-from hardware.canopen.pdo_reading import ActivePdo
 from hardware.commissioning.probe import FoundNode
 
 FRAME_BITS: Final = 64

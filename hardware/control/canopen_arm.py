@@ -22,8 +22,8 @@ from hardware.buses.python_can import ArmOnBus, BusOpeners, BusSettings
 from hardware.canopen import uploading
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import TargetState, state_of
+from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
-from hardware.canopen.supervision import DriveFacts, read_drive_facts
 from hardware.control import steps
 from hardware.control.connection import Connection
 from hardware.control.connector import Connector

@@ -22,6 +22,12 @@ from hardware.canopen import identifying
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample, Setpoints
+from hardware.canopen.drive_settings import (
+    check_operator_monitoring,
+    following_windows_counts,
+    heartbeat_timeout_s,
+    operator_timeout_s,
+)
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
 from hardware.canopen.objects import (
     COB_NMT,
@@ -33,12 +39,6 @@ from hardware.canopen.objects import (
     NmtState,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.canopen.supervision import (
-    check_operator_monitoring,
-    following_windows_counts,
-    heartbeat_timeout_s,
-    operator_timeout_s,
-)
 from hardware.control import steps
 from hardware.control.control_loop import ControlLoop
 from hardware.errors import (

@@ -199,7 +199,8 @@ def _fixture(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture, parse_fixture
     from operator_app.config.new_files import copied, fixture_file
-    from operator_app.planning.measured_axes import ball_between, from_home_rad, hinge_between
+    from operator_app.planning.homes import ball_between, hinge_between
+    from operator_app.planning.outlook import from_home_rad
 
     if args.packaged:
         for option in OF_WHAT["fixture"]:

@@ -2,7 +2,7 @@
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
 ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles
-and others have names of their own, see `orientation`) may follow. Columns may stand in any order: they are
+and others have names of their own, see `endpoint_line`) may follow. Columns may stand in any order: they are
 found by name.
 """
 
@@ -29,8 +29,7 @@ from operator_app.config.csv_table import (
     whole_number,
     write_records,
 )
-from operator_app.config.errors import ConfigError, Problem, decode_text, only
-from operator_app.config.orientation import (
+from operator_app.config.endpoint_line import (
     QUATERNION,
     ROLL_PITCH_YAW,
     ROTATION,
@@ -38,6 +37,7 @@ from operator_app.config.orientation import (
     groups_in,
     rotation_vectors,
 )
+from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.quantities import UNIT, angle_doubt, degrees_for_file, length_doubt
 from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray

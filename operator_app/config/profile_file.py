@@ -15,8 +15,8 @@ from hardware.canopen.bus_profile import (
     Pdo,
     format_entry,
 )
+from hardware.canopen.drive_settings import DESCRIPTION_OBJECTS
 from hardware.canopen.objects import CONTROLWORD, TARGET_POSITION
-from hardware.canopen.pdo_reading import DESCRIPTION_OBJECTS
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal

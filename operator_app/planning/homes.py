@@ -1,4 +1,4 @@
-"""Proposals of home poses: bent ones of an arm alone, closed ones of an arm in its fixture.
+"""Proposals for new files: home poses, bent or closed; a hinge from two measured lines, a ball from two points.
 
 In a good home every joint takes part in the motion of the closed chain; in a stretched arm some do not. Uses nominal
 geometry.
@@ -11,14 +11,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from fixtures.ball import Ball
 from fixtures.base import Fixture
-from operator_app.planning.outlook import Outlook, outlook
+from fixtures.hinge import Hinge
+from operator_app.planning.outlook import Outlook, from_home_rad, outlook
 from solver.arrays import BoolArray, FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.loops.closure import ClosureModel
+from solver.loops.endpoint_geometry import Line
 
 TRIED = 2000
 """Number of poses tried."""
@@ -144,3 +147,41 @@ def _size_m(arm: ArmModel) -> float:
 
 def _whole_degrees(q: FloatArray) -> FloatArray:
     return np.deg2rad(np.rint(np.rad2deg(q)))
+
+
+def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -> Ball:
+    """Return the ball with its centre at `hand_m` (3,) in the tool frame and its socket at `base_m` (3,)."""
+    if base_m is None:
+        R, p = _hand_at_home(arm)
+        base_m = p + R @ hand_m
+    x, y, z = hand_m.tolist()
+    u, v, w = base_m.tolist()
+    return Ball(tip_m=(x, y, z), ground_m=(u, v, w))
+
+
+def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
+    """Return the hinge between a line in the tool frame and one in the base; their points coincide.
+
+    Of the two directions along the base's line, the one that closes nearer to the arm's home.
+    """
+    if base is None:
+        R, p = _hand_at_home(arm)
+        return Hinge.between(
+            arm, Line(point_m=p + R @ hand.point_m, direction=R @ hand.direction), hand
+        )
+    ways = [
+        Hinge.between(arm, Line(point_m=base.point_m, direction=sign * base.direction), hand)
+        for sign in (1.0, -1.0)
+    ]
+    return min(ways, key=lambda hinge: _distance(arm, hinge))
+
+
+def _distance(arm: ArmModel, fixture: Fixture) -> float:
+    off = from_home_rad(arm, fixture)
+    return np.inf if off is None else float(np.abs(off).max())
+
+
+def _hand_at_home(arm: ArmModel) -> tuple[FloatArray, FloatArray]:
+    theta_off, *lengths_and_twists = arm.table.stacked()
+    frames = forward(arm.home_rad + theta_off, *lengths_and_twists)
+    return frames.R_end, frames.p_end

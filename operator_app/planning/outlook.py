@@ -12,13 +12,13 @@ from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
-from operator_app.planning.measured_axes import from_home_rad
 from operator_app.planning.preview import named_drives
 from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
+from solver.closing import close_loops
 from solver.diagnostics.identifiability import Identifiability, identifiability
 from solver.errors import UnidentifiableDirection
 from solver.loops.closure import ClosureModel
@@ -139,3 +139,10 @@ def seen_by(
 
 def _seen(model: ClosureModel, q_rad: FloatArray) -> Identifiability:
     return identifiability(model, nominal_vector(model.parameters), q_rad)
+
+
+def from_home_rad(arm: ArmModel, fixture: Fixture) -> FloatArray | None:
+    """Return the distance (n,) of the closed pose nearest to the arm's home; None if none closes."""
+    model = fixture.model(arm)
+    home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])
+    return home.q[0] - arm.home_rad if home.closed[0] else None

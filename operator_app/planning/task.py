@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
 from fixtures.measured import Measured
-from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.units.figure import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.arrays import FloatArray
@@ -19,6 +19,9 @@ from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask
 from solver.design.pose_information import CURVE_SHARE, planning_noise
 from solver.loops.closure import ClosureModel
+
+if TYPE_CHECKING:
+    from operator_app.config.procedure import Procedure
 
 MARGIN_RAD = float(np.deg2rad(3.0))
 """Margin of planned poses to the ends of the ranges, in addition to sensor errors."""

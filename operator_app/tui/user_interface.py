@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import textwrap
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import (
+    EVERYWHERE,
     Action,
     OnScreen,
     Question,
@@ -26,7 +28,6 @@ from operator_app.session.ui.user_interface import (
     perform_action,
 )
 from operator_app.tui.dialogs import Read, dialog
-from operator_app.tui.help import help_text
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
@@ -35,6 +36,38 @@ from operator_app.tui.widgets.log import messages_text
 
 if TYPE_CHECKING:
     from operator_app.tui.app import SarcalApp
+
+
+ABOUT = {
+    Step.CONNECT: "Find the arm on its bus and check that it is the right one and has one operator.",
+    Step.FIXTURE: "Check that the fixture is mounted where its file states.",
+    Step.MODES: "Choose which joints drive the closed chain and which follow.",
+    Step.CAPTURE: "Move through the plan and read all joints at each pose while the arm stands still.",
+    Step.CALIBRATE: "Find the parameters that close every loop.",
+    Step.RESULTS: "Judge the calibration before anything is changed.",
+    Step.EXPORT: "Write the parameters, upload them to the controller, verify with new poses.",
+}
+
+
+def help_text(step: Step, panel: Lines | None, width: int) -> str:
+    """Return the text for a step and the focused panel, if one is."""
+    blocks = [textwrap.fill(ABOUT[step], width)]
+    if panel is not None and panel.HELP:
+        blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
+    else:
+        blocks.append("Tab focuses a panel; ? then explains that panel.")
+    here = [a for a in actions.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
+    everywhere = [a for a in actions.ACTIONS if a.steps == EVERYWHERE]
+    for title, some in (("Keys of this step", here), ("Keys everywhere", everywhere)):
+        rows = [
+            textwrap.fill(
+                f"{a.shown:<9} {a.label}: {a.help}", width, initial_indent="  ",
+                subsequent_indent=" " * 12,
+            )
+            for a in some
+        ]  # fmt: skip
+        blocks.append("\n".join([title, *rows]))
+    return "\n\n".join(blocks)
 
 
 SOON_S = 0.1

@@ -10,8 +10,13 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
-from operator_app.planning.forecast import Forecast, most_informative, predict
-from operator_app.planning.live import LiveQuality, live_quality
+from operator_app.planning.live import (
+    Forecast,
+    LiveQuality,
+    live_quality,
+    most_informative,
+    predict,
+)
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.session import Session
 from solver.arrays import FloatArray

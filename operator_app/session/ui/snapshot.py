@@ -13,8 +13,7 @@ from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, Upload
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
-from operator_app.planning.forecast import Forecast
-from operator_app.planning.live import LiveQuality
+from operator_app.planning.live import Forecast, LiveQuality
 from operator_app.session.safety.joint_motion import Motion
 from operator_app.session.store.state import SessionState
 from solver.design.actions import GoTo

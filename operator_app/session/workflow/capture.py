@@ -23,7 +23,7 @@ from operator_app.calibration.verification import (
 )
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
-from operator_app.planning.forecast import is_path_clear
+from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import check_repeat, repeat_text
 from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of

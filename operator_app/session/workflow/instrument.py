@@ -13,13 +13,13 @@ from collections.abc import Callable
 from hardware.errors import InstrumentError
 from hardware.line_port import GrowingFile, LinePort, StdinLines, TcpLines
 from operator_app.config.endpoint_line import (
+    EXAMPLE,
     BadLine,
     EndpointLine,
     read_json_line,
     read_row,
     require_heading,
 )
-from operator_app.config.orientation import EXAMPLE
 from operator_app.config.resources import expanded
 from operator_app.errors import SessionError
 from solver.arrays import FloatArray

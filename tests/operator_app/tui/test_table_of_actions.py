@@ -10,8 +10,8 @@ from operator_app.session.ui.actions import ACTIONS, by_name, footer, for_key
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
-from operator_app.tui.help import help_text
 from operator_app.tui.palette import ActionProvider, title
+from operator_app.tui.user_interface import help_text
 from tests.oracles.story import story
 
 

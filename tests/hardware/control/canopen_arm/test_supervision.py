@@ -8,8 +8,8 @@ import struct
 import pytest
 
 from hardware.arm_description import JointScale
+from hardware.canopen.drive_settings import following_windows_counts
 from hardware.canopen.sdo import ObjectAccess
-from hardware.canopen.supervision import following_windows_counts
 from hardware.errors import MappingMismatch
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from operator_app.config.procedure_file import load_procedure
-from operator_app.planning.forecast import is_path_clear
+from operator_app.planning.live import is_path_clear
 from tests.oracles.loop_oracle import Truth, closure, closure_rates, paper_truth, product
 
 STEP_RAD = np.deg2rad(1.0)

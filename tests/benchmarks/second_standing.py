@@ -19,7 +19,9 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import sys
 from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +29,6 @@ import numpy as np
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 
 from tests.oracles.shop_floor_remounted import KINDS, remounted
-from tests.oracles.workers import workers
 
 STANDINGS = 3
 SLIPS_DEG = (10, 15, 20, 30, 60)
@@ -75,7 +76,7 @@ def main() -> None:
     parser.add_argument("--processes", type=int, default=2)
     chosen = parser.parse_args()
     stood = STANDINGS * chosen.arms
-    with workers(chosen.processes) as pool:
+    with ProcessPoolExecutor(chosen.processes, get_context("spawn")) as pool:
         for kind in KINDS:
             found = Found()
             for one in pool.map(partial(one_arm, kind, chosen.poses), range(chosen.arms)):

@@ -1,7 +1,4 @@
-"""Every packaged procedure on a specimen of its arm and fixture: accepted, verified, and what was planted.
-
-Twice in a row: test_five_procedures.
-"""
+"""Every packaged procedure on a specimen of its arm and fixture: accepted, verified, and what was planted."""
 
 from __future__ import annotations
 

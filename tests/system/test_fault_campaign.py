@@ -1,8 +1,7 @@
 """Every fault that the virtual controller can make, in every phase: what is said, and that no accepted pose is wrong.
 
 The rows of `hardware.virtual.fault_messages` are the documentation of each fault; the campaign holds the program
-to them. All of them in every phase: pytest -m campaign tests/system/test_fault_campaign.py; with figures, and
-with kills: python -m tests.benchmarks.campaign
+to them. All of them in every phase: pytest -m campaign tests/system/test_fault_campaign.py.
 """
 
 from __future__ import annotations

@@ -119,26 +119,6 @@ def test_any_line_that_is_cut_out_is_noticed(missing: int) -> None:
         parse_parameters(cut)
 
 
-def outcome(data: bytes) -> ParametersDocument | ConfigError:
-    try:
-        return parse_parameters(data)
-    except ConfigError as error:
-        return error
-
-
-@settings(max_examples=120, deadline=None)
-@given(st.data())
-def test_a_damaged_document_is_refused_in_words(data: st.DataObject) -> None:
-    start = data.draw(st.integers(0, len(GOOD) - 1))
-    end = data.draw(st.integers(start, min(len(GOOD), start + 30)))
-    put = data.draw(st.text(alphabet=":,{}[]-#\n \t\"'01.eab\0", max_size=6))
-    found = outcome((GOOD[:start] + put + GOOD[end:]).encode())
-    if isinstance(found, ConfigError):
-        assert all(problem.text for problem in found.problems)
-    else:
-        assert len(found.dh) == len(found.joints) + 1
-
-
 def test_any_table_in_radians_survives_the_document_to_the_last_bit_or_the_next() -> None:
     """Degrees are not as dense as radians everywhere; where they are, nothing changes."""
     rng = np.random.default_rng(5)

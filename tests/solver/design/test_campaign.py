@@ -5,42 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from operator_app.config.arm_file import load_arm
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign, CampaignSettings
 from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.plan import PlanningTask
 from solver.design.pose_information import planning_noise
-from tests.benchmarks.planned_sessions import run_session
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
-
-
-@pytest.fixture(scope="module")
-def wild_session():
-    return run_session("wild", 3, load_arm("sarcos_dextrous"), poses=5, candidates=400)
-
-
-def test_whole_session_on_an_arm_it_does_not_know(wild_session) -> None:
-    record, error = wild_session
-    assert record.finished is not None
-    assert record.finished.complete
-    assert record.planned == 5
-    assert not record.trips
-    assert record.least_room_rad > 0.0
-    assert record.worst_closure < 1e-6
-    assert np.abs(error[:5]).max() < 2e-4
-
-
-@pytest.mark.campaign
-def test_same_readings_same_proposals(wild_session) -> None:
-    record, error = wild_session
-    again, error_again = run_session(
-        "wild", 3, load_arm("sarcos_dextrous"), poses=5, candidates=400
-    )
-    assert record.periods == again.periods
-    assert np.array_equal(error, error_again)
 
 
 @pytest.fixture

@@ -9,10 +9,10 @@ from operator_app.config.arm_file import load_arm
 from solver.design.plan import PlanningTask, information_of, make_plan, prediction_sigma
 from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations
-from tests.benchmarks.planning import compare
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
 from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
+from tests.solver.design.planned_against_random import compare
 
 JUDGED = [k for k, name in enumerate(NAMES) if name not in ("theta_off_6", "theta_off_7")]
 
@@ -66,7 +66,6 @@ def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
 
 @pytest.mark.campaign
 def test_twenty_poses_are_chosen_from_thousands(task, x) -> None:
-    """How long that takes, tests/benchmarks/planning.py says."""
     plan = make_plan(task, x, HOME, 20)
     assert plan.manifold.size > 2500
     assert len(set(plan.visits)) == 20
@@ -126,7 +125,6 @@ def test_avoids_where_a_move_was_stopped(quick, x, plan) -> None:
 @pytest.mark.campaign
 @pytest.mark.parametrize("seed", [2, 8])
 def test_twelve_planned_beat_sixty_random_on_wild_arms(seed: int) -> None:
-    """Small version of tests/benchmarks/planning.py, which does fifty arms."""
     arm = load_arm("sarcos_dextrous")
     row = compare("wild", seed, arm, candidates=700)
     assert row.session < 1.0

@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from hardware.virtual.scenarios import scenario
 from hardware.virtual.truth import paper_loop
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
@@ -105,6 +106,21 @@ def test_the_planned_arm_is_known_to_its_own_uncertainty(whole: SimpleNamespace)
     true = np.array([table[e.kind, e.row] for e in solution.model.entries])
     error = np.abs(solution.estimate.x - true)
     assert np.all(error < 5.0 * solution.estimate.standard_deviation)
+
+
+@pytest.mark.campaign
+def test_an_arm_far_from_its_files_is_explored_planned_and_known_within_its_range(
+    make_session: MakeSession,
+) -> None:
+    described = scenario("wild", seed=3)
+    session = make_session(procedure(5), described)
+    assert Told(session).run().complete
+    read = np.array([pose.mean_rad for pose in session.state.poses])
+    assert np.all((session.model.lower_rad < read) & (read < session.model.upper_rad))
+    solution = session.calibrate()
+    table = described.true_loop().table.stacked()
+    true = np.array([table[e.kind, e.row] for e in solution.model.entries])
+    assert np.abs(solution.estimate.x - true)[:5].max() < 2e-4
 
 
 @pytest.mark.campaign

@@ -97,10 +97,6 @@ class Facts:
         """Return one table; None where it would be empty."""
         return next((t for t in self.tables if t.ident == ident), None)
 
-    def headline(self, name: str) -> Headline:
-        """Return one headline."""
-        return next(h for h in self.headlines if h.name == name)
-
 
 def facts_of(
     solution: Solution,

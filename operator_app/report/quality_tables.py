@@ -182,9 +182,7 @@ def truth_table(solution: Solution) -> FactTable | None:
                 length(truth.predicted_rms_m, "predicted_mm_rms"),
             ),
         ),
-        note=f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by "
-        f"{length(truth.tool_rms_m, '').with_unit} rms (predicted "
-        f"{length(truth.predicted_rms_m, '').shown}), over the ranges of all joints.",
+        note="Over the ranges of all joints.",
     )
 
 
@@ -263,9 +261,6 @@ def closure_row(
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
-    if turned is not None and turned.rms == 0.0:
-        # Journals of earlier versions: no rotation closes.
-        turned = None
     for symbol, kind, both in (
         ("sigma_pos_mm", SIGMA_POS, sigmas.position_m),
         ("sigma_ori_mrad", SIGMA_ORI, turned),

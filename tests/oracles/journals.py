@@ -15,7 +15,6 @@ Named = tuple[str, dict[str, Any]]
 POSE = {
     "waypoint": 0, "sd_rad": [1e-5] * 7, "samples": 8, "first_sync": 12, "note": "",
 }  # fmt: skip
-WORDS = ("procedure", "arm", "fixture")
 
 
 def sources() -> dict[str, str]:
@@ -25,8 +24,9 @@ def sources() -> dict[str, str]:
         "procedure": root / "operator_app/data/procedures/hinge.yaml",
         "arm": root / "operator_app/data/arms/sarcos_dextrous.yaml",
         "fixture": root / "fixtures/data/hinge.yaml",
+        "profile": root / "operator_app/data/profiles/sarcos.yaml",
     }
-    return {kind: folders[kind].read_text(encoding="utf-8") for kind in WORDS}
+    return {kind: file.read_text(encoding="utf-8") for kind, file in folders.items()}
 
 
 def events() -> list[Named]:

@@ -31,11 +31,6 @@ def missing_for(step: Step, s: SessionSnapshot) -> Missing:
     return () if step is Step.CONNECT else _STEPS[step](s)
 
 
-def first_closed(s: SessionSnapshot) -> Step | None:
-    """Return the first step that is not open."""
-    return next((step for step in Step if missing_for(step, s)), None)
-
-
 def fixture_ready(s: SessionSnapshot) -> Missing:
     """Fixture needs a connected arm, and on a real one a tested hardware stop."""
     if not s.connected:

@@ -56,5 +56,5 @@ def test_of_one_entry_that_is_off() -> None:
     facts = facts_of(with_truth(solution, arm, lambda _: exact))
     assert facts.json["truth"]["inside_95"] == facts.json["truth"]["of"] == 14
     assert set(facts.json["truth"]) == {"inside_95", "of", "tool_mm_rms", "predicted_mm_rms"}
-    assert "14 of 14 entries within their 95 % intervals" in " ".join(facts_text(facts).split())
+    assert "entries within their 95 % intervals 14 14" in " ".join(facts_text(facts).split())
     assert "truth" not in facts_of(solution).json

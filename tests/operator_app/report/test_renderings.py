@@ -222,7 +222,7 @@ def test_headlines_are_the_same_in_tiles_lines_and_tables(said: Renderings) -> N
     rows = text_rows(said.text, "How well the poses determine them (no unit)", 1)
     for name in ("rank", "poses", "chi2/dof", "scaled condition number"):
         (row,) = [r for r in rows if r.startswith(f"{name}  ")]
-        assert said.facts.headline(name).figure.shown in numbers(row)
+        assert {h.name: h for h in headlines}[name].figure.shown in numbers(row)
 
 
 def test_a_notice_is_in_every_rendering_once(said: Renderings) -> None:

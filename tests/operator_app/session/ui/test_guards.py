@@ -41,8 +41,8 @@ def ours(s: SessionSnapshot) -> SessionSnapshot:
 @pytest.mark.parametrize("name", TOLD)
 def test_steps_open_one_after_the_other(name):
     told = story()[name]
-    assert guards.first_closed(told) is FIRST_CLOSED[name]
     missing = {step: guards.missing_for(step, told) for step in Step}
+    assert next((step for step in Step if missing[step]), None) is FIRST_CLOSED[name]
     for step, sentences in missing.items():
         assert all(len(s) > 15 and s[-1] != "." for s in sentences), step
 

@@ -6,7 +6,8 @@ to fix limits from: each session is judged by those before it, without the `RECE
 hide in its own baseline. The scatter between sessions is the history's own, not what was stated: systematic parts
 that are the same in all sessions do not scatter. With few sessions one quantity's own variance says little: it is
 drawn towards the common ratio of observed to stated variance, as of `PRIOR_DOF` degrees of freedom (Smyth 2004,
-"moderated t").
+"moderated t"). Sessions do not all scatter alike, and one that scatters more is no shift: nearly all of the chance
+of a false alarm is the EWMA's, which weighs several sessions.
 """
 
 from __future__ import annotations
@@ -27,7 +28,11 @@ RECENT = 3
 LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
-PRIOR_DOF = 12.0
+PRIOR_DOF = 8.0
+"""Entries' ratios of observed to stated scatter differ by about 25 %."""
+
+SHEWHART_SHARE = 0.1
+"""Of the chance of a false alarm, what a single session may take: a shift of six times the scatter shows in both."""
 
 LEAST_RATIO = 0.1
 """Scatter between sessions is never taken to be less than this share of the stated repeatability."""
@@ -104,9 +109,10 @@ def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
             recent = values[last : t + 1, j]
             weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(len(recent))[::-1]
             weights /= weights.sum()
-            limit = -float(stdtrit(nu, 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / len(judged)))
+            tail = 0.5 * CONTROL_CHART_FALSE_ALARM_PROBABILITY / len(judged)
+            limit, single_limit = -stdtrit(nu, (tail, SHEWHART_SHARE * tail))
             centre[t, j], between[t, j] = mean, np.sqrt(var)
-            shewhart[t, j] = limit * np.sqrt(var * (1.0 + 1.0 / size))
+            shewhart[t, j] = single_limit * np.sqrt(var * (1.0 + 1.0 / size))
             ewma[t, j] = weights @ recent
             ewma_limit[t, j] = limit * np.sqrt(var * (weights @ weights + 1.0 / size))
             single = abs(recent[-1] - mean) / shewhart[t, j]

@@ -31,8 +31,8 @@ OUTLIER_NOTICE_PROBABILITY = 0.01
 DRIFT_FALSE_ALARM_PROBABILITY = 0.01
 """Chance that two calibrations of an unchanged arm are reported to differ in any parameter."""
 
-CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0025
-"""Chance that a session raises a false alarm in any quantity by either chart: 4 % over 12 sessions."""
+CONTROL_CHART_FALSE_ALARM_PROBABILITY = 0.0017
+"""Chance that a session raises a false alarm: 1 % over 12 sessions, 5 % if their scatter differs by 35 %."""
 
 CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""

@@ -18,6 +18,12 @@ from itertools import count
 from pathlib import Path
 
 from fixtures.measured import Measured
+from hardware.arm_description import (
+    ArmDescription,
+    EncoderDescription,
+    JointDescription,
+    RvdtDescription,
+)
 from hardware.arm_plugins import ArmOffer, ArmOrder, offer
 from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
@@ -25,7 +31,6 @@ from hardware.outside_arm import OutsideArm
 from hardware.timing import Pace, Timing, real_time_priority
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from operator_app.config.description import describe
 from operator_app.config.procedure import Procedure
 from operator_app.effective_procedure import effective_procedure, named_scenario, session_bus
 from operator_app.errors import SessionError
@@ -41,6 +46,8 @@ from operator_app.session.workflow.opening import (
 from operator_app.session.workflow.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from operator_app.virtual_arms import run_controller, true_values, virtual_instrument
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import Encoder, NoSensor, Rvdt
 
 EMBEDDED_PATIENCE_S = 10.0
 """Timeouts for the embedded arm, which shares the processor with its operator."""
@@ -298,3 +305,34 @@ def _instrument(
         return virtual_instrument(controller, fixture)
     source = choices.tracker or procedure.tracker
     return None if source is None else Instrument(port_of(source), full_pose=fixture.full_pose)
+
+
+def describe(arm: ArmModel) -> ArmDescription:
+    """Return what the drives of `arm` should say of themselves."""
+    return ArmDescription(
+        model=arm.name,
+        joints=tuple(
+            JointDescription(
+                name=joint.name,
+                lower_rad=joint.lower_rad,
+                upper_rad=joint.upper_rad,
+                max_speed_rad_per_s=joint.max_speed_rad_per_s,
+                max_torque_nm=joint.max_torque_nm,
+                sensor=_sensor(joint.name, joint.sensor),
+            )
+            for joint in arm.joints
+        ),
+    )
+
+
+def _sensor(name: str, sensor: Encoder | Rvdt | NoSensor) -> EncoderDescription | RvdtDescription:
+    match sensor:
+        case Encoder():
+            return EncoderDescription(counts_per_rev=sensor.counts_per_rev)
+        case Rvdt():
+            return RvdtDescription(bits=sensor.bits, full_scale_rad=sensor.full_scale_rad)
+        case NoSensor():
+            raise SessionError(
+                f"joint {name} has no sensor",
+                "a joint that is moved needs one; leave its reading out with --unsensed instead",
+            )

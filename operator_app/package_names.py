@@ -17,7 +17,7 @@ FIRST_WORDS = {
 }
 """First line of the `__init__.py` of our packages."""
 
-REPAIR = "pip install --force-reinstall --no-deps sarcal"
+REPAIR = "pip install --force-reinstall --no-deps FOLDER, the folder or wheel that sarcal came from"
 
 
 class ForeignPackageError(ImportError):

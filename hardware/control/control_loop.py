@@ -30,9 +30,8 @@ from hardware.control.stop_line import StopLatch
 from hardware.control.tasks import LoopTask, Steps, TaskQueue
 from hardware.errors import BusError, HardwareError
 from hardware.monitors.joint_monitor import JointMonitor, Observations, find_alarm
-from hardware.monitors.latency import LatencyMonitor
 from hardware.monitors.node_monitor import NodeMonitor
-from hardware.timing import Pace, Timing, raise_loop_priority
+from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
 
 SWITCH_INTERVAL_S = 0.0005
 """Python's default of 5 ms would let a busy thread delay a SYNC by as much."""

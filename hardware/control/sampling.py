@@ -12,8 +12,8 @@ from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import state_of
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, JointFrames, Sample
 from hardware.monitors.dropout import Dropout
-from hardware.monitors.latency import LatencyMonitor
 from hardware.monitors.node_monitor import NodeMonitor
+from hardware.timing import LatencyMonitor
 
 DUPLICATE_SYNCS = 10
 """Surplus answers from which a joint counts as two devices; single frames may be doubled."""

@@ -1,7 +1,7 @@
 """State of the nodes from their heartbeats and emergencies, and the frames that only a CANopen master sends.
 
 Written by the receiving thread; public attributes may be read from any thread. Times exclude host latency
-(`hardware.monitors.latency`).
+(`hardware.timing`).
 """
 
 from __future__ import annotations

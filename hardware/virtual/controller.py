@@ -24,8 +24,7 @@ import can
 from hardware.buses.acceptance_filters import controller_filters, set_hardware_filters
 from hardware.canopen import objects
 from hardware.canopen.objects import HEARTBEAT_PERIOD_S, HEARTBEAT_TIMEOUT_S
-from hardware.monitors.latency import LatencyMonitor
-from hardware.timing import raise_loop_priority
+from hardware.timing import LatencyMonitor, raise_loop_priority
 from hardware.virtual.axis import AxisSettings, PlantPort
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.drive_node import DriveGroup, DriveNode

@@ -66,8 +66,7 @@ def execute(args: argparse.Namespace) -> int:
     from hardware.arm import PowerReporting
     from hardware.commissioning.bench_check import Bench, check
     from hardware.commissioning.finding import Stage
-    from operator_app.composition import open_arm
-    from operator_app.config.description import describe
+    from operator_app.composition import describe, open_arm
     from operator_app.signals import ending_signals_wait, press_ctrl_c
 
     if not 0.05 <= args.step <= 10.0:

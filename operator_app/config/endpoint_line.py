@@ -3,7 +3,7 @@
 ``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. The names
 are those of a poses file; how the target is turned is named as in the table. `pose` may be left out: then
 the first measurement after the question counts. An instrument that sees no target at a pose says ``"lost"``
-with the reason. JSON Schema: `endpoint_schema`.
+with the reason.
 
 How the target is turned, as a rotation vector, by the names of its columns. There is no default: a rotation
 vector and three Euler angles look alike, and mean something else.
@@ -245,52 +245,3 @@ def _number(name: str, value: Any) -> float:
     if doubt:
         raise BadLine(f"has {name} {found:g}: {doubt}")
     return found
-
-
-def endpoint_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a line."""
-    beside = {
-        "pose": {"type": ["string", "integer"], "description": "Which pose it is of."},
-        "utc": {"type": "string"},
-    }
-    metres = {name: {"type": "number", "minimum": -10, "maximum": 10} for name in POSITION}
-    turns = {
-        "a rotation vector": ROTATION,
-        "about the fixed axes x, y, z in turn": ROLL_PITCH_YAW,
-        "a unit quaternion": QUATERNION,
-    }
-    of_euler = {
-        "description": "about moving axes in turn, any of the twelve orders",
-        "patternProperties": {"^euler_[xyz]{3}_[123]_deg$": {"type": "number"}},
-    }
-    lost = {
-        "type": "object",
-        "properties": {"pose": beside["pose"], "lost": {"type": "string", "minLength": 1}},
-        "required": ["lost"],
-    }
-    measured: list[dict[str, Any]] = [{"properties": {**beside, **metres}}]
-    measured += [
-        {
-            "description": words,
-            "properties": {**beside, **metres, **{name: {"type": "number"} for name in names}},
-            "required": list(names),
-        }
-        for words, names in turns.items()
-    ]
-    measured.append({**of_euler, "properties": {**beside, **metres}, "minProperties": 6})
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "sarcal measured endpoint: one line of an instrument",
-        "anyOf": [
-            lost,
-            *(
-                {
-                    "type": "object",
-                    "required": [*POSITION, *found.pop("required", [])],
-                    "additionalProperties": False,
-                    **found,
-                }
-                for found in measured
-            ),
-        ],
-    }

@@ -26,9 +26,8 @@ GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
 FLANGES = ("tool0", "flange")
 """Ends that are taken where others have the same turning joints (REP 199)."""
 ENDS_SHOWN = 12
-REPORTED_RAD, SEEN_RAD = 1e-8, 1e-10
-"""A rounded angle is reported where it differs from what it stands for by more than the first, and counts for
-nothing where it differs by less than the second."""
+REPORTED_RAD = 1e-8
+"""A rounded angle is reported where it differs by more from what it stands for."""
 
 Matrix = FloatArray
 

@@ -17,7 +17,7 @@ from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.bench_check import check
 from hardware.commissioning.finding import Clause, Stage
 from hardware.control.canopen_arm import CanopenArm
-from operator_app.config.description import describe
+from operator_app.composition import describe
 from tests.oracles.toy_arm import package, toy
 
 ARMS = ("virtual", "moving_line_arm", "line_arm")

@@ -12,8 +12,8 @@ import pytest
 from sarcal import arms
 
 from hardware.outside_arm import OutsideArm
+from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
-from operator_app.config.description import describe
 
 DESCRIPTION = describe(load_arm("sarcos_dextrous"))
 N = len(DESCRIPTION.joints)

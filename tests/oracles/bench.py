@@ -24,7 +24,7 @@ from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.truth import BallTruth, OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
-from operator_app.config.description import describe
+from operator_app.composition import describe
 from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.store.stored_calibration import session_calibration

@@ -26,7 +26,7 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
 from hardware.virtual.faults import FAULT_KINDS, ScriptedFault, scripted
 from hardware.virtual.plant import Plant
-from operator_app.config.description import describe
+from operator_app.composition import describe
 from operator_app.messages.errors import EXPECTED
 from operator_app.session.store.journal import Clock, utc_now
 from operator_app.session.store.state import CapturedPose

@@ -182,9 +182,7 @@ def stopped(s: SessionSnapshot) -> SessionSnapshot:
     """STOP is latched and acknowledged."""
     assert s.arm is not None
     joints = tuple(replace(j, drive=DriveState.QUICK_STOP_ACTIVE, mode=None) for j in s.arm.joints)
-    report = StopReport(
-        asked_s=NOW_S, sent_after_s=0.001, acknowledged_after_s=0.012, drives_stopped=len(joints)
-    )
+    report = StopReport(asked_s=NOW_S, acknowledged_after_s=0.012, drives_stopped=len(joints))
     return replace(s, arm=replace(s.arm, joints=joints, stopped=True), stop=report, task=None)
 
 

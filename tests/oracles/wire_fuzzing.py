@@ -26,7 +26,7 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import HardwareError
 from hardware.timing import Pace, Timing
 from hardware.virtual.scenarios import scenario
-from operator_app.config.description import describe
+from operator_app.composition import describe
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller

@@ -24,7 +24,7 @@ from hardware.timing import Pace, Timing
 from hardware.virtual.fault_messages import FAULTS, ArmReaction
 from hardware.virtual.faults import FAULT_KINDS
 from hardware.virtual.scenarios import scenario
-from operator_app.config.description import describe
+from operator_app.composition import describe
 from operator_app.config.parameters_file import format_parameters
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.journal import read_journal

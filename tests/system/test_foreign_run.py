@@ -16,8 +16,8 @@ from hardware.timing import Pace, Timing
 from hardware.virtual.axis import JointCommand, arm_axes
 from hardware.virtual.scenarios import scenario
 from operator_app.cli import main
+from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
-from operator_app.config.description import describe
 from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.workflow.listener import Listener

@@ -15,8 +15,8 @@ import pytest
 from sarcal import arms
 
 from operator_app.cli import main
+from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
-from operator_app.config.description import describe
 from operator_app.session.store.journal import read_journal
 from tests.oracles.approved import Approve
 from tests.oracles.toy_arm import PROCEDURE, package, toy

@@ -242,10 +242,8 @@ class Runner:
         except Exception as error:  # noqa: BLE001 - STOP may fail, it may not raise
             problem = str(error) or repr(error)
         self.cancel()
-        sent = self._monotonic() - asked
         report = StopReport(
             asked_s=asked,
-            sent_after_s=sent,
             acknowledged_after_s=None,
             drives_stopped=0,
             problem=problem,

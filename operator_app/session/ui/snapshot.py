@@ -89,12 +89,11 @@ class RunningTask:
 class StopReport:
     """A software STOP.
 
-    Time of the request (monotonic, s), duration of sending, time until no drive was in operation (None: not yet),
-    number of drives out of operation, and why it could not be sent ("" if it was).
+    Time of the request (monotonic, s), time until no drive was in operation (None: not yet), number of drives out
+    of operation, and why it could not be sent ("" if it was).
     """
 
     asked_s: float
-    sent_after_s: float
     acknowledged_after_s: float | None
     drives_stopped: int
     problem: str = ""

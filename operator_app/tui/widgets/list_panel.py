@@ -1,14 +1,18 @@
-"""A list below a header that may be longer than its panel: the arrows mark a row or scroll."""
+"""Lists below a header that may be longer than their panel, and the live list of the joints."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from operator_app.report.spans import Line, window
+from hardware.arm import DriveState, JointMode, JointState
+from operator_app.report.spans import Line, Span, length, line, window
 from operator_app.report.table import FactTable
 from operator_app.report.terminal import table_spans
-from operator_app.session.ui.snapshot import SessionSnapshot
+from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot
 from operator_app.tui.lines import Lines
+from operator_app.units.figure import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES
+from solver.chain.arm_model import Joint
+from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 
 
 class ListPanel(Lines):
@@ -82,3 +86,140 @@ class TablePanel(ListPanel):
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
         """One row."""
         return [self._rows[k]]
+
+
+NEAR_END = 0.04
+"""Share of the range at either end in which a joint is marked as near its limit."""
+
+_DRIVES = {
+    DriveState.OPERATION_ENABLED: "ok",
+    DriveState.QUICK_STOP_ACTIVE: "STOP",
+    DriveState.FAULT: "FAULT",
+    DriveState.FAULT_REACTION_ACTIVE: "FAULT",
+}
+
+
+class JointTable(ListPanel):
+    """One row a joint. `show_wanted`: with a mark, the sensor and the mode that is asked for."""
+
+    TITLE = "Joints"
+    HELP = (
+        "One row a joint. POSITION: the joint moves to its target. FREE: it follows the closed "
+        "chain with no torque of its own. The bar shows where the joint stands in its range. "
+        "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
+    )
+
+    def __init__(self, *, id: str | None = None, show_wanted: bool = False) -> None:  # noqa: A002
+        super().__init__(id=id)
+        self.show_wanted = show_wanted
+
+    def count(self, s: SessionSnapshot) -> int:
+        """Joints."""
+        return s.procedure.arm.joint_count
+
+    def _cells(self, width: int) -> int:
+        """Width of the range bar."""
+        return max(7, min(13, width - (58 if self.show_wanted else 68)))
+
+    def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
+        """Titles."""
+        bar = "-range+".center(self._cells(width))
+        titles = f"  JOINT         MODE     POS[deg] V[deg/s] T[N m] {bar} STATE"
+        if self.show_wanted:
+            titles = f"  JOINT         SENS WANTED   ACTUAL    POS[deg] T[N m] {bar}"
+        return [line((titles, "header"))]
+
+    def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
+        """One joint."""
+        state = s.arm.joints[k] if s.arm is not None else None
+        return [self._row(s, k, s.procedure.arm.joints[k], state, width)]
+
+    def _row(
+        self, s: SessionSnapshot, k: int, joint: Joint, state: JointState | None, width: int
+    ) -> Line:
+        marked = self.show_wanted and k == self.cursor
+        name = f"J{k + 1} {joint.name}"[:13].ljust(13)
+        back = "cursor " if marked else ""
+        spans: list[Span] = [("▌ " if marked else "  ", back + "text"), (name + " ", back + "text")]
+        if self.show_wanted:
+            wanted = JointMode.POSITION if k + 1 in s.wanted_joints else JointMode.FREE
+            spans += [
+                (_sensor(joint.sensor).ljust(5), back + "dim"),
+                (
+                    _mode(wanted).ljust(9),
+                    back + ("accent" if wanted is JointMode.POSITION else "text"),
+                ),
+            ]
+        if state is None:
+            spans.append(("no data".ljust(9), back + "dim"))
+            return tuple(spans)
+        stale = state.age_s > STALE_S
+        spans.append(
+            (
+                _mode(state.mode).ljust(9),
+                back
+                + ("accent" if state.mode is JointMode.POSITION and s.drives_ready else "text"),
+            )
+        )
+        position = POSITION(state.position_rad).shown
+        spans.append(
+            ((("?" if stale else " ") + f"{position:>8}"), back + ("warn" if stale else "text"))
+        )
+        if not self.show_wanted:
+            speed = "?"
+            if s.motion is not None and not stale:
+                speed = JOINT_SPEED(float(s.motion.speed_rad_per_s[k])).shown
+            spans.append((f" {speed:>7}", back + ("warn" if stale else "text")))
+        torque = "?" if stale else JOINT_TORQUE(state.torque_nm).shown
+        heavy = not stale and abs(state.torque_nm) > 0.6 * joint.max_torque_nm
+        spans.append((f" {torque:>6} ", back + ("warn" if stale or heavy else "text")))
+        spans.append((_bar(state.position_rad, joint, self._cells(width)), back + "text"))
+        if not self.show_wanted:
+            word, figure, role = _state(s, state, joint, stale=stale)
+            whole = f"{word} {figure}" if figure else word
+            fits = length(tuple(spans)) + 1 + len(whole) <= width
+            spans.append((f" {whole if fits else word}", back + role))
+        return tuple(spans)
+
+
+def _bar(position_rad: float, joint: Joint, cells: int) -> str:
+    """Range with the joint in it."""
+    share = (position_rad - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
+    inner = cells - 2
+    at = min(inner - 1, max(0, int(share * inner)))
+    middle = inner // 2
+    body = ["┼" if k == middle else "─" for k in range(inner)]
+    body[at] = "●"
+    return "├" + "".join(body) + "┤"
+
+
+def _state(
+    s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
+) -> tuple[str, str, str]:
+    """State of a joint: a word, its figure, and the role of both."""
+    if stale:
+        word = "LOST" if s.data is DataState.LOST else "STALE"
+        return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"
+    word = _DRIVES.get(state.drive, "disabled")
+    if word != "ok":
+        return (f"■ {word}", "", "alarm") if word != "disabled" else ("· off", "", "dim")
+    span = joint.upper_rad - joint.lower_rad
+    if state.position_rad < joint.lower_rad + NEAR_END * span:
+        return "▲ LIMIT", WHOLE_DEGREES(joint.lower_rad).with_unit, "alarm"
+    if state.position_rad > joint.upper_rad - NEAR_END * span:
+        return "▲ LIMIT", WHOLE_DEGREES(joint.upper_rad).with_unit, "alarm"
+    return "ok", "", "dim"
+
+
+def _mode(mode: JointMode | None) -> str:
+    return "—" if mode is None else mode.value.upper()
+
+
+def _sensor(sensor: Sensor) -> str:
+    match sensor:
+        case Encoder():
+            return "enc"
+        case Rvdt():
+            return "RVDT"
+        case NoSensor():
+            return "none"

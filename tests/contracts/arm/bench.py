@@ -14,8 +14,8 @@ from hardware.virtual.controller import VirtualController
 from hardware.virtual.parameter_store import ValidatedParameters
 from hardware.virtual.scenarios import scenario
 from hardware.virtual.supervisor_node import ArmLabel
+from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
-from operator_app.config.description import describe
 from tests.oracles.profiles import sarcos
 
 FREE, POSITION = JointMode.FREE, JointMode.POSITION

@@ -10,7 +10,7 @@ from hardware.arm import DriveState
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
 from hardware.control.control_loop import Pace, Timing
-from operator_app.config.description import describe
+from operator_app.composition import describe
 from tests.contracts.arm.bench import MODEL, TWO_DRIVEN, controller_on
 from tests.oracles.profiles import sarcos
 from tests.oracles.slcan_adapter import SlcanAdapter

@@ -18,7 +18,7 @@ from operator_app.tui.steps.export import RecordPanel
 from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
-from operator_app.tui.widgets.joint_table import JointTable
+from operator_app.tui.widgets.list_panel import JointTable
 from tests.oracles.story import busy, stale, story
 
 

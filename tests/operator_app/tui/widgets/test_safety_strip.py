@@ -54,9 +54,7 @@ def test_where_little_room_is_left_the_strip_says_what_the_drives_do(capturing):
 
 def test_a_stop_that_was_not_sent_says_what_to_do_before_why(capturing):
     why = "the interface has gone away and does not come back"
-    report = StopReport(
-        asked_s=0.0, sent_after_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=why
-    )
+    report = StopReport(asked_s=0.0, acknowledged_after_s=None, drives_stopped=0, problem=why)
     assert "could NOT be sent: use the hardware stop" in said(
         Banner(), replace(capturing, stop=report)
     )

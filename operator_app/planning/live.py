@@ -15,6 +15,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
+from solver.design.d_optimal import choose_poses
 from solver.design.drive_line import drive_straight
 from solver.design.paths import LINE_STEP_RAD, MotionLimits
 from solver.design.pose_information import planning_noise, pose_information
@@ -251,14 +252,9 @@ def most_informative(
     everything = np.concatenate((taken_rad, forecast.q_rad[candidates]))
     closed = close_loops(model, x, everything, sigma_rad=sigma)
     information = pose_information(model, x, closed.q, closed.u, noise)
-    known = information.of(range(len(taken_rad)))
-    scale = np.sqrt(np.maximum(np.diagonal(information.of(range(len(everything)))), 1e-300))
-    # A small prior in every direction, so that the first poses can be compared too.
-    known = known / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
-    root = information.root[len(taken_rad) :] / scale
-    gain = root @ np.linalg.solve(known, np.swapaxes(root, -1, -2))
-    value = np.linalg.slogdet(np.eye(gain.shape[-1]) + gain)[1]
-    return candidates[int(np.argmax(value))]
+    taken = len(taken_rad)
+    best = choose_poses(information.root[taken:], 1, fixed=information.of(range(taken)))
+    return candidates[best.chosen[0]]
 
 
 def is_path_clear(

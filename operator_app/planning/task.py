@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
 from fixtures.measured import Measured
+from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.errors import SessionError
 from operator_app.units.figure import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
+from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 from solver.design.manifold import Ranges
-from solver.design.plan import PlanningTask
-from solver.design.pose_information import CURVE_SHARE, planning_noise
+from solver.design.plan import PlanningTask, StatedErrors
+from solver.design.pose_information import CURVE_SHARE, UNSENSED_SIGMA_RAD, planning_noise
+from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
@@ -98,6 +102,7 @@ def planning_task(
             unsensed_joints=unsensed_joints,
             wrist_curve_rad=CURVE_SHARE * arm.linearity_rad(),
         ),
+        errors=_stated_errors(arm, fixture, model, unsensed_joints, samples),
         parameters=tuple(p.name for p in model.parameters if p.name not in lost),
         drive_sets=drive_sets,
         candidates=candidates,
@@ -131,3 +136,39 @@ def entries_to_fix(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
         for check in fixture.setup_checks(arm, arm.home_rad)
         if check.kind in (CheckKind.HIDDEN, CheckKind.IMMOBILE)
     }
+
+
+def _stated_errors(
+    arm: ArmModel,
+    fixture: Fixture,
+    model: ClosureModel,
+    unsensed_joints: tuple[int, ...],
+    samples: int,
+) -> StatedErrors:
+    """Return the errors that a calibration of poses of `samples` readings each will count with."""
+    _, tolerance = free_within_tolerance(model, arm)
+
+    def at_readings(q_rad: FloatArray) -> ErrorModel:
+        m = len(q_rad)
+        poses = PoseSet(
+            placement=np.ones(m, dtype=np.int64),
+            label=tuple(map(str, range(m))),
+            q_rad=q_rad,
+            sd_rad=None,
+            samples=np.full(m, samples),
+        )
+        errors = error_model(
+            arm,
+            fixture,
+            poses,
+            np.ones(m, dtype=np.bool_),
+            unsensed_joints=unsensed_joints,
+            tolerance=tolerance,
+        )
+        variance = errors.joint_variance.copy()
+        variance[:, [j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
+        return replace(errors, joint_variance=variance)
+
+    return StatedErrors(
+        toleranced=tuple(DhEntry.parse(name) for name in tolerance), at_readings=at_readings
+    )

@@ -353,9 +353,11 @@ class Campaign:
         if not self.settings.requested or self.plan is None:
             return None
         task = self.task if self.estimate is None else replace(self.task, noise=self.estimate.noise)
+        readings = self.readings_rad
+        told = information_of(task, self.plan.x, readings, self.plan.manifold, self.drives)
         return stop_decision(
-            information_of(task, self.plan.x, self.readings_rad),
-            self.plan.information,
+            told.of(range(len(readings))),
+            told.at_poses(slice(len(readings), None)),
             self.settings.requested,
             poses_left=self.settings.poses - self._taken,
             allowed=self.plan.allowed,

@@ -3,7 +3,9 @@
 Greedy addition, then exchange of chosen poses for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
-size r each, so a whole round costs milliseconds.
+size r each, so a whole round costs milliseconds. Where candidates tell of effects too, which nobody asked
+for, the determinant is that of the parameters' own information (D_s-optimality): what the effects gain is
+taken off.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
+from solver.design.pose_information import about_parameters
 from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
@@ -59,14 +62,22 @@ def log_det(information: FloatArray) -> float:
     return float(value + 2.0 * np.log(d).sum()) if sign > 0 else float("-inf")
 
 
-def gains(root: FloatArray, information: FloatArray) -> FloatArray:
-    """log det gained by adding each candidate (m,) to a regular information matrix (P, P).
+def gains(root: FloatArray, information: FloatArray, parameters: int | None = None) -> FloatArray:
+    """log det gained by adding each candidate (m,) to a regular information matrix (N, N).
 
-    `root` is (m, r, P): `PoseInformation.root`.
+    `root` is (m, r, N): `PoseInformation.root`. Of N unknowns the first `parameters` count; the others are effects,
+    whose prior `information` contains.
     """
-    m, r, P = root.shape
+    gained = _gains(root, information)
+    if parameters is None or parameters == root.shape[-1]:
+        return gained
+    return gained - _gains(root[..., parameters:], information[parameters:, parameters:])
+
+
+def _gains(root: FloatArray, information: FloatArray) -> FloatArray:
+    m, r, N = root.shape
     L = np.linalg.cholesky(information)
-    white = (root.reshape(-1, P) @ np.linalg.inv(L).T).reshape(m, r, P)
+    white = (root.reshape(-1, N) @ np.linalg.inv(L).T).reshape(m, r, N)
     return _log_det_one_plus(white @ np.swapaxes(white, -1, -2))
 
 
@@ -74,6 +85,7 @@ def choose_poses(
     root: FloatArray,
     count: int,
     *,
+    parameters: int | None = None,
     fixed: FloatArray | None = None,
     allowed: BoolArray | None = None,
     q: FloatArray | None = None,
@@ -86,9 +98,11 @@ def choose_poses(
     Parameters
     ----------
     root
-        (m, r, P) of all candidates.
+        (m, r, N) of all candidates.
+    parameters
+        How many of the N unknowns are asked for; all by default. The others are effects.
     fixed
-        Information (P, P) of poses captured already.
+        Information (N, N) of poses captured already.
     allowed
         (m,): which candidates may be chosen; all by default.
     q, apart_rad
@@ -101,86 +115,106 @@ def choose_poses(
     TooFewCandidatesError
         If fewer than `count` candidates are allowed, or keep apart.
     """
-    m, _, P = root.shape
+    m, _, N = root.shape
+    P = N if parameters is None else parameters
     usable = np.ones(m, dtype=np.bool_) if allowed is None else allowed.copy()
-    pool = _Pool(usable, q if apart_rad > 0.0 else None, apart_rad)
     if count > int(usable.sum()):
         raise TooFewCandidatesError(f"{count} poses asked of {int(usable.sum())} candidates")
-    scale = column_scale(root.reshape(-1, P))
-    scaled = root / scale
-    # Unit columns over all candidates: the average candidate has information 1/m on the diagonal.
-    M = np.eye(P) * (PRIOR_SHARE / m)
-    if fixed is not None:
-        M = M + fixed / np.outer(scale, scale)
+    scale, M = _comparable(root, P, fixed)
+    search = _Search(root / scale, P, _Pool(usable, q if apart_rad > 0.0 else None, apart_rad))
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int], int] = (-np.inf, [], 0)
     for start in range(1 + min(MOST_RESTARTS, RESTART_WORK // (m * count))):
         chosen, current = [], M.copy()
         if start > 0:
             # Half at random, the rest by greed: another basin, yet not a bad one.
-            chosen = _random_start(pool, count // 2, rng)
-            rows = scaled[chosen].reshape(-1, P)
-            current += rows.T @ rows
-        _fill(scaled, current, pool, chosen, count)
-        exchanges = _exchange(scaled, current, pool, chosen, max_sweeps)
-        value = log_det(current)
+            chosen = search.random_start(count // 2, rng)
+            current += search.information(chosen)
+        search.fill(current, chosen, count)
+        exchanges = search.exchange(current, chosen, max_sweeps)
+        value = log_det(current) - log_det(current[P:, P:])
         if start == 0 or value > best[0] + WORTHWHILE:
             best = value, chosen, exchanges
-    rows = scaled[best[1]].reshape(-1, P)
-    total = rows.T @ rows
+    total = search.information(best[1])
     if fixed is not None:
         total = total + fixed / np.outer(scale, scale)
     return PoseSelection(
         chosen=tuple(best[1]),
-        log_det=log_det(total) + 2.0 * float(np.log(scale).sum()),
+        log_det=log_det(about_parameters(total, P)) + 2.0 * float(np.log(scale).sum()),
         exchanges=best[2],
     )
 
 
-def _random_start(pool: _Pool, count: int, rng: np.random.Generator) -> list[int]:
-    chosen: list[int] = []
-    for _ in range(count):
-        left = np.flatnonzero(pool.open(chosen))
-        if len(left) == 0:
-            break
-        chosen.append(int(rng.choice(left)))
-    return chosen
+def _comparable(
+    root: FloatArray, parameters: int, information: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Scale (N,) of the unknowns, and the information so far in it: regular, with the effects' own prior.
 
-
-def _fill(
-    root: FloatArray,
-    M: FloatArray,
-    pool: _Pool,
-    chosen: list[int],
-    count: int,
-) -> None:
-    """Add the best candidate, one after the other, until there are `count`."""
-    while len(chosen) < count:
-        gain = np.where(pool.open(chosen), gains(root, M), -np.inf)
-        best = int(np.argmax(gain))
-        if not np.isfinite(gain[best]):
-            raise TooFewCandidatesError(
-                f"only {len(chosen)} of {count} poses keep {pool.apart_rad:.3f} rad from each other"
-            )
-        M += root[best].T @ root[best]
-        chosen.append(best)
-
-
-def next_best(
-    root: FloatArray, information: FloatArray, *, allowed: BoolArray | None = None
-) -> tuple[int, float]:
-    """Candidate that adds most to the information (P, P) of the poses so far, and its log det gain.
-
-    The information may be singular, as it is at first.
+    With unit columns over all candidates the average candidate has information 1/m on the diagonal.
     """
-    m, _, P = root.shape
-    scale = column_scale(root.reshape(-1, P))
-    M = information / np.outer(scale, scale) + np.eye(P) * (PRIOR_SHARE / m)
-    gain = gains(root / scale, M)
-    if allowed is not None:
-        gain = np.where(allowed, gain, -np.inf)
-    best = int(np.argmax(gain))
-    return best, float(gain[best])
+    m, _, N = root.shape
+    scale, prior = np.ones(N), np.ones(N)
+    scale[:parameters] = column_scale(root[..., :parameters].reshape(-1, parameters))
+    prior[:parameters] = PRIOR_SHARE / m
+    M = np.diag(prior)
+    return scale, M if information is None else M + information / np.outer(scale, scale)
+
+
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """Candidates `root` (m, r, N) in comparable units, of which `parameters` unknowns count."""
+
+    root: FloatArray
+    parameters: int
+    pool: _Pool
+
+    def information(self, poses: Sequence[int]) -> FloatArray:
+        rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
+        return np.asarray(rows.T @ rows)
+
+    def gains(self, M: FloatArray, beside: Sequence[int]) -> FloatArray:
+        """What each candidate adds; -inf where it may not be chosen beside those."""
+        return np.where(self.pool.open(beside), gains(self.root, M, self.parameters), -np.inf)
+
+    def random_start(self, count: int, rng: np.random.Generator) -> list[int]:
+        chosen: list[int] = []
+        for _ in range(count):
+            left = np.flatnonzero(self.pool.open(chosen))
+            if len(left) == 0:
+                break
+            chosen.append(int(rng.choice(left)))
+        return chosen
+
+    def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:
+        """Add the best candidate, one after the other, until there are `count`."""
+        while len(chosen) < count:
+            gain = self.gains(M, chosen)
+            best = int(np.argmax(gain))
+            if not np.isfinite(gain[best]):
+                raise TooFewCandidatesError(
+                    f"only {len(chosen)} of {count} poses keep {self.pool.apart_rad:.3f} rad from each other"
+                )
+            M += self.information([best])
+            chosen.append(best)
+
+    def exchange(self, M: FloatArray, chosen: list[int], max_sweeps: int) -> int:
+        """Take out one pose at a time and put in the best, until a whole sweep changes nothing."""
+        exchanges = 0
+        for _ in range(max_sweeps):
+            changed = False
+            for k, old in enumerate(chosen):
+                without = M - self.information([old])
+                gain = self.gains(without, [pose for pose in chosen if pose != old])
+                stay = float(gains(self.root[old : old + 1], without, self.parameters)[0])
+                best = int(np.argmax(gain))
+                if gain[best] > stay + WORTHWHILE:
+                    M[:] = without + self.information([best])
+                    chosen[k] = best
+                    exchanges += 1
+                    changed = True
+            if not changed:
+                break
+        return exchanges
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,33 +232,6 @@ class _Pool:
             for pose in chosen:
                 left &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
         return left
-
-
-def _exchange(
-    root: FloatArray,
-    M: FloatArray,
-    pool: _Pool,
-    chosen: list[int],
-    max_sweeps: int,
-) -> int:
-    """Take out one pose at a time and put in the best, until a whole sweep changes nothing."""
-    exchanges = 0
-    for _ in range(max_sweeps):
-        changed = False
-        for k, old in enumerate(chosen):
-            without = M - root[old].T @ root[old]
-            others = [pose for pose in chosen if pose != old]
-            gain = np.where(pool.open(others), gains(root, without), -np.inf)
-            stay = float(gains(root[old : old + 1], without)[0])
-            best = int(np.argmax(gain))
-            if gain[best] > stay + WORTHWHILE:
-                M[:] = without + root[best].T @ root[best]
-                chosen[k] = best
-                exchanges += 1
-                changed = True
-        if not changed:
-            break
-    return exchanges
 
 
 def _log_det_one_plus(S: FloatArray) -> FloatArray:

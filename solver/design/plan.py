@@ -6,12 +6,14 @@ estimate can be trusted to predict where free joints will be.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
+from solver.chain.parameters import DhEntry
 from solver.closing import close_loops, reduced_jacobian
 from solver.design.d_optimal import (
     PoseSelection,
@@ -22,11 +24,33 @@ from solver.design.d_optimal import (
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
 from solver.design.paths import MotionLimits, PathGraph
-from solver.design.pose_information import PoseInformation, pose_information
+from solver.design.pose_information import (
+    PoseInformation,
+    about_parameters,
+    information_under,
+    pose_information,
+)
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
+from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StatedErrors:
+    """What arm and fixture state about the errors of poses.
+
+    Attributes
+    ----------
+    toleranced
+        Entries of the arm's table that are corrected within their tolerances.
+    at_readings
+        Errors of poses by their readings (m, n).
+    """
+
+    toleranced: tuple[DhEntry, ...]
+    at_readings: Callable[[FloatArray], ErrorModel]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +66,9 @@ class PlanningTask:
     margin_rad
         What planned poses and paths keep from the ends of the ranges, scalar or (n,).
     noise
-        For the information of a pose.
+        Of the readings, for estimates in between; and for the information of a pose where `errors` is None.
+    errors
+        What a pose tells is counted under these, as the final calibration will.
     parameters
         Names the design is for; the others count as known. None takes all.
     drive_sets
@@ -66,6 +92,7 @@ class PlanningTask:
     ranges: Ranges
     margin_rad: float | FloatArray
     noise: NoiseModel
+    errors: StatedErrors | None = None
     parameters: tuple[str, ...] | None = None
     drive_sets: tuple[tuple[int, ...], ...] | None = None
     limits: MotionLimits = field(default_factory=MotionLimits)
@@ -95,7 +122,7 @@ class PosePlan:
     predicted_sigma
         Standard deviations (P,) with all chosen poses and what was fixed before; inf if undetermined.
     log_det
-        Of that information.
+        Of that information, about the parameters.
     design
         Condition, rank and weakest direction of the chosen poses under the paper's Jacobian.
     """
@@ -166,17 +193,14 @@ def make_plan(
         sets = (ranked[0].drives,)
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
-    information = pose_information(
-        task.model, x, manifold.q, manifold.u, _noise_by_pose(task, manifold, sets[0])
-    )
-    if task.parameters is not None:
-        information = information.about(task.parameters)
-    fixed = None if captured is None else information_of(task, x, captured)
+    before = np.zeros((0, len(q_start))) if captured is None else captured
+    told = information_of(task, x, before, manifold, sets[0])
+    information, known = told.at_poses(slice(len(before), None)), told.of(range(len(before)))
     allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
-    design = _choose(task, manifold, information, fixed, allowed, count)
+    design = _choose(task, manifold, information, known, allowed, count)
     points = [0, *design.chosen]
     visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
-    total = information.of(visits) + (0.0 if fixed is None else fixed)
+    total = about_parameters(information.of(visits) + known, len(information.parameters))
     return PosePlan(
         x=np.array(x),
         manifold=manifold,
@@ -206,7 +230,7 @@ def _choose(
     task: PlanningTask,
     manifold: Manifold,
     information: PoseInformation,
-    fixed: FloatArray | None,
+    known: FloatArray,
     allowed: BoolArray,
     count: int,
 ) -> PoseSelection:
@@ -216,7 +240,8 @@ def _choose(
             return choose_poses(
                 information.root,
                 count,
-                fixed=fixed,
+                parameters=len(information.parameters),
+                fixed=known,
                 allowed=allowed,
                 q=manifold.q,
                 apart_rad=share * task.apart_rad,
@@ -224,33 +249,60 @@ def _choose(
             )
         except TooFewCandidatesError:
             continue
-    return choose_poses(information.root, count, fixed=fixed, allowed=allowed, seed=task.seed)
+    return choose_poses(
+        information.root,
+        count,
+        parameters=len(information.parameters),
+        fixed=known,
+        allowed=allowed,
+        seed=task.seed,
+    )
 
 
-def _noise_by_pose(task: PlanningTask, manifold: Manifold, drives: tuple[int, ...]) -> NoiseModel:
+def information_of(
+    task: PlanningTask,
+    x: FloatArray,
+    readings: FloatArray,
+    manifold: Manifold | None = None,
+    drives: tuple[int, ...] = (),
+) -> PoseInformation:
+    """What captured readings (c, n) tell, and after them every pose of a manifold.
+
+    Captured poses are taken on the closed loops next to them. Where they scatter by more than is stated, so
+    will the others.
+    """
+    c = len(readings)
+    variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
+    closed = close_loops(task.model, x, readings, sigma_rad=np.sqrt(variance.mean(axis=0)))
+    q, u = closed.q, closed.u
+    if manifold is not None:
+        readings = np.concatenate((readings, manifold.q))
+        q, u = np.concatenate((q, manifold.q)), np.concatenate((u, manifold.u))
+    if task.errors is None:
+        noise = _noise_by_pose(task.noise, manifold, drives, c)
+        found = pose_information(task.model, x, q, u, noise)
+    else:
+        model = task.model.freed(task.errors.toleranced)
+        values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
+        every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
+        found = information_under(model, every, readings, q, u, task.errors.at_readings(readings))
+        found = found.with_errors_scaled(found.at_poses(slice(c)).error_scale())
+    return found if task.parameters is None else found.about(task.parameters)
+
+
+def _noise_by_pose(
+    noise: NoiseModel, manifold: Manifold | None, drives: tuple[int, ...], captured: int
+) -> NoiseModel:
     """Give of the fixture, where there is any, larger where the passive joints hold the hand badly.
 
     Free joints bear no torque: what loads them goes through the passive Jacobian into the fixture,
     ``w = J_p^-T tau``. The size of ``J_p^-1`` relative to the start's scales the give.
     """
-    if task.noise.fixture_variance is None:
-        return task.noise
+    if noise.fixture_variance is None or manifold is None:
+        return noise
     load = manifold.motion.fixture_load(drives)
-    share = (load / load[0]) ** 2
-    return replace(task.noise, fixture_variance=task.noise.fixture_variance * share[:, None])
-
-
-def information_of(task: PlanningTask, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Information (P, P) of captured readings `q` (c, n), on the closed loops next to them."""
-    P = len(task.model.parameters) if task.parameters is None else len(task.parameters)
-    if len(q) == 0:
-        return np.zeros((P, P))
-    variance = np.broadcast_to(task.noise.joint_variance, q.shape).mean(axis=0)
-    closed = close_loops(task.model, x, q, sigma_rad=np.sqrt(variance))
-    information = pose_information(task.model, x, closed.q, closed.u, task.noise)
-    if task.parameters is not None:
-        information = information.about(task.parameters)
-    return information.of(range(len(q)))
+    share = np.concatenate((np.ones(captured), (load / load[0]) ** 2))
+    return replace(noise, fixture_variance=noise.fixture_variance * share[:, None])
 
 
 def prediction_sigma(

@@ -14,10 +14,10 @@ from enum import Enum
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.design.pose_information import PoseInformation
+from solver.design.pose_information import PoseInformation, about_parameters
 from solver.estimators.least_squares import column_scale
 
-BLIND = 1e-13
+BLIND = 1e-12
 """Directions whose scaled information is below this share of the largest are not determined."""
 
 
@@ -76,8 +76,13 @@ class StopDecision:
         return self.standing is not PrecisionStatus.GOING_ON
 
 
-def standard_deviations(information: FloatArray) -> FloatArray:
-    """Standard deviation of every parameter (P,) from an information matrix; inf where undetermined."""
+def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
+    """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
+
+    Of its N unknowns the first `parameters` are asked for, all by default; the others are effects.
+    """
+    if parameters is not None:
+        information = about_parameters(information, parameters)
     d = np.sqrt(np.diagonal(information))
     d = np.where(d > 0.0, d, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(d, d))
@@ -96,12 +101,12 @@ def stop_decision(
     allowed: BoolArray | None = None,
     worthwhile: float = 0.05,
 ) -> StopDecision:
-    """Compare the information so far (P, P) with standard deviations asked for, rad and m by name.
+    """Compare the information so far (N, N) with standard deviations asked for, rad and m by name.
 
     Parameters
     ----------
     candidates
-        What poses could still tell; same parameters as `information`.
+        What poses could still tell; same unknowns as `information`.
     requested
         Parameters not named are not judged.
     poses_left
@@ -118,16 +123,17 @@ def stop_decision(
     names = [name for name in candidates.parameters if name in requested]
     columns = [candidates.parameters.index(name) for name in names]
     goal = np.array([requested[name] for name in names])
-    now = standard_deviations(information)[columns]
+    P = len(candidates.parameters)
+    now = standard_deviations(information, P)[columns]
     if np.all(now <= goal):
         return StopDecision(
             standing=PrecisionStatus.REACHED,
             weak=(),
             poses_needed=0,
-            text="every parameter is known as well as requested, by the sensors' errors alone",
+            text="every parameter is known as well as requested, by the errors that are stated",
         )
     root = candidates.root if allowed is None else candidates.root[allowed]
-    later, needed = _forecast(information, root, np.array(columns), goal, poses_left)
+    later, needed = _forecast(information, root, P, np.array(columns), goal, poses_left)
     order = np.argsort(-_ratio(now, goal), kind="stable")
     weak = tuple(
         WeakParameter(
@@ -164,23 +170,28 @@ def stop_decision(
 
 
 def _forecast(
-    information: FloatArray, root: FloatArray, columns: FloatArray, goal: FloatArray, left: int
+    information: FloatArray,
+    root: FloatArray,
+    P: int,
+    columns: FloatArray,
+    goal: FloatArray,
+    left: int,
 ) -> tuple[FloatArray, int | None]:
     """Best standard deviations after up to `left` poses spent on the worst parameter each time."""
     M = information.copy()
     if len(root) == 0:
-        return standard_deviations(M)[columns], None
-    scale = column_scale(root.reshape(-1, root.shape[-1]))
-    prior = np.diag(scale**2) * (1e-8 / len(root))
+        return standard_deviations(M, P)[columns], None
+    prior = np.ones(len(M))
+    prior[:P] = column_scale(root[..., :P].reshape(-1, P)) ** 2 * (1e-8 / len(root))
     for taken in range(left + 1):
-        sigma = standard_deviations(M)[columns]
+        sigma = standard_deviations(M, P)[columns]
         if np.all(sigma <= goal):
             return sigma, taken
         if taken == left:
             break
         worst = int(columns[int(np.argmax(_ratio(sigma, goal)))])
         # Variance of parameter k falls by |C_k F'|^2 in the metric (I + F C F')^-1.
-        C = np.linalg.inv(M + prior)
+        C = np.linalg.inv(M + np.diag(prior))
         FC = root @ C
         S = FC @ np.swapaxes(root, -1, -2) + np.eye(root.shape[-2])
         column = FC[..., worst]

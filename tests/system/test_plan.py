@@ -86,7 +86,9 @@ def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixt
     assert len(found["poses"]) == 2
     # All poses together count, so that two more are not judged alone.
     assert found["scaled_condition_number"] < 25
-    assert found["sigma"]["theta_off_1"] < json.loads(done.stdout)["sigma"]["theta_off_1"] * 1.5
+    # Errors of stated size; the calibration found smaller ones.
+    ratio = found["sigma"]["theta_off_1"] / json.loads(done.stdout)["sigma"]["theta_off_1"]
+    assert 1.0 < ratio < 2.0
 
 
 @pytest.mark.campaign
@@ -173,8 +175,6 @@ def test_plan_says_which_joints_which_poses_and_what_they_tell(plan_output) -> N
     assert all(len(row.split()) == 10 for row in table)
     assert "theta_off_1   deg" in text
     assert "Weakest direction: " in text
-    # A hundredth of what the calibration will say: not without a word.
-    assert "what the sensors' errors alone leave" in " ".join(text.split())
     assert any("\u2800" < c <= "\u28ff" for c in text)
 
 
@@ -207,7 +207,7 @@ def test_plan_as_json_with_advice(capsys: pytest.CaptureFixture[str]) -> None:
     for joint, target in first["targets_deg"].items():
         assert target == first["predicted_deg"][int(joint) - 1]
     assert len(found["sigma"]) == 14
-    assert 1.0 < found["scaled_condition_number"] < 30.0
+    assert 1.0 < found["scaled_condition_number"] < 100.0
     assert found["advice"]
     best = found["advice"][0]
     assert best["mobility"] == 2

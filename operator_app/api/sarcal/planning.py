@@ -42,7 +42,7 @@ class Plan:
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Predicted standard deviations by name and unit, as `Result.sigmas`, from sensor noise alone."""
+        """Predicted standard deviations by name and unit, as `Result.sigmas`, with errors of stated size."""
         return with_units(self._shown.parameters, self._shown.plan.predicted_sigma.tolist())
 
     @property

@@ -157,8 +157,8 @@ def _sigmas(shown: Preview) -> str:
     tail = (
         f"Scaled condition number of the {poses} {Figure(condition).shown} (the result warns "
         f"above {AcceptanceLimits().scaled_condition_number:g}; the paper had {CONDITION_PAPER}). "
-        f"Weakest direction: {weakest}. The deviations are what the sensors' errors alone leave, to "
-        "compare poses by; lengths, twists and give add more, which the calibration's sigmas hold."
+        f"Weakest direction: {weakest}. The deviations count every error that the files of arm and "
+        "fixture state, at its stated size; a calibration learns the sizes, and may find smaller ones."
     )
     head = "Predicted standard deviations after these poses"
     return f"{head}\n{aligned(rows)}\n{paragraph(tail)}"

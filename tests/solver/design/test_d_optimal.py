@@ -5,7 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from solver.design.d_optimal import choose_poses, efficiency, gains, log_det, next_best
+from solver.design.d_optimal import choose_poses, efficiency, gains, log_det
 
 
 def exhaustive(root: np.ndarray, count: int, fixed: np.ndarray | None = None) -> float:
@@ -56,12 +56,27 @@ def test_gain_is_the_change_of_the_determinant() -> None:
     assert gains(root, M) == pytest.approx(np.array(direct), abs=1e-11)
 
 
-def test_next_best_works_before_anything_is_determined(told) -> None:
-    P = len(told.parameters)
-    first, _ = next_best(told.root, np.zeros((P, P)))
-    second, gain = next_best(told.root, told.of([first]))
-    assert second != first
-    assert gain > 0.0
+def with_effects(parameters: int, effects: int, seed: int = 0) -> np.ndarray:
+    root = np.random.default_rng(seed).normal(size=(16, 2, parameters + effects))
+    # Half of the candidates know the parameters better, and cannot tell them from the effects.
+    root[:8, :, :parameters] = 3.0 * root[:8, :, parameters : 2 * parameters]
+    root[:8, :, parameters : 2 * parameters] *= 30.0
+    return root
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_effects_gain_does_not_count(seed: int) -> None:
+    P, K = 3, 4
+    root = with_effects(P, K, seed)
+    covered = {}
+    for chosen in combinations(range(16), 4):
+        rows = root[list(chosen)].reshape(-1, P + K)
+        joint = np.linalg.inv(rows.T @ rows + np.diag([0.0] * P + [1.0] * K))
+        covered[chosen] = -np.linalg.slogdet(joint[:P, :P])[1]
+    design = choose_poses(root, 4, parameters=P)
+    assert design.log_det == pytest.approx(covered[tuple(sorted(design.chosen))], abs=1e-6)
+    assert efficiency(design.log_det, max(covered.values()), P) > 0.99
+    assert set(design.chosen) != set(choose_poses(root[..., :P], 4).chosen)
 
 
 def test_scaling_a_parameter_changes_nothing(told) -> None:

@@ -76,14 +76,14 @@ def test_captured_poses_change_the_plan(task, x, plan) -> None:
     first = plan.poses_rad[:10]
     more = make_plan(task, x, HOME, 10, captured=first)
     assert more.predicted_sigma == pytest.approx(plan.predicted_sigma, rel=0.15)
-    again = information_of(task, x, np.concatenate((first, more.poses_rad)))
+    again = information_of(task, x, np.concatenate((first, more.poses_rad))).of(range(20))
     assert standard_deviations(again) == pytest.approx(more.predicted_sigma, rel=1e-4)
 
 
 def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick) -> None:
     task = quick
     few = closed_poses(paper_truth(), np.random.default_rng(2), 5, spread_deg=8.0, box_deg=10.0)
-    covariance = np.linalg.inv(information_of(task, x, few[:, 1:])) * 4.0
+    covariance = np.linalg.inv(information_of(task, x, few[:, 1:]).of(range(5))) * 4.0
     plan = make_plan(task, x, HOME, 6, covariance=covariance)
     trusting = make_plan(task, x, HOME, 6)
     assert plan.allowed.sum() < 0.9 * trusting.allowed.sum()

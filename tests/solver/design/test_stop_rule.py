@@ -21,8 +21,7 @@ def test_reached(told, chosen) -> None:
     decision = stop_decision(told.of(chosen), told, requests(told, chosen, 1.01), poses_left=5)
     assert decision.standing is PrecisionStatus.REACHED
     assert decision.stop
-    # Lengths, twists and give have no part in it: the result's sigmas may be ten times those asked for.
-    assert decision.text.endswith("as requested, by the sensors' errors alone")
+    assert decision.text.endswith("as requested, by the errors that are stated")
 
 
 def test_going_on_names_the_weakest_and_the_forecast_is_enough(told, chosen) -> None:

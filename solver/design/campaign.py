@@ -354,10 +354,10 @@ class Campaign:
             return None
         task = self.task if self.estimate is None else replace(self.task, noise=self.estimate.noise)
         readings = self.readings_rad
-        told = information_of(task, self.plan.x, readings, self.plan.manifold, self.drives)
+        all_poses = information_of(task, self.plan.x, readings, self.plan.manifold, self.drives)
         return stop_decision(
-            told.of(range(len(readings))),
-            told.at_poses(slice(len(readings), None)),
+            all_poses.of(range(len(readings))),
+            all_poses.at_poses(slice(len(readings), None)),
             self.settings.requested,
             poses_left=self.settings.poses - self._taken,
             allowed=self.plan.allowed,

@@ -194,8 +194,9 @@ def make_plan(
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
     before = np.zeros((0, len(q_start))) if captured is None else captured
-    told = information_of(task, x, before, manifold, sets[0])
-    information, known = told.at_poses(slice(len(before), None)), told.of(range(len(before)))
+    all_poses = information_of(task, x, before, manifold, sets[0])
+    information = all_poses.at_poses(slice(len(before), None))
+    known = all_poses.of(range(len(before)))
     allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
     design = _choose(task, manifold, information, known, allowed, count)
     points = [0, *design.chosen]

@@ -15,8 +15,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from operator_app.commands.completion import complete, words_to_complete
-from operator_app.commands.table import APP, COMMANDS, module
+from operator_app.commands.table import APP, COMMANDS, complete, module, words_to_complete
 from operator_app.package_names import ForeignPackageError, require_own_names
 from operator_app.safe_output import harmless, say, silence, stand_in_for_closed
 from operator_app.signals import (

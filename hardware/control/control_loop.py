@@ -24,8 +24,7 @@ from hardware.canopen.objects import (
     OPERATOR_NODE,
     NmtState,
 )
-from hardware.control.command_sender import CommandSender
-from hardware.control.sampling import CyclicView, Sampler
+from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
 from hardware.control.tasks import LoopTask, Steps, TaskQueue
 from hardware.errors import BusError, HardwareError

@@ -11,8 +11,7 @@ from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen.objects import JOINT_PRODUCT
 from hardware.eds import EDS_FILES, product_dictionary, variables
-from hardware.virtual.fault_messages import FAULTS, FaultDescription
-from hardware.virtual.operator_side import OPERATOR_SIDE
+from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE, FaultDescription
 from operator_app.config.any_file import json_schema
 from operator_app.config.resources import builtin_names, resolve
 from operator_app.exit_codes import MEANING

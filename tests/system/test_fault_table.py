@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hardware.virtual.fault_messages import FAULTS
-from hardware.virtual.operator_side import OPERATOR_SIDE
+from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE
 from operator_app.cli import main
 from operator_app.manual.code_pages import faults_page
 

@@ -11,7 +11,6 @@ from operator_app.calibration.history import ArmHistory, EntryHistory
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.config.atomic import write_atomically
 from operator_app.errors import GuardError
-from operator_app.report.html.figures import drawn
 from operator_app.report.html.markup import (
     Html,
     Section,
@@ -28,7 +27,7 @@ from operator_app.report.html.sections import sections_of
 from operator_app.report.html.style import STYLE
 from operator_app.report.plots.before_after import hand_pair
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, axis
-from operator_app.report.plots.svg import plot
+from operator_app.report.plots.svg import drawn, plot
 from operator_app.report.results.history import (
     HOW,
     checks_lines,

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.planning.mode_rule import and_the_others
-from operator_app.report.html.figures import corrections_by_joint, coverage, drawn
 from operator_app.report.html.markup import (
     Html,
     Section,
@@ -21,6 +20,8 @@ from operator_app.report.html.markup import (
     table_html,
 )
 from operator_app.report.plots import before_after, calibration_plots
+from operator_app.report.plots.strips import corrections_by_joint, coverage
+from operator_app.report.plots.svg import drawn
 from operator_app.report.session_tables import (
     joint_table,
     pose_table,

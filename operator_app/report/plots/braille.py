@@ -1,14 +1,22 @@
-"""A canvas of braille dots, 2 x 4 to a cell, or of ASCII marks."""
+"""A canvas of braille dots, 2 x 4 to a cell, or of ASCII marks; and a plan drawn on it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise, product
 from typing import TYPE_CHECKING
+
+import numpy as np
+
+from operator_app.planning.preview import PlannedPose, Preview
+from operator_app.units.figure import SPAN, WHOLE_DEGREES
+from solver.arrays import FloatArray
 
 if TYPE_CHECKING:
     # `sarcal plan` draws with this and does without Textual.
     from operator_app.report.spans import Line
+
 
 _DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))
 _LAST_BITS = 1e-6
@@ -106,3 +114,129 @@ class Canvas:
 
 def _whole(place: float) -> int:
     return math.floor(place + _LAST_BITS)
+
+
+COLUMNS, ROWS = 66, 16
+"""Size of the drawing in cells, without its scales."""
+BAR = 46
+SCALE = 9
+"""Cells of the scale at the left."""
+BESIDE = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2))
+"""Where a label goes (rows down, labels to the right) while its place is taken."""
+
+
+def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
+    """Draw the reachable region, the poses in visiting order and the path between them."""
+    across, up = _axes(shown)
+    plane = Plane(shown, across, up, ascii_only=ascii_only)
+    plane.region()
+    for pose in shown.poses:
+        plane.way(pose)
+    plane.mark(shown.plan.manifold.q[0], "S")
+    for number, pose in enumerate(shown.poses, 1):
+        plane.mark(pose.q_rad, str(number))
+    return list(plane.lines())
+
+
+def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
+    """Draw the range of every joint, its reachable part, and the poses."""
+    empty, reached, taken, left, right = " -#||" if ascii_only else " ─█├┤"
+    reach = shown.reach_rad
+    lines = []
+    for k, joint in enumerate(shown.arm.joints):
+        full = joint.upper_rad - joint.lower_rad
+
+        def cell(angle: float, low: float = joint.lower_rad, full: float = full) -> int:
+            return min(BAR - 1, max(0, int((angle - low) / full * BAR)))
+
+        bar = [empty] * BAR
+        for c in range(cell(reach[k, 0]), cell(reach[k, 1]) + 1):
+            bar[c] = reached
+        for pose in shown.poses:
+            bar[cell(float(pose.q_rad[k]))] = taken
+        low, high = (SPAN(v).shown for v in (joint.lower_rad, joint.upper_rad))
+        lines.append(f"  J{k + 1} {low:>8} {left}{''.join(bar)}{right} {high:>7}")
+    return lines
+
+
+class Plane:
+    """The plane of two joints' angles on a canvas.
+
+    Parameters
+    ----------
+    across, up
+        Joints (from 0) along the two axes.
+    """
+
+    def __init__(self, shown: Preview, across: int, up: int, *, ascii_only: bool) -> None:
+        self._canvas = Canvas(COLUMNS, ROWS, ascii_only=ascii_only)
+        self._shown, self._axes = shown, (across, up)
+        self._labelled: set[tuple[int, int]] = set()
+        self._left, self._bottom = ("|", "-") if ascii_only else ("│", "─")
+        reach = shown.plan.manifold.q[:, [across, up]]
+        low, high = reach.min(axis=0), reach.max(axis=0)
+        room = 0.04 * (high - low) + 1e-9
+        self._low, self._size = low - room, high - low + 2.0 * room
+
+    def region(self) -> None:
+        """One dot in every cell that can be reached."""
+        for q in self._shown.plan.manifold.q[self._shown.plan.allowed]:
+            x, y = self._at(q)
+            self._canvas.dot(2 * (int(x) // 2), 4 * (int(y) // 4) + 1, "dim")
+
+    def way(self, pose: PlannedPose) -> None:
+        """Draw the way to a pose."""
+        if pose.route is None:
+            return
+        for leg in pose.route.legs:
+            points = [self._at(q) for q in leg.trace_rad]
+            for (x0, y0), (x1, y1) in pairwise(points):
+                self._canvas.segment(x0, y0, x1, y1)
+
+    def mark(self, q_rad: FloatArray, text: str) -> None:
+        """Write a label at a pose, or beside it where another label stands already."""
+        x, y = self._at(q_rad)
+        column, row = int(x) // 2, int(y) // 4
+        # First where no other label touches it: 6 beside 7 would read as 67.
+        for gap, (down, right) in product((1, 0), BESIDE):
+            cells = [(row + down, column + right * len(text) + k) for k in range(len(text))]
+            inside = all(0 <= r < ROWS and 0 <= c < COLUMNS for r, c in cells)
+            around = {(r, c + k) for r, c in cells for k in range(-gap, gap + 1)}
+            if inside and not self._labelled & around:
+                self._labelled.update(cells)
+                self._canvas.letter(2.0 * cells[0][1], 4.0 * cells[0][0], text)
+                return
+
+    def lines(self) -> Iterator[str]:
+        """Give the drawing with its scales, deg."""
+        across, up = self._axes
+        low, high = self._low, self._low + self._size
+        unit = WHOLE_DEGREES.quantity.unit
+        rows = ["".join(text for text, _ in spans) for spans in self._canvas.lines()]
+        yield f"  J{up + 1} {unit}"
+        for k, row in enumerate(rows):
+            share = (k + 0.5) / len(rows)
+            scale = WHOLE_DEGREES(high[1] - share * (high[1] - low[1])).shown if k % 5 == 0 else ""
+            yield f"{scale:>{SCALE - 2}} {self._left}{row}".rstrip()
+        yield " " * (SCALE - 1) + self._left + self._bottom * COLUMNS
+        first, last = (WHOLE_DEGREES(v[0]).shown for v in (low, high))
+        name = f"J{across + 1} {unit}".center(COLUMNS - 16)
+        yield f"{' ' * SCALE}{first:<8}{name}{last:>8}"
+
+    def _at(self, q_rad: FloatArray) -> tuple[float, float]:
+        across, up = self._axes
+        share = (np.array([q_rad[across], q_rad[up]]) - self._low) / self._size
+        return (
+            float(share[0]) * (self._canvas.width - 1),
+            (1.0 - float(share[1])) * (self._canvas.height - 1),
+        )
+
+
+def _axes(shown: Preview) -> tuple[int, int]:
+    """Return the drive joints (from 0); beside a single one, the joint that moves most."""
+    drives = [j - 1 for j in shown.choice.drives]
+    if len(drives) > 1:
+        return drives[0], drives[1]
+    span = np.ptp(shown.plan.manifold.q[shown.plan.allowed], axis=0)
+    span[drives[0]] = -1.0
+    return drives[0], int(np.argmax(span))

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from operator_app.report.html.markup import Html, element, join
+from operator_app.report.html.markup import Html, element, figure, join
 from operator_app.report.plots.plot import (
     Axis,
     Band,
@@ -173,3 +173,8 @@ def _legend(layers: Sequence[Layer], right: float) -> Html:
             parts.append(element("rect", x=at, y=4.5, width=10.0, height=8.0, class_=class_))
         at -= 9.0
     return join(parts)
+
+
+def drawn(picture: Picture) -> Html:
+    """Return a picture under its caption."""
+    return figure(picture.title, plot(picture))

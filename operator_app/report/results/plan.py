@@ -12,7 +12,7 @@ import numpy as np
 from fixtures.base import CheckKind, Severity
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.facts import CONDITION_PAPER
-from operator_app.report.plots.plan import coverage_lines, region_lines
+from operator_app.report.plots.braille import coverage_lines, region_lines
 from operator_app.report.text import WIDTH, aligned, paragraph
 from operator_app.units.figure import (
     ANGLE,

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from operator_app.config.resources import expanded
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.journal_files import numbered_folders
-from operator_app.session.store.journal_format import JOURNAL_NAME, first_event
+from operator_app.session.store.journal_format import JOURNAL_NAME, first_event, numbered_folders
 from operator_app.session.store.replay import order_of, session_state
 
 if TYPE_CHECKING:

@@ -23,23 +23,21 @@ from operator_app.errors import (
     JournalForeignError,
     JournalLostError,
 )
-from operator_app.session.store.journal_files import (
-    create_file,
-    fsync_folder,
-    numbered_folders,
-    timestamped_path,
-    write_new_file,
-    write_session_folder,
-)
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalContents,
     JournalEvent,
     Parsed,
+    create_file,
     format_line,
+    fsync_folder,
+    numbered_folders,
     parse_journal,
     read_bytes,
     require_regular,
+    timestamped_path,
+    write_new_file,
+    write_session_folder,
 )
 
 Clock = Callable[[], datetime]

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any
 from operator_app.errors import JournalError
 from operator_app.session.store.events import event_problem, joint_count_in
 from operator_app.session.store.journal import lock, utc_now
-from operator_app.session.store.journal_files import fsync_folder, timestamped_path, write_new_file
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     BadLineError,
@@ -28,9 +27,12 @@ from operator_app.session.store.journal_format import (
     JournalEvent,
     checksum,
     format_line,
+    fsync_folder,
     parse_line,
     read_bytes,
     require_own_format,
+    timestamped_path,
+    write_new_file,
 )
 from operator_app.session.store.replay import session_state
 

@@ -24,8 +24,12 @@ from operator_app.config.resources import Resource
 from operator_app.errors import JournalError
 from operator_app.session.store.folders import new_folder, next_order
 from operator_app.session.store.journal import Clock, lock, read_journal, utc_now
-from operator_app.session.store.journal_files import write_new_file
-from operator_app.session.store.journal_format import JOURNAL_NAME, JournalEvent, format_line
+from operator_app.session.store.journal_format import (
+    JOURNAL_NAME,
+    JournalEvent,
+    format_line,
+    write_new_file,
+)
 from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import solution_data, solve

@@ -15,9 +15,8 @@ from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.widgets.arm_view import ArmView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
-from operator_app.tui.widgets.plot import sparkline
+from operator_app.tui.widgets.plot import ArmView, sparkline
 from operator_app.units.figure import (
     CONDITION,
     JOINT_SPEED,

@@ -1,15 +1,23 @@
-"""A picture in braille, and a row of bars."""
+"""Pictures in braille: plots, rows of bars, and the arm in its fixture, with the next pose as a ghost."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from operator import is_not
 
+import numpy as np
+
+from hardware.arm import JointMode
 from operator_app.report.plots.braille import Canvas
 from operator_app.report.plots.plot import Axis, Band, Marks, Picture, Polyline, Ribbon
-from operator_app.report.spans import Line as Row
-from operator_app.report.spans import Span
+from operator_app.report.spans import Line, Span, line, wrapped
+from operator_app.session.ui.snapshot import DataState, SessionSnapshot
+from operator_app.tui.lines import Lines
+from solver.arrays import FloatArray
+from solver.chain.parameters import nominal_vector
+from solver.loops.closure import ClosureModel
 
 LABEL = 9
 """Width in cells of the vertical axis and its numbers."""
@@ -17,7 +25,7 @@ ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
 """Roles of the classes of lines and marks."""
 
 
-def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Row]:
+def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line]:
     """Return a picture of `height` lines; empty when it would not fit."""
     if width < LABEL + 10 or height < 6:
         return []
@@ -69,7 +77,7 @@ def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]
 
 
 def _below(x: Axis, width: int) -> str:
-    """Line of the horizontal axis: first and last tick, the title between them."""
+    """Row of the horizontal axis: first and last tick, the title between them."""
     room = width - LABEL - 1
     cells = [" "] * room
     first, last = x.tick_texts[0], x.tick_texts[-1]
@@ -100,3 +108,150 @@ def sparkline(values: Sequence[float], width: int) -> Span:
         for v in some
     ] if decades > 0.0 else [0.0] * cells  # fmt: skip
     return ("".join(SPARKS[int(share * 7.99)] for share in shares), "dim")
+
+
+_TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
+_AXIS_M = 0.16
+"""Half the length at which the hinge axis is drawn."""
+VISIBLE_RAD = 0.015
+"""A joint that turns by less moves the drawing by less than a dot; noise of an RVDT is as large, rad."""
+
+
+def _view() -> FloatArray:
+    """Rows: right and up of the screen, in the arm's base frame, whose x axis points up."""
+    turn = np.array([-np.sin(_TURN), np.cos(_TURN)])
+    right = np.array([0.0, turn[1], -turn[0]])
+    up = np.array([np.cos(_TILT), np.sin(_TILT) * turn[0], np.sin(_TILT) * turn[1]])
+    return np.stack((right, up))
+
+
+class ArmView(Lines):
+    """The chain as it stands; scale and place change with the forecast only."""
+
+    TITLE = "Arm"
+    HELP = (
+        "The arm as the current estimate sees it, from its base (B) over joints 1 to 7 to the "
+        "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "
+        "bold. The dotted arm is where the next pose will take it; on a planned move a line of dots "
+        "is the way its hand goes."
+    )
+
+    def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id, classes="panel")
+        self._box: FloatArray | None = None
+        self._box_of: object = None
+        self._figures: tuple[object, ...] = ()
+        self._things: tuple[object, ...] = ()
+        self._at = np.zeros(0)
+        self._next: tuple[FloatArray, ...] = ()
+        self._drawn: Sequence[Line] = ()
+        self._turn = False
+
+    def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
+        """Return the drawing, made again only if a joint moved visibly."""
+        if s.arm is None:
+            self.retitle("Arm")
+            return [(), line((" no arm connected", "dim"))]
+        if s.data is DataState.LOST:
+            self.retitle("Arm")
+            return [(), *wrapped(" ▲ data LOST: the arm is not drawn", width, "warn", "   ")]
+        q = s.arm.positions_rad
+        x = s.live.x if s.live is not None and s.live.estimated else None
+        figures = (s.next_waypoint, tuple(j.mode for j in s.arm.joints), width, height)
+        things = (s.procedure, x, s.forecast, s.heading)
+        news = figures != self._figures or any(map(is_not, things, self._things))
+        self._turn = not self._turn
+        # Ten times a second is enough: this panel costs most.
+        if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
+            self._drawn = self._draw(s, q, x, width, height, redraw=news)
+            self._figures, self._things, self._at = figures, things, q
+        self.retitle("Arm (dotted: next pose)" if any(map(len, self._next)) else "Arm")
+        return self._drawn
+
+    def _draw(
+        self,
+        s: SessionSnapshot,
+        q: FloatArray,
+        x: FloatArray | None,
+        width: int,
+        height: int,
+        *,
+        redraw: bool,
+    ) -> Sequence[Line]:
+        model = s.procedure.fixture.fixture.model(s.procedure.arm)
+        x = nominal_vector(model.parameters) if x is None else x
+        drawn = model.drawn(x, q)
+        if drawn is None:
+            return [line((" this fixture has no drawing", "dim"))]
+        canvas = Canvas(width, height - 1, ascii_only=self.app.look.ascii_only)  # type: ignore[attr-defined]
+        chain, axis = drawn
+        if self._box is None or self._box_of is not s.forecast:
+            self._box, self._box_of = _box(model, x, q, s), s.forecast
+        place = _Placing(self._box, canvas)
+        if redraw:
+            self._next = _next(model, x, s)
+        for path, every in zip(self._next, (4, 2), strict=False):
+            place.path(path, role="dim", every=every)
+        ends = np.stack((chain[-1] - _AXIS_M * axis, chain[-1] + _AXIS_M * axis))
+        place.path(ends, role="dim", every=2)
+        place.path(chain, role="text", every=1, thick=True)
+        place.letter(chain[0], "B", "bold")
+        for joint, mode in enumerate((j.mode for j in s.arm.joints) if s.arm else (), 1):
+            if joint in (2, 4, 6) or mode is JointMode.POSITION:
+                role = "accent" if mode is JointMode.POSITION else "bold"
+                place.letter(chain[joint - 1], str(joint), role)
+        place.letter(chain[-1], "⊕", "bold")
+        return [*canvas.lines(), line((" B base, ⊕ hand, 1-7 joints", "dim"))]
+
+
+def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
+    """The chain at the next pose, and on a planned move the way of its hand."""
+    if s.heading is not None:
+        way = s.heading.trace_rad
+        if way is None:
+            return ()
+        some = way[:: max(1, len(way) // 12)]
+        return _points(model, x, way[-1]), np.stack([_points(model, x, q)[-1] for q in some])
+    if s.forecast is None or s.next_waypoint is None:
+        return ()
+    return (_points(model, x, s.forecast.q_rad[s.next_waypoint]),)
+
+
+def _points(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
+    drawn = model.drawn(x, q)
+    return np.empty((0, 3)) if drawn is None else drawn[0]
+
+
+def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) -> FloatArray:
+    """Lowest and highest screen coordinates (2, 2) over the poses that are planned."""
+    poses = [q] if s.forecast is None else [q, *s.forecast.q_rad[s.forecast.reachable][:40]]
+    points = np.concatenate([_points(model, x, pose) for pose in poses]) @ _view().T
+    low, high = points.min(axis=0), points.max(axis=0)
+    return np.stack((low - 0.08, high + 0.08))
+
+
+class _Placing:
+    """From metres to dots, keeping proportions."""
+
+    def __init__(self, box: FloatArray, canvas: Canvas) -> None:
+        self._canvas = canvas
+        size = box[1] - box[0]
+        self._scale = min((canvas.width - 2) / size[0], (canvas.height - 2) / size[1])
+        self._middle = box.mean(axis=0)
+
+    def _dots(self, points: FloatArray) -> FloatArray:
+        flat = (points @ _view().T - self._middle) * self._scale
+        return np.stack(
+            (self._canvas.width / 2 + flat[..., 0], self._canvas.height / 2 - flat[..., 1]), axis=-1
+        )
+
+    def path(self, points: FloatArray, *, role: str, every: int, thick: bool = False) -> None:
+        dots = self._dots(points)
+        for (x0, y0), (x1, y1) in pairwise(dots):
+            self._canvas.segment(x0, y0, x1, y1, role, every)
+            if thick:
+                self._canvas.segment(x0 + 1, y0, x1 + 1, y1, role, every)
+
+    def letter(self, point: FloatArray, text: str, role: str) -> None:
+        x, y = self._dots(point)
+        self._canvas.letter(x, y, text, role)

@@ -16,7 +16,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.d_optimal import choose_poses
-from solver.design.drive_line import drive_straight
+from solver.design.motion import drive_straight
 from solver.design.paths import LINE_STEP_RAD, MotionLimits
 from solver.design.pose_information import planning_noise, pose_information
 from solver.diagnostics.identifiability import identifiability

@@ -1,13 +1,15 @@
-"""What a planned calibration proposes (moves, captures, changes of drives), and how a move is watched."""
+"""A planned calibration: its settings and phases, what it proposes (moves, captures, drives), how a move is watched."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.design.exploration import ExplorationLimits
 from solver.design.manifold import Ranges
 from solver.design.paths import Route
 from solver.design.stop_rule import StopDecision
@@ -140,3 +142,36 @@ def straight_to(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
         tolerance_rad=np.inf,
         why=why,
     )
+
+
+class Phase(Enum):
+    """What the campaign is at."""
+
+    EXPLORING = "exploring"
+    PLANNED = "visiting planned poses"
+    FINISHED = "finished"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignSettings:
+    """How a campaign goes.
+
+    Attributes
+    ----------
+    poses
+        Planned poses to take, beside those of the exploration.
+    requested
+        Standard deviations to reach by parameter name (rad, m); empty for none.
+    exploration
+        How boldly to explore.
+    tolerance_rad
+        How far readings may stray from the predicted trace of a planned move.
+    most_blocked
+        Planned moves that may be stopped short before the campaign gives up.
+    """
+
+    poses: int = 12
+    requested: Mapping[str, float] | None = None
+    exploration: ExplorationLimits = field(default_factory=ExplorationLimits)
+    tolerance_rad: float = float(np.deg2rad(8.0))
+    most_blocked: int = 8

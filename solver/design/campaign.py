@@ -15,14 +15,15 @@ from solver.arrays import FloatArray
 from solver.closing import held_still, newton_step
 from solver.design.actions import (
     Action,
+    CampaignSettings,
     Capture,
     ChangeDrives,
     Finished,
     GoTo,
+    Phase,
     moves_along,
     straight_to,
 )
-from solver.design.campaign_settings import CampaignSettings, Phase
 from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.paths import Route

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.design.drive_line import drive_straight
 from solver.design.manifold import Manifold, Ranges
+from solver.design.motion import drive_straight
 from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:

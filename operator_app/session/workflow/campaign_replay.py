@@ -12,9 +12,8 @@ from operator_app.planning.task import planning_task
 from operator_app.session.store.state import SessionState
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
+from solver.design.actions import Action, CampaignSettings, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign import Campaign
-from solver.design.campaign_settings import CampaignSettings
 
 SAME_POSITION_RAD = float(np.deg2rad(1.5))
 """An arm this close to its last position in the journal was not moved meanwhile."""

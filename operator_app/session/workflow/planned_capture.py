@@ -29,9 +29,8 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units.figure import WHOLE_DEGREES, joints_named
 from solver.arrays import FloatArray
-from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, path_watch
+from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign
-from solver.design.campaign_settings import Phase
 from solver.design.stop_rule import PrecisionStatus
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))

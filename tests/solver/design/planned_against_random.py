@@ -17,8 +17,8 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import Rvdt
 from solver.closing import close_loops
-from solver.design.drive_line import drive_straight
 from solver.design.manifold import Ranges
+from solver.design.motion import drive_straight
 from solver.design.plan import PlanningTask, information_of, make_plan
 from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations

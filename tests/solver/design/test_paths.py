@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from solver.design.drive_line import drive_straight
+from solver.design.motion import drive_straight
 from solver.design.paths import MotionLimits, PathGraph
 from solver.design.plan import visiting_order
 from tests.oracles.loop_oracle import closure, paper_truth

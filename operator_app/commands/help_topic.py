@@ -1,4 +1,4 @@
-"""`sarcal help`: the manual in the terminal."""
+"""`sarcal help`: the manual in the terminal; the hooks by which mkdocs makes it a site."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from operator_app.commands.options import a_name, a_path
 from operator_app.commands.table import APP, COMMANDS, parser_of
@@ -190,3 +191,22 @@ def _anchor(title: str) -> str:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def on_config(config: Any) -> Any:
+    """Set the navigation from the table of topics."""
+    sections = [{name: [f"{topic}.md" for topic in topics]} for name, topics in SECTIONS.items()]
+    config.nav = [{"Start": "index.md"}, *sections]
+    return config
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add the generated pages."""
+    from mkdocs.structure.files import File  # type: ignore[import-not-found,import-untyped,unused-ignore]
+
+    found = manual()
+    for topic in found.topics:
+        if found.made_by_code(topic):
+            page = found.page(topic).markdown
+            files.append(File.generated(config, f"{topic}.md", content=page))
+    return files

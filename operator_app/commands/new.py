@@ -148,7 +148,7 @@ def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.quantities import short_degrees
     from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
     from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
-    from operator_app.planning.homes import bent_home
+    from operator_app.planning.proposals import bent_home
 
     if bool(args.urdf) == bool(args.packaged):
         raise UsageError("new arm: give --urdf FILE or --from NAME")
@@ -199,8 +199,8 @@ def _fixture(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture, parse_fixture
     from operator_app.config.new_files import copied, fixture_file
-    from operator_app.planning.homes import ball_between, hinge_between
     from operator_app.planning.outlook import from_home_rad
+    from operator_app.planning.proposals import ball_between, hinge_between
 
     if args.packaged:
         for option in OF_WHAT["fixture"]:

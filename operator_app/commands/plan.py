@@ -187,7 +187,7 @@ def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[RankedPlacement, ...]:
     """Search for hinge placements around the nominal or estimated one."""
-    from operator_app.planning.advice import advise
+    from operator_app.planning.proposals import advise
 
     values = None
     if shown.estimate is not None:

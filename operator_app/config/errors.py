@@ -1,9 +1,15 @@
-"""What is wrong with a file, in one complaint that lists everything; bytes to text."""
+"""Problems of files, as errors; pydantic's in words for the operator: what is wrong and what to do."""
 
 from __future__ import annotations
 
+import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,3 +94,107 @@ def decode_text(data: bytes, file: str) -> str:
 def only(file: str, line: int | None, column: int | None, text: str, remedy: str) -> ConfigError:
     """Build the error of a file with one problem."""
     return ConfigError((Problem(file=file, line=line, column=column, text=text, remedy=remedy),))
+
+
+def words_for(error: ErrorDetails) -> tuple[str, str]:
+    """Pydantic's error in words for the operator: what is wrong, what to do."""
+    kind, context = error["type"], error.get("ctx", {})
+    value = error["input"]
+    if kind == "missing":
+        return "is missing", "add it"
+    if kind == "refused":
+        return str(context["what"]), str(context["remedy"])
+    if kind == "union_tag_not_found":
+        return "has no kind", f"add kind: {_either(context)}"
+    if kind in ("union_tag_invalid", "literal_error", "enum"):
+        options = _options(context)
+        near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        shown = context.get("tag", value_in_words(value))
+        return f"{shown} is not known here", f"{hint}one of: {', '.join(options)}"
+    wants = {
+        "float_type": "a number",
+        "int_type": "a whole number",
+        "int_from_float": "a whole number",
+        "bool_type": "true or false",
+        "string_type": "text",
+        "tuple_type": "a list",
+        "list_type": "a list",
+        "dict_type": "a mapping (`key: value` lines)",
+        "dataclass_type": "a mapping (`key: value` lines)",
+        "model_type": "a mapping (`key: value` lines)",
+        "model_attributes_type": "a mapping (`key: value` lines)",
+    }
+    if kind in wants:
+        return f"must be {wants[kind]}, not {value_in_words(value)}", _number_hint(value, kind)
+    bounds = {
+        "greater_than": ("gt", "greater than"),
+        "greater_than_equal": ("ge", "at least"),
+        "less_than": ("lt", "less than"),
+        "less_than_equal": ("le", "at most"),
+    }
+    if kind in bounds:
+        name, words = bounds[kind]
+        return f"must be {words} {context[name]:g}, not {value:g}", "correct the number"
+    if kind in ("too_short", "too_long"):
+        word = "at least" if kind == "too_short" else "at most"
+        bound = context.get("min_length", context.get("max_length"))
+        return (
+            f"has {context['actual_length']} items, {word} {bound} are wanted",
+            "correct the list",
+        )
+    if kind == "string_pattern_mismatch":
+        return (
+            f"{value_in_words(value)} does not have the right form",
+            f"pattern: {context['pattern']}",
+        )
+    if kind in ("string_too_short", "string_too_long"):
+        return "is empty" if kind == "string_too_short" else "is too long", "correct the text"
+    return str(error["msg"]), "correct the value"
+
+
+def value_in_words(value: Any) -> str:
+    """A value as part of a sentence."""
+    if value is None:
+        return "empty"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return f"the text {value[:40]!r}"
+    if isinstance(value, list | tuple):
+        return "a list"
+    if isinstance(value, dict):
+        return "a mapping"
+    return f"{value}"
+
+
+def _number_hint(value: Any, kind: str) -> str:
+    if not isinstance(value, str):
+        return "correct the value"
+    if kind == "bool_type":
+        return "write true or false"
+    if kind.startswith(("float", "int")):
+        if re.fullmatch(r"[-+]?\d+,\d+", value):
+            return "write a decimal point, not a comma"
+        if re.fullmatch(r"[-+]?\d+(:\d+)+(\.\d*)?", value):
+            return "write a decimal number, not hours or degrees and minutes"
+        if re.fullmatch(r"[-+]?0\d+(\.\d*)?", value):
+            return "write the number without the leading zero"
+        if re.fullmatch(r"[-+]?[\d.]+\s*[A-Za-z]+", value):
+            return "write the number only; the unit is in the key"
+    return "correct the value"
+
+
+def _either(context: dict[str, Any]) -> str:
+    return str(context.get("discriminator", "")).strip("'")
+
+
+def is_near_option(error: ErrorDetails) -> bool:
+    """Whether a value that is none of a list of words is nearly one of them."""
+    options = _options(error.get("ctx", {}))
+    return bool(difflib.get_close_matches(str(error["input"]), options, n=1))
+
+
+def _options(context: dict[str, Any]) -> list[str]:
+    wanted = str(context.get("expected_tags") or context.get("expected") or "")
+    return re.findall(r"'([^']*)'", wanted)

@@ -16,9 +16,14 @@ from typing import Any, ClassVar, TypeVar, cast
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, ValidationInfo
 from pydantic_core import ErrorDetails
 
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import (
+    ConfigError,
+    Problem,
+    is_near_option,
+    value_in_words,
+    words_for,
+)
 from operator_app.config.quantities import UNIT, UNITS, length_doubt
-from operator_app.config.schema_words import is_near_option, value_in_words, words_for
 from operator_app.config.strict_yaml import Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}

@@ -9,8 +9,8 @@ from operator_app.config.any_file import Found
 from operator_app.config.fixture_file import FixtureSpec
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
-from operator_app.planning.homes import closing_home
 from operator_app.planning.outlook import Outlook, outlook, seen_by
+from operator_app.planning.proposals import closing_home
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics.identifiability import Identifiability

@@ -16,8 +16,8 @@ from operator_app.report.results.plan import plan_json, plan_text
 from .blas_threads import one_blas_thread
 from .given import joints, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
-from .naming import with_units
 from .poses import Poses
+from .tables import with_units
 
 if TYPE_CHECKING:
     from solver.arrays import FloatArray

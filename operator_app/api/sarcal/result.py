@@ -34,8 +34,7 @@ from operator_app.session.workflow.importing import CalibrationOptions, Imported
 from solver.diagnostics.statistics import intervals
 
 from .given import one_of, readings_rad
-from .naming import with_units
-from .tables import Table
+from .tables import Table, with_units
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

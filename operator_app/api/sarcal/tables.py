@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
 
 from operator_app.report.html.markup import table_html
 from operator_app.report.table import FactTable as Facts
 from operator_app.report.table import shown
 from operator_app.report.text import table_text
+from operator_app.units.figure import ANGLE, LENGTH
+
+if TYPE_CHECKING:
+    from solver.chain.parameters import Parameter
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,3 +72,15 @@ class Table:
 
     def _repr_html_(self) -> str:
         return str(table_html(self._facts))
+
+
+def with_units(parameters: Iterable[Parameter], values: Iterable[float]) -> Mapping[str, float]:
+    """Return values (rad, m) in deg and mm, read-only."""
+    return MappingProxyType(
+        {
+            f"{p.name}_deg" if p.is_angle else f"{p.name}_mm": (
+                float(v) * (ANGLE if p.is_angle else LENGTH).per_si
+            )
+            for p, v in zip(parameters, values, strict=True)
+        }
+    )

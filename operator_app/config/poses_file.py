@@ -2,8 +2,8 @@
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
 ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles
-and others have names of their own, see `endpoint_line`) may follow. Columns may stand in any order: they are
-found by name.
+and others have names of their own, see `endpoint_line`) or three targets (`three_targets`) may follow. Columns may
+stand in any order: they are found by name.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from operator_app.config.endpoint_line import (
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.quantities import UNIT, angle_doubt, degrees_for_file, length_doubt
 from operator_app.config.resources import expanded, read_limited
+from operator_app.config.three_targets import TARGETS, poses_of_targets
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 
@@ -122,7 +123,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     try:
         poses = _pose_set(_as_numbered(columns))
     except ValueError as error:
-        remedy = "correct qw,qx,qy,qz, or measure that pose again"
+        remedy = "correct the endpoint's columns, or measure that pose again"
         raise only(file, None, None, str(error), remedy) from error
     return LoadedPoses(poses=poses, warnings=(*_warnings(poses), *_times_suspected(poses, file)))
 
@@ -169,7 +170,8 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
     # Columns that a misspelt one was probably meant to be: not missing as well.
     meant: set[str] = set()
-    every = (*KEY, *theta, *sd, *OPTIONAL, *POSITION, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
+    endpoints = (*POSITION, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
+    every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
     missing = [c for c in every if c not in names]
     other_unit = {
         name: c for name in names if not _known(name) and (c := _in_our_unit(name, missing))
@@ -201,8 +203,13 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     there = {*names, *meant}
     have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
     have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
-    endpoint = "an endpoint is x_m,y_m,z_m, or that and rx_deg,ry_deg,rz_deg"
+    endpoint = (
+        "an endpoint is x_m,y_m,z_m, that and rx_deg,ry_deg,rz_deg, or three targets x1_m to z3_m"
+    )
     turns = groups_in(sorted(there))
+    targets = bool(there & {*TARGETS})
+    if targets and (both := [c for c in names if c in POSITION or group_of(c)]):
+        yield None, both[0], "the three targets say where the hand is", "keep these or those"
     for other in turns[1:]:
         text = f"says how the target is turned, and so does {turns[0][0]}"
         yield None, other[0], text, "keep one of the two"
@@ -212,6 +219,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
         (sd, bool(there & {*sd}), "", "give one for every joint, or none"),
         (POSITION, bool(turns or there & {*POSITION}), "", endpoint),
         *((turn, True, "", endpoint) for turn in turns),
+        (TARGETS, targets, "", endpoint),
     ):
         for name in group:
             if wanted and name not in there:
@@ -219,7 +227,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
 
 
 def _known(name: str) -> bool:
-    fixed = name in (*KEY, *OPTIONAL, *POSITION) or group_of(name) is not None
+    fixed = name in (*KEY, *OPTIONAL, *POSITION, *TARGETS) or group_of(name) is not None
     return fixed or bool(THETA.fullmatch(name) or SD.fullmatch(name))
 
 
@@ -296,6 +304,8 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
     for group in groups_in(columns):
         if endpoint is not None:
             endpoint = np.concatenate((endpoint, rotation_vectors(group, table(group))), axis=1)
+    if TARGETS[0] in columns:
+        endpoint = poses_of_targets(table(TARGETS), columns["pose"])
     samples = columns.get("samples")
     return PoseSet(
         placement=np.array(columns["placement"], dtype=np.int64),

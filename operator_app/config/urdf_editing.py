@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
+from codecs import BOM_UTF8
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from xml.parsers import expat
 
 import numpy as np
@@ -96,6 +98,7 @@ OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
 """A file whose rows differ more than this from the arm's is of another arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 """Blocks of UR's kinematics file: where each link's joint is on the link before; joints turn about z."""
 
 
@@ -216,7 +219,7 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
         if tag == "joint" and "type" in attributes and attributes.get("name") in origins:
             joint = attributes["name"]
             cuts.append((match.end(), match.end(), _origin_tag(origins[joint])))
-        elif tag == "origin" and joint and way[-1] == "joint":
+        elif tag == "origin" and joint and way[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
             # In place of the new one that was to be put in.
             cuts[-1] = (at, match.end(), _changed_tag(match[0], origins[joint]))
         way.append(tag)
@@ -256,27 +259,32 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
 # ---- UR's kinematics file ----------------------------------------------------------------------
 
 
-def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[str], int]]:
-    """Link, key, the value's match in its line, and the line's place in the text."""
+def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:
+    """Link, key, the value's match in its line, and the line's place in the bytes."""
+    decode_text(data, file)
     link, at = "", 0
-    for line in decode_text(data, file).splitlines(keepends=True):
-        if (head := re.match(r"\s+(\w+):\s*(#.*)?$", line.rstrip())) is not None:
-            link = head[1]
-        value = re.match(r"\s+(x|y|z|roll|pitch|yaw):\s*(\S+)", line)
+    for line in data.splitlines(keepends=True):
+        if (head := re.match(rb"\s+(\w+):\s*(#.*)?$", line.rstrip())) is not None:
+            link = head[1].decode()
+        value = re.match(rb"\s+(x|y|z|roll|pitch|yaw):\s*([-+.\w]+)", line)
         if value is not None and link in UR_LINKS:
-            yield link, value[1], value, at
+            yield link, value[1].decode(), value, at
         at += len(line)
 
 
 def _ur_chain(data: bytes, file: str) -> UrdfChain:
     """The six joints of UR's kinematics file; the tip is the last link, wrist_3."""
-    found: dict[str, dict[str, str]] = {}
+    found: dict[tuple[str, str], str] = {}
     for link, key, value, _ in _ur_lines(data, file):
-        found.setdefault(link, {})[key] = value[2]
+        found[link, key] = value[2].decode()
+    for link, key in product(UR_LINKS, UR_KEYS):
+        if (link, key) not in found:
+            remedy = f"write {', '.join(UR_KEYS)} below every link, a number on a line of its own"
+            raise only(file, None, None, f"{link} has no {key}", remedy)
     origins = [
         "".join(
-            f' {word}="{" ".join(found.get(link, {}).get(key, "?") for key in keys)}"'
-            for word, keys in (("xyz", ("x", "y", "z")), ("rpy", ("roll", "pitch", "yaw")))
+            f' {word}="{" ".join(found[link, key] for key in keys)}"'
+            for word, keys in (("xyz", UR_KEYS[:3]), ("rpy", UR_KEYS[3:]))
         )
         for link in UR_LINKS
     ]
@@ -291,11 +299,11 @@ def _ur_chain(data: bytes, file: str) -> UrdfChain:
 
 def _into_yaml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
     head = "".join(f"# {line}\n" for line in comment)
-    cuts = [(0, 0, head.encode())]
+    begin = len(BOM_UTF8) if data.startswith(BOM_UTF8) else 0
+    cuts = [(begin, begin, head.encode())]
     for link, key, value, at in _ur_lines(data, ""):
         if link in origins:
             T = origins[link]
-            keys = ("x", "y", "z", "roll", "pitch", "yaw")
-            new = float((*T[:3, 3], *rpy_of(T[:3, :3]))[keys.index(key)])
+            new = float((*T[:3, 3], *rpy_of(T[:3, :3]))[UR_KEYS.index(key)])
             cuts.append((at + value.start(2), at + value.end(2), repr(new).encode()))
     return _replaced(data, cuts)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -126,9 +127,17 @@ class UrdfTree:
     def read(cls, data: bytes, file: str) -> UrdfTree:
         """Read a file; ConfigError if it is no URDF or has no joint."""
         robot = _robot(data, file)
-        elements = {_links(e)[1]: e for e in robot.iter("joint") if e.get("type")}
-        if not elements:
+        joints = [e for e in robot.iter("joint") if e.get("type")]
+        if not joints:
             raise only(file, None, None, "has no joint", "is it a xacro or a part of a URDF?")
+        elements: dict[str, ET.Element] = {}
+        for element in joints:
+            link = _links(element)[1]
+            if link in elements:
+                both = f"{elements[link].get('name')!r} and {element.get('name')!r}"
+                text = f"link {link!r} is the child of two joints, {both}"
+                raise only(file, None, None, text, "a link has one parent: take one joint out")
+            elements[link] = element
         return cls(name=robot.get("name", "arm"), file=file, elements=elements)
 
     def chain(self, base: str, tip: str) -> UrdfChain:
@@ -146,6 +155,10 @@ class UrdfTree:
             remedy = f"links on that way: {_some(before)}"
             raise only(file, None, None, f"link {base!r} is not on the way to {tip!r}", remedy)
         first = before.index(base) if base else 0
+        named = Counter(e.get("name", "") for e in way[first:])
+        if twice := [name for name, count in named.items() if count > 1]:
+            text = f"has several joints named {twice[0]!r} on the way to {tip!r}"
+            raise only(file, None, None, text, "give every joint a name of its own")
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:

@@ -272,3 +272,37 @@ def test_urs_kinematics_file_gets_the_same_arm() -> None:
     assert written.startswith("# by us\n# maker's\n")
     bare = [re.sub(r": [-+.\de]+$", "", line) for line in written.splitlines()[1:]]
     assert bare == [re.sub(r": [-+.\de]+$", "", line) for line in UR.splitlines()]
+
+
+@pytest.mark.parametrize("head", ["# Größe: é\n", "\ufeff", "\ufeff# é\r\n# a\u2028b\n"])
+def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(head: str) -> None:
+    _, arm = arm_of(urs_urdf(UR))
+    table = off_by(arm.table, {"theta_off_2": 0.01, "a_2": 0.001})
+    plain = with_calibration(UR.encode(), "default_kinematics.yaml", arm, table, ["by us"]).decode()
+    written = with_calibration((head + UR).encode(), "k.yaml", arm, table, ["by us"]).decode()
+    mark = "\ufeff" if head.startswith("\ufeff") else ""
+    assert written == mark + "# by us\n" + head.removeprefix(mark) + plain.removeprefix("# by us\n")
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("", "shoulder has no z; write x, y, z, roll, pitch, yaw below"),
+        ('    z: "0.1625"\n', "shoulder has no z"),
+        ("    z: .nan\n", "'0 0 .nan'; write 3 numbers"),
+    ],
+)
+def test_urs_kinematics_file_without_a_figure_says_which(line: str, words: str) -> None:
+    _, arm = arm_of(urs_urdf(UR))
+    with pytest.raises(ConfigError, match=words):
+        with_calibration(UR.replace("    z: 0.1625\n", line).encode(), "k.yaml", arm, arm.table, [])
+
+
+def test_of_two_origins_of_a_joint_the_one_that_counts_is_changed() -> None:
+    _, arm = arm_of(URDF.encode())
+    origin = """<origin  rpy='0 0 0.5'  xyz='0 0 0.0892'/>"""
+    twice = URDF.replace(origin, origin + "<origin xyz='7 7 7'/>")
+    table = off_by(arm.table, {"theta_off_1": 0.1})
+    once = with_calibration(URDF.encode(), "x.urdf", arm, table, []).decode()
+    written = with_calibration(twice.encode(), "x.urdf", arm, table, []).decode()
+    assert written.replace("<origin xyz='7 7 7'/>", "") == once != URDF

@@ -168,3 +168,12 @@ def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, approve:
 def test_a_file_without_joints_says_so() -> None:
     with pytest.raises(ConfigError, match="has no joint"):
         parse_urdf(b'<robot name="ur3"><link name="base"/></robot>', "ur3.urdf")
+
+
+def test_a_name_or_a_parent_given_twice_is_refused() -> None:
+    joints = six()
+    twice = [*joints[:2], joints[2].replace('"j3"', '"j2"'), *joints[3:]]
+    with pytest.raises(ConfigError, match="several joints named 'j2' on the way to 'flange'"):
+        parse_urdf(robot(*twice), "a.urdf")
+    with pytest.raises(ConfigError, match="'l3' is the child of two joints, 'j3' and 'other'"):
+        parse_urdf(robot(*joints, joint("other", "l0", "l3", axis="0 0 1")), "a.urdf")

@@ -54,8 +54,14 @@ def _only_serial(root: Path) -> str:
     serials = sorted(
         {s.serial_number for s in states if s is not None} - {"", UNKNOWN_SERIAL_NUMBER}
     )
-    if len(serials) != 1:
-        raise UsageError(f"of which arm? serial numbers in {root}: {', '.join(serials) or 'none'}")
+    if not states:
+        raise UsageError(f"no sessions in {root}; another folder: --sessions")
+    if not serials:
+        raise UsageError(
+            f"no session in {root} states a serial number; an imported one has that of import --serial"
+        )
+    if len(serials) > 1:
+        raise UsageError(f"of which arm? serial numbers in {root}: {', '.join(serials)}")
     return serials[0]
 
 

@@ -97,10 +97,10 @@ def schema_line(kind: FileKind) -> str:
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
-    """Write a file, and beside it the JSON Schema that its first line names; raises WriteError."""
+    """Write a file, and first, beside it, the JSON Schema that its first line names; raises WriteError."""
     schema = json.dumps(json_schema(kind), indent=1) + "\n"
-    write_atomically(target, data)
     write_atomically(target.parent / schema_name(kind), schema.encode())
+    write_atomically(target, data)
 
 
 AnyKind = Literal["arm", "fixture", "procedure", "profile", "parameters", "poses"]

@@ -78,8 +78,8 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
     path = expanded(text) if folder is None else folder / expanded(text)
     if _looks_like_name(text) and not _exists(path):
-        near = [name for name in names if text and name.startswith(text)]
-        near = near or difflib.get_close_matches(text, names, n=1)
+        near = [name for name in names if text and name.startswith(text.lower())]
+        near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         problem = Problem(
             file=text,

@@ -98,7 +98,7 @@ class Journal:
         except OSError as error:
             raise JournalError(
                 f"cannot write {path}: {error.strerror}",
-                "choose a folder you may write to",
+                "choose a folder with space that you may write to",
             ) from error
         lock(descriptor, path)
         fsync_folder(folder)

@@ -167,7 +167,8 @@ class ImportedSession:
             replace_session(folder, lines, self._events, overwrite=overwrite, stale=stale)
         except OSError as error:
             raise JournalError(
-                f"cannot write {path}: {error.strerror}", "choose a folder you may write to"
+                f"cannot write {path}: {error.strerror}",
+                "choose a folder with space that you may write to",
             ) from error
         return folder
 

@@ -18,7 +18,7 @@ from operator_app.config.resources import resolve
 from operator_app.documents import arm_history
 from operator_app.report.results.history import history_text
 from operator_app.session.store.stored_calibration import solve
-from operator_app.session.workflow.importing import ImportedSession
+from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER, ImportedSession
 from solver.chain.poses import PoseSet
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
@@ -106,6 +106,16 @@ def test_the_serial_may_be_left_out_where_there_is_one(
     code, out, _ = asked([], tmp_path, capsys)
     assert code == 0
     assert "SDA-9: 1 accepted calibration" in out
+
+
+def test_no_sessions_and_none_with_a_serial_number_are_two_answers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = asked([], tmp_path, capsys)
+    assert (code, "no sessions in" in err) == (2, True)
+    calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial=UNKNOWN_SERIAL_NUMBER)
+    code, _, err = asked([], tmp_path, capsys)
+    assert (code, "states a serial number" in err, "import --serial" in err) == (2, True, True)
 
 
 def test_two_sessions_of_one_day_are_no_interval(

@@ -139,6 +139,17 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
+def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "sarcal-arm.schema.json").mkdir()
+    assert main(["new", "arm", "--from", "ur5e", "-o", "mine.yaml"]) == 2
+    assert "sarcal-arm.schema.json: cannot be written" in capsys.readouterr().err
+    (tmp_path / "sarcal-arm.schema.json").rmdir()
+    assert main(["new", "arm", "--from", "ur5e", "-o", "mine.yaml"]) == 0
+
+
 @pytest.mark.parametrize(
     ("typed", "says"),
     [

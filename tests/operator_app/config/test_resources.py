@@ -51,6 +51,7 @@ def test_a_name_that_is_neither_lists_what_there_is() -> None:
     said = refusal("fixture", "hindge")
     assert said.startswith("hindge: is neither a built-in fixture nor a file; did you mean hinge?")
     assert "hinge, rigid" in said
+    assert "did you mean ur5e?" in refusal("arm", "UR5e")
 
 
 def test_relative_paths_start_from_the_folder(tmp_path: Path) -> None:

@@ -1,7 +1,13 @@
-"""Every parser and the wire, some odd inputs: the share of `tests/benchmarks/fuzz.py` that is run always."""
+"""Every parser and the wire, odd inputs: some always, some hundreds of each in the campaign.
+
+An input that breaks one is made again by ``tests.oracles.fuzzing.outcome(parser, seed, folder)``; one of the wire by
+all seeds up to it, for an operator that is connected has a past.
+"""
 
 from __future__ import annotations
 
+import resource
+import time
 from pathlib import Path
 from random import Random
 
@@ -12,13 +18,21 @@ from tests.oracles.fuzzing import PARSERS, outcome, over
 
 FEWER = {"the controller's nodes": 4, "the wire": 10}
 """Each of these enables and stops an arm, or runs a session."""
+LIMIT_S, LIMIT_MB = 5.0, 500.0
+"""Of the processor, as the machine may be busy with other things, and of memory."""
 
 
 @pytest.mark.parametrize("kind", PARSERS)
-def test_an_input_is_accepted_or_refused_in_words(kind: str, tmp_path: Path) -> None:
-    seen = {outcome(kind, seed, tmp_path) for seed in range(FEWER.get(kind, 30))}
+@pytest.mark.parametrize("times", [1, pytest.param(20, marks=pytest.mark.campaign)])
+def test_an_input_is_accepted_or_refused_in_words(kind: str, times: int, tmp_path: Path) -> None:
+    seen, count = set(), FEWER.get(kind, 30)
+    for seed in range((times > 1) * count, times * count):
+        begun_s = time.process_time()
+        seen.add(outcome(kind, seed, tmp_path))
+        assert time.process_time() - begun_s < LIMIT_S, seed
     over()
     assert "refused" in seen
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 < LIMIT_MB
 
 
 def test_a_drive_that_does_not_obey_a_stop_is_seen() -> None:

@@ -186,9 +186,7 @@ def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.campaign)]
-)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal.Signals) -> None:
     process = start(tmp_path, "run", "hinge", "--poses", "30")
     folder = wait_for_poses(tmp_path / "sessions", 3, process)

@@ -32,12 +32,23 @@ def expect_trip(arm: Rig, joint: int, code: int) -> None:
     assert {m for k, m in enumerate(modes) if k != joint - 1} == {JointMode.POSITION}
 
 
-def test_excess_torque_trips_8311h_and_stops_the_neighbours(arm: Rig) -> None:
+@pytest.mark.parametrize(
+    ("quantity", "joint", "value", "code", "register"),
+    [
+        ("torque_nm", 5, -150.0, 0x8311, 0x21),
+        ("speed_rad_per_s", 3, 3.2, 0x8400, 0x21),
+        ("angles_rad", 6, 1.3, 0x7305, 0x21),
+    ],
+    ids=["excess torque", "a runaway free joint", "an RVDT at the end of its converter"],
+)
+def test_a_trip_has_its_code_and_stops_the_neighbours(
+    arm: Rig, quantity: str, joint: int, value: float, code: int, register: int
+) -> None:
     arm.operational([8, 10, 10, 10, 8, 10, 10])
-    arm.settled(lambda: arm.plant.torque_nm.__setitem__(4, -150.0))
-    expect_trip(arm, 5, 0x8311)
-    assert arm.peer.unsigned(5, 0x1001) == 0x21
-    assert arm.peer.unsigned(5, 0x603F) == 0x8311
+    arm.settled(lambda: getattr(arm.plant, quantity).__setitem__(joint - 1, value))
+    expect_trip(arm, joint, code)
+    assert arm.peer.unsigned(joint, 0x1001) == register
+    assert arm.peer.unsigned(joint, 0x603F) == code
 
 
 def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm: Rig) -> None:
@@ -64,12 +75,6 @@ def test_a_drive_that_ignores_its_target_stays_and_says_so(arm: Rig) -> None:
         assert (word & STATE, word & 0x1000) == (0x27, 0)
         assert counts == states[0][1]
     assert arm.peer.sync()[1][0] & 0x1000
-
-
-def test_a_runaway_free_joint_trips_its_speed_limit(arm: Rig) -> None:
-    arm.operational([8, 10, 10, 10, 8, 10, 10])
-    arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 3.2))
-    expect_trip(arm, 3, 0x8400)
 
 
 def test_a_joint_that_does_not_follow_trips_8611h(arm: Rig) -> None:
@@ -110,12 +115,6 @@ def test_a_broken_sensor_trips_7305h_and_cannot_be_reset_while_broken(arm: Rig) 
     arm.peer.command(7, 0x80, 0, 8)
     assert arm.peer.sync()[6][0] & 0x4F == 0x40
     assert codes(arm, 7) == [0x7305, 0]
-
-
-def test_an_rvdt_at_the_end_of_its_converter_trips_7305h(arm: Rig) -> None:
-    arm.operational([8, 10, 10, 10, 8, 10, 10])
-    arm.settled(lambda: arm.plant.angles_rad.__setitem__(5, 1.3))
-    expect_trip(arm, 6, 0x7305)
 
 
 def test_no_drive_moves_while_one_is_in_a_fault(arm: Rig) -> None:

@@ -133,7 +133,6 @@ def _refused(q_rad: np.ndarray, known: KnownArm | None) -> bool:
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["stated", "as_reported", "wild"])
 def test_of_the_shop_floors_arms_no_sound_one_is_refused_and_slips_are_found(kind: str) -> None:
-    """All of it: tests/benchmarks/second_standing.py."""
     found, by_files, tried = 0, 0, 0
     for seed in range(2):
         case = remounted(kind, seed, poses=POSES, standings=2)

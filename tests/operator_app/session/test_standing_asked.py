@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from fixtures.base import Tolerance
-from hardware.arm import ArmSnapshot, Reading
-from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
@@ -19,42 +17,7 @@ from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from tests.oracles.opened import opened
-from tests.oracles.plant_arm import PlantArm
-
-
-class WrongZero(PlantArm):
-    """The plant with a joint whose counter is off, or began anew where the arm stood at first."""
-
-    def __init__(self, procedure: Procedure) -> None:
-        super().__init__(procedure, scenario("datasheet", seed=3))
-        self.off_rad = np.zeros(self.model.joint_count)
-        self.enabled = self.moved = 0
-        self.before_end = (0, 0)
-
-    def begin_anew(self, joint: int) -> None:
-        self.off_rad[joint - 1] = -self._positions()[joint - 1]
-
-    def snapshot(self) -> ArmSnapshot:
-        found = super().snapshot()
-        q = found.positions_rad + self.off_rad
-        joints = tuple(
-            replace(j, position_rad=float(at), position_counts=round(at / self._resolution[k]))
-            for k, (j, at) in enumerate(zip(found.joints, q, strict=True))
-        )
-        return replace(found, joints=joints)
-
-    def capture(self, samples: int) -> Reading:
-        found = super().capture(samples)
-        mean = found.mean_rad + self.off_rad
-        return replace(found, mean_rad=mean, mean_counts=mean / self._resolution)
-
-    def take_control(self) -> None:
-        self.enabled += 1
-        super().take_control()
-
-    def move(self, *args: object, **kwargs: object) -> object:  # type: ignore[override]
-        self.moved += 1
-        return super().move(*args, **kwargs)  # type: ignore[arg-type]
+from tests.oracles.wrong_zero import WrongZero
 
 
 def procedure_of(name: str = "hinge") -> Procedure:

@@ -53,7 +53,7 @@ def test_offsets_anywhere_and_hinge_unknown(seed):
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("seed", [100, pytest.param(101, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("seed", [100, 101])
 def test_real_sensors_do_not_mislead_the_search(seed):
     problem = wild_problem(seed)
     q = with_sensors(problem.q, seed)
@@ -89,7 +89,7 @@ def test_an_elbow_that_stands_still_may_be_bent_either_way():
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_hand_put_on_the_other_way_round_is_set_aside(seed):
     problem = wild_problem(seed, upside_down=4)
     q = np.roll(problem.q, 10, axis=0)

@@ -112,11 +112,13 @@ def test_other_devices_on_the_bus_are_not_reset_and_not_started(bus: FakeArmBus)
     assert told == [bytes([command, node]) for command in (0x82, 0x01) for node in nodes]
 
 
-def test_missing_nodes_are_named(bus: FakeArmBus) -> None:
+def test_missing_nodes_are_named_and_nothing_runs_after_that(bus: FakeArmBus) -> None:
     bus.dead = {3, 16}
+    before = threading.active_count()
     with pytest.raises(NodeMissing) as missing:
         make(bus).connect()
     assert missing.value.nodes == (3, 16)
+    assert threading.active_count() == before
 
 
 def test_a_bus_that_breaks_while_the_nodes_boot_is_said_and_nobody_waits_for_them() -> None:
@@ -149,14 +151,6 @@ def test_another_arm_is_named_with_everything_that_differs(bus: FakeArmBus) -> N
     ):
         assert part in text
     assert "joint 1 " not in text
-
-
-def test_nothing_runs_after_a_failed_connection(bus: FakeArmBus) -> None:
-    bus.dead = {3}
-    before = threading.active_count()
-    with pytest.raises(NodeMissing):
-        make(bus).connect()
-    assert threading.active_count() == before
 
 
 def test_calls_before_connecting_say_so(bus: FakeArmBus) -> None:

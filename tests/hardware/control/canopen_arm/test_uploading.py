@@ -193,16 +193,22 @@ def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_t
 
 
 @pytest.mark.parametrize(
-    ("identifier", "begin"), [(0x610, b"\x10"), (0x590, b"\x30")], ids=["request", "answer"]
+    "loses",
+    [
+        Loses(0x610, b"\x10", skip=3),
+        Loses(0x590, b"\x30", skip=3),
+        Loses(0x590, COMMITTED),
+        Loses(0x590, COMMITTED, times=MAX_UPLOADS - 1),
+    ],
+    ids=["a segment", "its answer", "the check", "the check, many times"],
 )
-def test_a_frame_lost_in_the_document_has_it_written_again(
-    driven: CanopenArm, bus: FakeArmBus, identifier: int, begin: bytes
+def test_a_lost_frame_has_it_written_or_checked_again(
+    driven: CanopenArm, bus: FakeArmBus, loses: Loses
 ) -> None:
-    bus.loses = Loses(identifier, begin, skip=3)
-    receipt = driven.upload_parameters(DOCUMENT)
-    assert bus.loses.left == 0
+    bus.loses = loses
+    assert driven.upload_parameters(DOCUMENT).length == len(DOCUMENT)
+    assert loses.left == 0
     assert bus.document == DOCUMENT
-    assert receipt.length == len(DOCUMENT)
 
 
 def test_frames_lost_each_time_are_a_silence_and_no_refusal(
@@ -213,16 +219,6 @@ def test_frames_lost_each_time_are_a_silence_and_no_refusal(
     with pytest.raises(BusError, match="Node 16 does not answer when asked for 2000h"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == b"the one before"
-
-
-@pytest.mark.parametrize("times", [1, MAX_UPLOADS - 1])
-def test_an_upload_whose_check_is_not_answered_is_repeated(
-    driven: CanopenArm, bus: FakeArmBus, times: int
-) -> None:
-    bus.loses = Loses(0x590, COMMITTED, times=times)
-    assert driven.upload_parameters(DOCUMENT).length == len(DOCUMENT)
-    assert bus.loses.left == 0
-    assert bus.document == DOCUMENT
 
 
 class Lapses:

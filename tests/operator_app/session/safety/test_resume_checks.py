@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.arm import ArmIdentity, ArmSnapshot, NodeIdentity, Reading
-from hardware.virtual.scenarios import scenario
+from hardware.arm import Reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, ConnectAgainError, GuardError
@@ -20,65 +19,15 @@ from operator_app.session.workflow.drive_box import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened
-from tests.oracles.plant_arm import PlantArm
 from tests.oracles.shop_floor import session
 from tests.oracles.short_procedure import short_procedure
+from tests.oracles.wrong_zero import WrongZero
 
 
-class Changed(PlantArm):
-    """The plant with something done to it between two runs; counts what enables drives."""
-
-    def __init__(self, procedure: Procedure, name: str) -> None:
-        super().__init__(procedure, scenario(name, seed=3))
-        self.slip_rad = np.zeros(self.model.joint_count)
-        self.zeroed = 0
-        self.sagged_rad = 0.0
-        self.serials = {j: 100 + j for j in range(1, 8)}
-        self.enabled = 0
-
-    def connect(self) -> ArmIdentity:
-        nodes = tuple(
-            NodeIdentity(
-                node=j,
-                role=f"joint {j}",
-                device_name="drive",
-                vendor_id=0,
-                product_code=1,
-                revision=1,
-                serial_number=serial,
-            )
-            for j, serial in self.serials.items()
-        )
-        return replace(super().connect(), nodes=nodes)
-
-    def _off(self, q_rad: np.ndarray) -> np.ndarray:
-        found = q_rad + self.slip_rad
-        if self.zeroed:
-            found[self.zeroed - 1] = self.sagged_rad
-        return found
-
-    def snapshot(self) -> ArmSnapshot:
-        found = super().snapshot()
-        positions = self._off(found.positions_rad)
-        joints = tuple(
-            replace(j, position_rad=float(q)) for j, q in zip(found.joints, positions, strict=True)
-        )
-        return replace(found, joints=joints)
-
-    def capture(self, samples: int) -> Reading:
-        found = super().capture(samples)
-        mean = self._off(found.mean_rad)
-        return replace(found, mean_rad=mean, mean_counts=mean / self._resolution)
-
-    def take_control(self) -> None:
-        self.enabled += 1
-        super().take_control()
-
-
-def left_after(folder: Path, poses: int, name: str = "datasheet") -> Procedure:
+def left_after(folder: Path, poses: int) -> Procedure:
     """A session of which so many poses were taken."""
-    procedure = short_procedure(40, name, seed=3)
-    session = opened(folder, Changed(procedure, name), procedure)
+    procedure = short_procedure(40, "datasheet", seed=3)
+    session = opened(folder, WrongZero(procedure), procedure)
     session.connect()
     session.cancelled = lambda: len(session.state.poses) == poses
     with pytest.raises(Cancelled):
@@ -87,7 +36,7 @@ def left_after(folder: Path, poses: int, name: str = "datasheet") -> Procedure:
     return procedure
 
 
-def resumed(folder: Path, procedure: Procedure, arm: Changed) -> Session:
+def resumed(folder: Path, procedure: Procedure, arm: WrongZero) -> Session:
     return opened(folder, arm, procedure, resumed=True)
 
 
@@ -108,7 +57,7 @@ def left(half_done: tuple[Path, Procedure], tmp_path: Path) -> tuple[Path, Proce
 
 def test_the_same_arm_goes_on(left: tuple[Path, Procedure]) -> None:
     folder, procedure = left
-    arm = Changed(procedure, "datasheet")
+    arm = WrongZero(procedure)
     session = resumed(folder, procedure, arm)
     session.connect()
     session.cancelled = lambda: len(session.state.poses) == 22
@@ -125,8 +74,8 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
     left: tuple[Path, Procedure], joint: int, degrees: float
 ) -> None:
     folder, procedure = left
-    arm = Changed(procedure, "datasheet")
-    arm.slip_rad[joint - 1] = np.deg2rad(degrees)
+    arm = WrongZero(procedure)
+    arm.off_rad[joint - 1] = np.deg2rad(degrees)
     session = resumed(folder, procedure, arm)
     session.connect()
     before = len(session.state.poses)
@@ -147,8 +96,8 @@ def test_two_degrees_of_a_joint_near_the_hand_are_named_before_a_drive_is_enable
     left: tuple[Path, Procedure], joint: int, degrees: float
 ) -> None:
     folder, procedure = left
-    arm = Changed(procedure, "datasheet")
-    arm.slip_rad[joint - 1] = np.deg2rad(degrees)
+    arm = WrongZero(procedure)
+    arm.off_rad[joint - 1] = np.deg2rad(degrees)
     session = resumed(folder, procedure, arm)
     session.connect()
     with pytest.raises(GuardError, match=f"joint {joint} seems to have shifted by") as refused:
@@ -162,8 +111,8 @@ def test_two_degrees_of_a_joint_near_the_hand_are_named_before_a_drive_is_enable
 @pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
 def test_a_counter_at_zero_is_named(left: tuple[Path, Procedure], counts: int, where: str) -> None:
     folder, procedure = left
-    arm = Changed(procedure, "datasheet")
-    arm.zeroed, arm.sagged_rad = 1, counts * 2.0 * np.pi / 400_000
+    arm = WrongZero(procedure)
+    arm.reads_rad[1] = counts * 2.0 * np.pi / 400_000
     session = resumed(folder, procedure, arm)
     session.connect()
     with pytest.raises(GuardError, match=f"counter of joint 1 is {where}"):
@@ -180,8 +129,8 @@ def test_a_counter_near_zero_out_of_range_is_named_in_a_new_session_too(
 ) -> None:
     """The arm sags after its counter began anew, until somebody connects."""
     procedure = short_procedure(6, "datasheet", seed=3)
-    arm = Changed(procedure, "datasheet")
-    arm.zeroed, arm.sagged_rad = 2, counts * 2.0 * np.pi / 400_000
+    arm = WrongZero(procedure)
+    arm.reads_rad[2] = counts * 2.0 * np.pi / 400_000
     session = opened(tmp_path / "s", arm, procedure)
     session.connect()
     with pytest.raises(GuardError, match=rf"joint 2 reads {reads} deg, outside its range"):
@@ -192,7 +141,7 @@ def test_a_counter_near_zero_out_of_range_is_named_in_a_new_session_too(
 
 def test_another_drive_is_named(left: tuple[Path, Procedure]) -> None:
     folder, procedure = left
-    arm = Changed(procedure, "datasheet")
+    arm = WrongZero(procedure)
     arm.serials[3] = 903
     session = resumed(folder, procedure, arm)
     with pytest.raises(GuardError, match=r"node 3 .* serial number 903, it had 103"):
@@ -203,7 +152,7 @@ def test_another_drive_is_named(left: tuple[Path, Procedure]) -> None:
 
 def test_an_arm_without_nodes_is_refused_and_not_simulated(tmp_path: Path) -> None:
     procedure = short_procedure(6, "datasheet", seed=3)
-    arm = Changed(procedure, "datasheet")
+    arm = WrongZero(procedure)
     arm.serials = {}
     assert not arm.connect().simulated
     session = opened(tmp_path / "s", arm, procedure)
@@ -230,8 +179,8 @@ def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(
     tmp_path: Path, joint: int
 ) -> None:
     procedure = left_after(tmp_path / "s", 2)
-    arm = Changed(procedure, "datasheet")
-    arm.slip_rad[joint - 1] = np.deg2rad(2.0)
+    arm = WrongZero(procedure)
+    arm.off_rad[joint - 1] = np.deg2rad(2.0)
     session = resumed(tmp_path / "s", procedure, arm)
     session.connect()
     here, listener = arm.snapshot().positions_rad, Saying()
@@ -243,17 +192,6 @@ def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(
     assert {speed for _, speed in arm.moves} == {HOMING_SPEED_RAD_PER_S}
     assert len(session.state.poses) == 2
     session.close("failed")
-
-
-def test_with_few_poses_the_same_arm_goes_on(tmp_path: Path) -> None:
-    procedure = left_after(tmp_path / "s", 2)
-    session = resumed(tmp_path / "s", procedure, Changed(procedure, "datasheet"))
-    session.connect()
-    session.cancelled = lambda: len(session.state.poses) == 3
-    with pytest.raises(Cancelled):
-        take_poses(session, Listener(), (1, 5))
-    assert len(session.state.poses) == 3
-    session.close("done")
 
 
 SAGGED_DEG = (0.0, 0.0324, 0.25, 1.0, 4.9)

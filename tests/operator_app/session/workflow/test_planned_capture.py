@@ -213,14 +213,7 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize(
-    "sync",
-    [
-        pytest.param(3, marks=pytest.mark.campaign),
-        1500,
-        pytest.param(3700, marks=pytest.mark.campaign),
-    ],
-)
+@pytest.mark.parametrize("sync", [3, 1500, 3700])
 def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
     make_session: MakeSession, sync: int
 ) -> None:

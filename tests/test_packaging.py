@@ -81,10 +81,7 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path:
     source = _copy_of_sources(tmp_path / "source")
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
     built = subprocess.run(
-        [*pip, "--wheel-dir", tmp_path, source],
-        capture_output=True,
-        text=True,
-        check=False,
+        [*pip, "--wheel-dir", tmp_path, source], capture_output=True, text=True, check=False
     )
     assert built.returncode == 0, built.stderr
     (wheel,) = tmp_path.glob("*.whl")

@@ -13,13 +13,7 @@ from tests.oracles.shop_floor import PARAMETERS, RVDTS, Sizes, session
 from tests.oracles.shop_floor_bound import _equations, bound, covariance
 from tests.oracles.shop_floor_chain import Loop, frames, rotation_about_z
 from tests.oracles.shop_floor_load import Load, Masses
-from tests.oracles.shop_floor_walk import (
-    FOLLOW,
-    LOWER_DEG,
-    UPPER_DEG,
-    nominal_chain,
-    nominal_chart,
-)
+from tests.oracles.shop_floor_walk import FOLLOW, LOWER_DEG, UPPER_DEG, nominal_chain, nominal_chart
 
 COUNT = 2.0 * np.pi / 400_000
 LSB = np.deg2rad(120.0) / 4096

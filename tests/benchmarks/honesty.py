@@ -32,13 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 import numpy as np
 
 from tests.benchmarks.shop_floor_files import read
-from tests.benchmarks.shop_floor_outcome import (
-    ACCEPTED,
-    NORMAL_95,
-    WARNED,
-    Outcome,
-    outcome,
-)
+from tests.benchmarks.shop_floor_outcome import ACCEPTED, NORMAL_95, WARNED, Outcome, outcome
 from tests.oracles.shop_floor import PARAMETERS, SOURCES, Sizes, session
 from tests.oracles.shop_floor_bound import bound
 

@@ -90,18 +90,7 @@ def point(T: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def fixture_file(kind: str, arm: str, to: Path, **points: np.ndarray) -> str:
     """Write what `sarcal new fixture` makes of points (m) and directions measured on hand and base."""
-    words = [
-        "new",
-        "fixture",
-        "--kind",
-        kind,
-        "--arm",
-        arm,
-        "--name",
-        kind,
-        "-o",
-        str(to),
-    ]
+    words = ["new", "fixture", "--kind", kind, "--arm", arm, "--name", kind, "-o", str(to)]
     for name, value in points.items():
         size = 1e3 if name.endswith("point") else 1.0
         text = ",".join(f"{size * v:.9f}" for v in value)

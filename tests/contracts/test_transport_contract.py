@@ -105,9 +105,7 @@ def test_a_burst_arrives_whole_and_in_order(opener: Opener) -> None:
     for number in range(count):
         ours.send(
             can.Message(
-                arbitration_id=0x100,
-                data=number.to_bytes(4, "little"),
-                is_extended_id=False,
+                arbitration_id=0x100, data=number.to_bytes(4, "little"), is_extended_id=False
             )
         )
     numbers = []

@@ -17,10 +17,7 @@ def _own_channel() -> str:
     return f"contract-{os.getpid()}-{next(_numbers)}"
 
 
-TRANSPORTS: dict[str, Callable[[], str]] = {
-    "virtual": _own_channel,
-    "loopback": _own_channel,
-}
+TRANSPORTS: dict[str, Callable[[], str]] = {"virtual": _own_channel, "loopback": _own_channel}
 """Interface name, and what gives a test a channel of its own."""
 if Path("/sys/class/net/vcan0").exists():
     TRANSPORTS["socketcan"] = lambda: "vcan0"

@@ -25,10 +25,7 @@ LIMITS = JointLimits(
     joint=4, lower_counts=-1000, upper_counts=500, max_speed_rad_per_s=2.0, max_step_counts=20
 )
 READY = Situation(
-    stopped=False,
-    in_control=True,
-    drive=DriveState.OPERATION_ENABLED,
-    mode=JointMode.POSITION,
+    stopped=False, in_control=True, drive=DriveState.OPERATION_ENABLED, mode=JointMode.POSITION
 )
 NAN, INF = math.nan, math.inf
 

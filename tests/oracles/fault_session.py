@@ -101,9 +101,7 @@ def in_the_loop(controller: VirtualController, reader: Callable[[], T]) -> T:
     return found.get(timeout=10.0)
 
 
-def drives_of(
-    controller: VirtualController,
-) -> tuple[tuple[DriveState, JointMode | None], ...]:
+def drives_of(controller: VirtualController) -> tuple[tuple[DriveState, JointMode | None], ...]:
     """What each drive is at, and what it does about it: None blocks its valve."""
     return tuple((node.drive.state, node.drive.command().mode) for node in controller.drives)
 

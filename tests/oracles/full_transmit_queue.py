@@ -65,11 +65,7 @@ class Line:
 def main() -> None:
     """Bring the device up with a queue of ten frames, and send more than it takes."""
     line = Line()
-    for command in (
-        "set can0 type can bitrate 1000000",
-        "set can0 txqueuelen 10",
-        "set can0 up",
-    ):
+    for command in ("set can0 type can bitrate 1000000", "set can0 txqueuelen 10", "set can0 up"):
         subprocess.run(["ip", "link", *command.split()], check=True)
     bus = open_bus(BusSettings(interface="socketcan", channel="can0"))
     line.reads.clear()

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tests.oracles.shop_floor import (
-    PARAMETERS,
-    Session,
-)
+from tests.oracles.shop_floor import PARAMETERS, Session
 
 
 @dataclass(frozen=True, kw_only=True)

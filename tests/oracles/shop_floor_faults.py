@@ -93,8 +93,7 @@ def flipped(seed: int, *, poses: int) -> Case:
         mine[~there] = mine[order[~there]]
         mine[there] = its
     return Case(
-        taken=replace(found, readings=read, spread=spread, angles=angles),
-        causes=("FLIPPED.*",),
+        taken=replace(found, readings=read, spread=spread, angles=angles), causes=("FLIPPED.*",)
     )
 
 

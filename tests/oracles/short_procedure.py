@@ -10,12 +10,7 @@ from operator_app.config.procedure_file import load_procedure
 
 
 def short_procedure(
-    poses: int,
-    name: str = "exact",
-    *,
-    packaged: str = "hinge",
-    seed: int = 0,
-    samples: int = 8,
+    poses: int, name: str = "exact", *, packaged: str = "hinge", seed: int = 0, samples: int = 8
 ) -> Procedure:
     """Return the procedure with so many poses, of so many samples each, for the arm of scenario `name`."""
     found = load_procedure(packaged)

@@ -40,10 +40,7 @@ def desk(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
 
 @pytest.mark.campaign
 def test_it_is_calibrated_by_name(
-    desk: Path,
-    folder: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    desk: Path, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with toy(folder) as arm:
         bus = ["-i", "moving_line_arm", "-c", arm.channel]
@@ -174,11 +171,7 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
 
 @pytest.mark.parametrize(
     ("name", "code"),
-    [
-        ("nothing", "import no_such_library\n"),
-        ("text", "OFFER = 'an arm'\n"),
-        ("broken", BROKEN),
-    ],
+    [("nothing", "import no_such_library\n"), ("text", "OFFER = 'an arm'\n"), ("broken", BROKEN)],
     ids=["nothing", "text", "broken"],
 )
 def test_a_package_that_is_wrong_is_named(

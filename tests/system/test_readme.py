@@ -48,9 +48,7 @@ def test_the_transcript_is_true(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.campaign
-def test_figures_of_the_paper_are_what_reproduce_prints(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_figures_of_the_paper_are_what_reproduce_prints(capsys: pytest.CaptureFixture[str]) -> None:
     """To the last digit, in README and manual."""
     assert main(["reproduce"]) == 0
     found = capsys.readouterr().out

@@ -31,10 +31,7 @@ def terminal(tmp_path):
 
     def open_terminal(*options: str, size=(120, 36), environment=None) -> Terminal:
         made = Terminal(
-            tmp_path,
-            [*SARCAL, "--poses", str(POSES), *options],
-            size=size,
-            environment=environment,
+            tmp_path, [*SARCAL, "--poses", str(POSES), *options], size=size, environment=environment
         )
         opened.append(made)
         return made
@@ -75,11 +72,7 @@ def apply_modes(t: Terminal) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    "size",
-    [
-        pytest.param((120, 36), id="120x36"),
-        pytest.param((80, 24), id="80x24"),
-    ],
+    "size", [pytest.param((120, 36), id="120x36"), pytest.param((80, 24), id="80x24")]
 )
 def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path, size):
     t = terminal(size=size)

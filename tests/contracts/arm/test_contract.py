@@ -17,11 +17,7 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import (
-    ControlDenied,
-    Stopped,
-    UploadRefused,
-)
+from hardware.errors import ControlDenied, Stopped, UploadRefused
 from hardware.timing import Pace
 from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on

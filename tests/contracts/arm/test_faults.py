@@ -9,13 +9,7 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import (
-    BusError,
-    DriveFault,
-    DuplicateNodeId,
-    ModeNotReached,
-    SensorFault,
-)
+from hardware.errors import BusError, DriveFault, DuplicateNodeId, ModeNotReached, SensorFault
 from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import FREE, POSITION, TWO_DRIVEN, controller_on, operator_on
 

@@ -238,9 +238,7 @@ with LoopbackBus(sys.argv[1]) as bus:
 def test_two_processes_talk(bus: LoopbackBus, channel: str) -> None:
     count = 300
     peer = subprocess.Popen(
-        [sys.executable, "-c", ECHO, channel, str(count)],
-        stdout=subprocess.PIPE,
-        text=True,
+        [sys.executable, "-c", ECHO, channel, str(count)], stdout=subprocess.PIPE, text=True
     )
     with peer:
         assert peer.stdout is not None

@@ -89,9 +89,7 @@ def arms() -> Iterator[list[Any]]:
 
 
 def test_another_map_is_refused_or_written_as_the_profile_says(
-    settings: BusSettings,
-    foreign: ForeignArm,
-    arms: list[Any],
+    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
 ) -> None:
     with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
         connected(settings, profile(PROFILE.replace("configured", "compared")))
@@ -121,9 +119,7 @@ def test_another_map_is_refused_or_written_as_the_profile_says(
 
 
 def test_what_was_written_is_said_and_forgotten_by_a_reset(
-    settings: BusSettings,
-    foreign: ForeignArm,
-    arms: list[Any],
+    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
 ) -> None:
     arm = connected(settings, profile())
     arm.close()
@@ -140,9 +136,7 @@ def test_what_was_written_is_said_and_forgotten_by_a_reset(
 
 
 def test_what_is_equal_already_is_not_touched(
-    settings: BusSettings,
-    foreign: ForeignArm,
-    arms: list[Any],
+    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
 ) -> None:
     as_it_is = PROFILE[: PROFILE.index("commands:")] + (
         "commands:\n"
@@ -163,9 +157,7 @@ def test_what_is_equal_already_is_not_touched(
 
 
 def test_a_pdo_that_is_in_the_way_is_switched_off(
-    settings: BusSettings,
-    foreign: ForeignArm,
-    arms: list[Any],
+    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
 ) -> None:
     arms.append(connected(settings, profile(PROFILE.replace("200h + node", "400h + node"))))
     node = foreign.nodes[1]
@@ -176,8 +168,7 @@ def test_a_pdo_that_is_in_the_way_is_switched_off(
 
 
 def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
-    settings: BusSettings,
-    foreign: ForeignArm,
+    settings: BusSettings, foreign: ForeignArm
 ) -> None:
     foreign.nodes[2].fixed.add(0x1A02)
     with pytest.raises(PdoSetupFailed) as refused:
@@ -193,8 +184,7 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
 
 
 def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
-    settings: BusSettings,
-    foreign: ForeignArm,
+    settings: BusSettings, foreign: ForeignArm
 ) -> None:
     with pytest.raises(PdoSetupFailed) as refused:
         connected(settings, profile(PROFILE.replace("pdo: 4", "pdo: 1")))
@@ -205,10 +195,7 @@ def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_nothing_is_written_into_another_arm(
-    settings: BusSettings,
-    foreign: ForeignArm,
-) -> None:
+def test_nothing_is_written_into_another_arm(settings: BusSettings, foreign: ForeignArm) -> None:
     foreign.nodes[3].set_data(0x60C2, 1, b"\x04")
     with pytest.raises(WrongArm, match="joint 4 has a control period"):
         connected(settings, profile())

@@ -75,9 +75,7 @@ class Bench:
                 drive.serve(HEARTBEAT_CONSUMER, 1, lambda: OPERATOR_NODE << 16 | int(1e3 * WATCH_S))
 
     def arm(
-        self,
-        pace: Pace = Pace.FAST_FORWARD,
-        opener: Callable[[BusSettings], can.BusABC] = open_bus,
+        self, pace: Pace = Pace.FAST_FORWARD, opener: Callable[[BusSettings], can.BusABC] = open_bus
     ) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
         encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
@@ -349,11 +347,7 @@ def test_a_second_program_that_is_let_in_is_told(bench: Bench, same_bus: bool) -
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(
-    "pace",
-    [
-        pytest.param(Pace.REAL_TIME, marks=pytest.mark.real_time),
-        Pace.FAST_FORWARD,
-    ],
+    "pace", [pytest.param(Pace.REAL_TIME, marks=pytest.mark.real_time), Pace.FAST_FORWARD]
 )
 def test_drives_that_ignore_that_the_operator_is_gone_are_found_enabled(pace: Pace) -> None:
     """They say in 1016h that they watch. The reset of a new connection stops them: that is not alone."""

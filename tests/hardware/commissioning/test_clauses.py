@@ -12,14 +12,7 @@ from tests.oracles.approved import Approve
 
 @pytest.mark.parametrize(
     ("guard_s", "passed"),
-    [
-        (None, False),
-        (0.5, True),
-        (2.0, True),
-        (2.1, None),
-        (10.0, None),
-        (10.1, False),
-    ],
+    [(None, False), (0.5, True), (2.0, True), (2.1, None), (10.0, None), (10.1, False)],
 )
 def test_what_a_run_puts_up_with_does_not_fail_and_is_said(
     guard_s: float | None, passed: bool | None, approve: Approve
@@ -48,10 +41,7 @@ class Credulous:
         self.uploads += 1
 
 
-@pytest.mark.parametrize(
-    ("before", "uploads"),
-    [(b"good", 2), (b"", 1)],
-)
+@pytest.mark.parametrize(("before", "uploads"), [(b"good", 2), (b"", 1)])
 def test_only_what_was_uploaded_again_is_said_to_be(
     before: bytes, approve: Approve, uploads: int
 ) -> None:

@@ -217,13 +217,7 @@ def test_on_the_edge_of_its_window_it_stands_and_once_back_it_begins_anew() -> N
 
 @pytest.mark.parametrize(
     "other",
-    [
-        {"status": ENABLED},
-        {"status": OFF},
-        {"status": FAULT},
-        {"mode": CST},
-        {"missing": (2,)},
-    ],
+    [{"status": ENABLED}, {"status": OFF}, {"status": FAULT}, {"mode": CST}, {"missing": (2,)}],
 )
 def test_only_a_led_joint_whose_drive_says_that_it_holds_is_held_to_it(
     other: dict[str, int],

@@ -57,11 +57,7 @@ class AnyDrive(RuleBasedStateMachine):
         drive, command = self.bench.drive, self.bench.drive.command()
         if command.mode is JointMode.FREE:
             assert drive.state is S.OPERATION_ENABLED
-        if drive.state in (
-            S.SWITCH_ON_DISABLED,
-            S.READY_TO_SWITCH_ON,
-            S.SWITCHED_ON,
-        ):
+        if drive.state in (S.SWITCH_ON_DISABLED, S.READY_TO_SWITCH_ON, S.SWITCHED_ON):
             assert command.mode is None
 
     @invariant()

@@ -183,10 +183,7 @@ class Noting(VirtualBus):
 
 def test_a_bad_wire_is_looked_at_more_often_only_where_it_keeps_frames_back() -> None:
     plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
-    with (
-        Noting("noting") as bus,
-        VirtualController(bus, plant, axes=axes(), arm=ARM) as controller,
-    ):
+    with Noting("noting") as bus, VirtualController(bus, plant, axes=axes(), arm=ARM) as controller:
 
         def waits_with(faults: FrameFaults) -> set[float]:
             begun, done = threading.Event(), threading.Event()

@@ -144,9 +144,7 @@ def test_every_flipped_bit_in_a_slot_is_noticed(tmp_path: Path) -> None:
         assert store.document(Slot.A) == FIRST
 
 
-def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(
-    tmp_path: Path,
-) -> None:
+def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "slot_a")
     store = ParameterStore(FolderDisk(tmp_path))
     with pytest.raises(OSError, match="not a file"):

@@ -128,14 +128,7 @@ def test_a_wrong_document_is_refused_in_words_and_nothing_changes(
     assert held(arm) == document(OTHER)
 
 
-@pytest.mark.parametrize(
-    "angle",
-    [
-        float("nan"),
-        float("inf"),
-        2.1 / 5729.578,
-    ],
-)
+@pytest.mark.parametrize("angle", [float("nan"), float("inf"), 2.1 / 5729.578])
 def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, approve: Approve) -> None:
     def validate(data: bytes) -> ValidatedParameters:
         return ValidatedParameters(

@@ -216,13 +216,7 @@ def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:
     assert [(n.code, n.text) for n in found.notices] == [("FORCED", f"B was {text}")]
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"serial": "SDA-0002"},
-        {"model": "franka_panda"},
-    ],
-)
+@pytest.mark.parametrize("changes", [{"serial": "SDA-0002"}, {"model": "franka_panda"}])
 def test_other_arms_are_not_compared(changes: dict[str, str], approve: Approve) -> None:
     document = make_document()
     other = replace(document, arm=replace(document.arm, **changes))

@@ -49,13 +49,7 @@ def diverged_solution() -> Solution:
 
 
 @pytest.mark.parametrize(
-    "advice",
-    [
-        "Believe implicit",
-        "remount the hinge",
-        "poses that differ more",
-        "To halve it",
-    ],
+    "advice", ["Believe implicit", "remount the hinge", "poses that differ more", "To halve it"]
 )
 def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
     diverged_solution: Solution, advice: str

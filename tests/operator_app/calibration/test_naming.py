@@ -50,9 +50,7 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
     assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
 
 
-def test_a_cause_that_refuses_is_named_however_many_come_before_it(
-    sound: Solution,
-) -> None:
+def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Solution) -> None:
     """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
     trial = tried(session(SEED))[0]
     some = [c for c in trial.scene.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
@@ -113,10 +111,7 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
         )
         labels = tuple(str(k) for k in range(40))
         (cause,) = causes_of(
-            replace(trial, rounds=((one,),)),
-            sound.estimate,
-            ("theta_off_2",),
-            labels,
+            replace(trial, rounds=((one,),)), sound.estimate, ("theta_off_2",), labels
         )
         assert words in cause.text, cause.text
         assert denied not in cause.text, cause.text

@@ -67,9 +67,7 @@ def test_in_metal_a_pose_is_its_readings_whatever_was_measured_beside_it(measure
         require_new(again(measured), measured, load_fixture("hinge").fixture)
 
 
-def test_full_poses_and_points_are_compared_by_the_points(
-    measured: PoseSet,
-) -> None:
+def test_full_poses_and_points_are_compared_by_the_points(measured: PoseSet) -> None:
     turned = np.hstack((measured.endpoint, np.zeros((len(measured), 3))))
     full = replace(measured, endpoint=turned)
     tracker = load_fixture("tracker").fixture

@@ -30,9 +30,7 @@ def test_of_one_entry_that_is_off() -> None:
     exact |= dict(zip((p.name for p in estimate.parameters), estimate.x.tolist(), strict=True))
     sigma = dict(
         zip(
-            (p.name for p in estimate.parameters),
-            estimate.standard_deviation.tolist(),
-            strict=True,
+            (p.name for p in estimate.parameters), estimate.standard_deviation.tolist(), strict=True
         )
     )
 

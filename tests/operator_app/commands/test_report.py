@@ -85,12 +85,7 @@ def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFol
 
 @pytest.mark.parametrize(
     ("poses", "options"),
-    [
-        (0, []),
-        (2, []),
-        (4, ["--unsensed", "8"]),
-        (4, ["--unsensed", "6", "--estimator", "paper"]),
-    ],
+    [(0, []), (2, []), (4, ["--unsensed", "8"]), (4, ["--unsensed", "6", "--estimator", "paper"])],
 )
 def test_nothing_is_written_when_there_is_nothing_to_say(
     make_folder: MakeFolder,

@@ -174,10 +174,7 @@ def test_reset_on_a_bus_that_is_named_needs_no_settings(file: Path) -> None:
 
 
 def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
-    file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It may hold who works here; that is nothing to stop a calibration for."""
     from operator_app.effective_procedure import session_bus
@@ -199,10 +196,7 @@ def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
 
 
 def test_the_app_begins_with_a_wrong_file_and_says_so_on_its_screen(
-    file: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file.parent.mkdir(parents=True)
     file.write_text(WRONG)

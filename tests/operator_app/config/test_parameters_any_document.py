@@ -25,11 +25,7 @@ from operator_app.config.parameter_records import (
     WhichFixture,
 )
 from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import (
-    format_parameters,
-    parse_parameters,
-    rows_from_table,
-)
+from operator_app.config.parameters_file import format_parameters, parse_parameters, rows_from_table
 from solver.chain.kinematics import DhTable
 from tests.oracles.nominal_document import GOOD
 

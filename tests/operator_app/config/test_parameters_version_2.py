@@ -23,10 +23,7 @@ from operator_app.config.parameter_records import (
     correlations_of,
 )
 from operator_app.config.parameters import ParametersDocument
-from operator_app.config.parameters_file import (
-    format_parameters,
-    parse_parameters,
-)
+from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.schema import schema_name
 from tests.oracles.approved import Approve
 from tests.oracles.nominal_document import GOOD, complaint, document

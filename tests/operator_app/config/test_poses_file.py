@@ -152,9 +152,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(
-    ("data", "joints", "line", "column", "key"),
-    [b[1:] for b in BAD],
-    ids=[b[0] for b in BAD],
+    ("data", "joints", "line", "column", "key"), [b[1:] for b in BAD], ids=[b[0] for b in BAD]
 )
 def test_one_mistake_gives_one_complaint(
     data: bytes,

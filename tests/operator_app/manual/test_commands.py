@@ -158,8 +158,7 @@ def ours(block: Block) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "topic",
-    [pytest.param(t, marks=[pytest.mark.campaign] if t in LONG else []) for t in TOPICS],
+    "topic", [pytest.param(t, marks=[pytest.mark.campaign] if t in LONG else []) for t in TOPICS]
 )
 def test_every_command_of_a_page_runs(topic: str, prepared: Path, desk: Path) -> None:
     made: list[Path] = []

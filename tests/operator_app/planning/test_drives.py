@@ -9,12 +9,7 @@ import pytest
 
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
-from operator_app.planning.drives import (
-    DrivePrediction,
-    choose_drives,
-    predict_drives,
-    sets_to_try,
-)
+from operator_app.planning.drives import DrivePrediction, choose_drives, predict_drives, sets_to_try
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import TrialWiggles
 

@@ -100,9 +100,7 @@ def units_missing(page: Page, without_unit: set[str]) -> list[str]:
     return missing
 
 
-def _headers(
-    rows: list[list[tuple[str, dict[str, str], str]]],
-) -> list[tuple[str, str]]:
+def _headers(rows: list[list[tuple[str, dict[str, str], str]]]) -> list[tuple[str, str]]:
     """Title and group of every column, from one or two header rows."""
     if len(rows) == 1:
         return [(cell[2], "") for cell in rows[0]]

@@ -271,11 +271,7 @@ def test_nothing_connects_while_the_fixture_is_off(make_session) -> None:
         session.state.placement,
         session.state.mounted,
         session.state.unconfirmed_placement,
-    ) == (
-        2,
-        False,
-        True,
-    )
+    ) == (2, False, True)
     with pytest.raises(GuardError, match="its mounting for placement 2"):
         session.connect()
     assert session.identity is None

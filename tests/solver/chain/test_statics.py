@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.kinematics import forward
-from solver.chain.statics import (
-    STANDARD_GRAVITY_M_PER_S2,
-    LinkMasses,
-    gravity_torque,
-    torque_rates,
-)
+from solver.chain.statics import STANDARD_GRAVITY_M_PER_S2, LinkMasses, gravity_torque, torque_rates
 from tests.oracles.pinocchio_gravity import PinocchioGravity
 
 LINKS = 7

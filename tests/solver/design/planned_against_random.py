@@ -109,7 +109,5 @@ def compare(
         sigma = standard_deviations(information_of(task, x, poses))
         ratios.append(float((plan.predicted_sigma / sigma)[judged].mean()))
     return Comparison(
-        session=ratios[0],
-        closed=ratios[1],
-        condition=plan.design.scaled_condition_number,
+        session=ratios[0], closed=ratios[1], condition=plan.design.scaled_condition_number
     )

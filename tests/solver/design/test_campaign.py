@@ -38,10 +38,7 @@ def knows(task: PlanningTask, x) -> Callable[[np.ndarray], InterimEstimate]:
 def at_plan(task: PlanningTask, x, **settings) -> Campaign:
     """A campaign whose interim calibration knows the truth, driven by the model itself."""
     return Campaign(
-        task=task,
-        start_rad=HOME,
-        settings=CampaignSettings(**settings),
-        calibrate=knows(task, x),
+        task=task, start_rad=HOME, settings=CampaignSettings(**settings), calibrate=knows(task, x)
     )
 
 

@@ -88,12 +88,7 @@ def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick) ->
     trusting = make_plan(task, x, HOME, 6)
     assert plan.allowed.sum() < 0.9 * trusting.allowed.sum()
     sigma = prediction_sigma(
-        loop,
-        x,
-        plan.poses_rad,
-        plan.manifold.u[list(plan.visits)],
-        covariance,
-        (1, 5),
+        loop, x, plan.poses_rad, plan.manifold.u[list(plan.visits)], covariance, (1, 5)
     )
     assert sigma.max() <= task.most_uncertain_rad
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import DhEntry, nominal_vector
-from solver.diagnostics.statistics import (
-    chi2_test,
-    correlations,
-    intervals,
-    jackknife,
-)
+from solver.diagnostics.statistics import chi2_test, correlations, intervals, jackknife
 from solver.errors import TooFewPosesError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel, estimate_implicit

@@ -12,13 +12,7 @@ from solver.chain.parameters import nominal_vector
 from solver.chain.rotations import rotation_about_z
 from solver.chain.statics import LinkMasses, gravity_torque
 from solver.closing import left_null_space
-from solver.estimators.compliance import (
-    WISHART_DOF,
-    Pulled,
-    compliance_sizes,
-    covariance,
-    variance,
-)
+from solver.estimators.compliance import WISHART_DOF, Pulled, compliance_sizes, covariance, variance
 from solver.estimators.load_effects import LoadBasis, driven_sets, load_basis, wrench_of
 from solver.loops.dh import DhLoop
 from solver.loops.placements import place

@@ -115,9 +115,7 @@ def test_an_unsensed_wrist_may_start_from_its_readings():
     model = nothing_known()
     lost = ("theta_off_6", "theta_off_7")
     unsensed = replace(
-        model,
-        entries=tuple(e for e in model.entries if e.name not in lost),
-        unsensed_joints=(6, 7),
+        model, entries=tuple(e for e in model.entries if e.name not in lost), unsensed_joints=(6, 7)
     )
     found = global_start(unsensed, problem.q, starts=100)
     whole = dict(zip(NAMES, global_start(model, problem.q, starts=100).x, strict=True))

@@ -8,10 +8,7 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import (
-    TWO_DRIVEN,
-    make,
-)
+from tests.hardware.on_fake_bus import TWO_DRIVEN, make
 
 
 @pytest.fixture

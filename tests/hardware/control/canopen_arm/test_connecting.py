@@ -9,16 +9,8 @@ import can
 import pytest
 
 from hardware.arm import Arm, DriveState
-from hardware.arm_description import (
-    EncoderDescription,
-)
-from hardware.errors import (
-    BusError,
-    ControlDenied,
-    NodeMissing,
-    OtherMaster,
-    WrongArm,
-)
+from hardware.arm_description import EncoderDescription
+from hardware.errors import BusError, ControlDenied, NodeMissing, OtherMaster, WrongArm
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import PER_RAD, describe, hasty, make
 

@@ -82,9 +82,7 @@ def test_what_was_asked_once_only_says_nothing_of_the_bus() -> None:
     assert not lost
 
 
-def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(
-    bus: FakeArmBus,
-) -> None:
+def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus: FakeArmBus) -> None:
     bus.loses = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
     with pytest.raises(BusError, match="Node 4 does not answer when asked for 1014h") as silent:
         make(bus, timing=HASTY).connect()

@@ -31,10 +31,7 @@ def u32(value: int) -> bytes:
 @pytest.mark.parametrize(
     ("place", "value"),
     [
-        (
-            (3, 0x1A00, 2),
-            u32(0x606C0020),
-        ),
+        ((3, 0x1A00, 2), u32(0x606C0020)),
         ((3, 0x1A00, 0), u32(2)),
         ((3, 0x1A00, 0), ABSENT),
         ((5, 0x1600, 2), u32(0x60FF0020)),
@@ -46,18 +43,9 @@ def u32(value: int) -> bytes:
         ((1, 0x1005, 0), u32(0x40000080)),
         ((1, 0x1014, 0), u32(0x82)),
         ((4, 0x1401, 1), u32(0x201)),
-        (
-            (2, 0x1019, 0),
-            b"\xf0",
-        ),
-        (
-            (2, 0x1800, 3),
-            b"\xe8\x03",
-        ),
-        (
-            (2, 0x1800, 6),
-            b"\x01",
-        ),
+        ((2, 0x1019, 0), b"\xf0"),
+        ((2, 0x1800, 3), b"\xe8\x03"),
+        ((2, 0x1800, 6), b"\x01"),
     ],
 )
 def test_what_differs_is_named_with_node_object_expected_and_found(

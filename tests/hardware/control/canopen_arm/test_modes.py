@@ -5,18 +5,9 @@ from __future__ import annotations
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import (
-    CommandRefused,
-    ControlDenied,
-    DriveFault,
-    ModeNotReached,
-)
+from hardware.errors import CommandRefused, ControlDenied, DriveFault, ModeNotReached
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import (
-    POSITION,
-    TWO_DRIVEN,
-    frames,
-)
+from tests.hardware.on_fake_bus import POSITION, TWO_DRIVEN, frames
 
 
 def test_taking_control_enables_every_drive_where_it_is(arm: CanopenArm, bus: FakeArmBus) -> None:

@@ -16,18 +16,9 @@ import pytest
 
 from hardware.arm import ArmSnapshot
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import (
-    CommandRefused,
-    DriveFault,
-    Stopped,
-)
+from hardware.errors import CommandRefused, DriveFault, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import (
-    PER_RAD,
-    TWO_DRIVEN,
-    frames,
-    make,
-)
+from tests.hardware.on_fake_bus import PER_RAD, TWO_DRIVEN, frames, make
 from tests.oracles.approved import Approve
 
 
@@ -62,13 +53,7 @@ def test_the_same_moves_take_the_same_syncs_every_time() -> None:
 
 @pytest.mark.parametrize(
     ("targets", "speed"),
-    [
-        ({2: 3.0}, 0.5),
-        ({2: math.nan}, 0.5),
-        ({2: 0.1}, 5.0),
-        ({2: 0.1}, 0.0),
-        ({3: 0.1}, 0.5),
-    ],
+    [({2: 3.0}, 0.5), ({2: math.nan}, 0.5), ({2: 0.1}, 5.0), ({2: 0.1}, 0.0), ({3: 0.1}, 0.5)],
 )
 def test_a_move_out_of_bounds_never_starts(
     driven: CanopenArm, bus: FakeArmBus, targets: dict[int, float], speed: float, approve: Approve

@@ -9,9 +9,7 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import (
-    PER_RAD,
-)
+from tests.hardware.on_fake_bus import PER_RAD
 
 
 def test_settling_waits_for_the_spread_to_shrink(driven: CanopenArm, bus: FakeArmBus) -> None:

@@ -8,16 +8,9 @@ import can
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-)
+from hardware.errors import BusError, CommandRefused
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import (
-    PER_RAD,
-    capture_for_ever,
-    wait_for,
-)
+from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
 
 
 def test_a_joint_that_stops_answering_is_named_and_nothing_hangs(

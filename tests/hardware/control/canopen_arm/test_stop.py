@@ -11,11 +11,7 @@ import pytest
 
 from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import (
-    BusError,
-    CommandRefused,
-    Stopped,
-)
+from hardware.errors import BusError, CommandRefused, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import (
     PER_RAD,
@@ -79,9 +75,7 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_stop_while_connecting_is_latched_and_sent_and_ends_it(
-    stage: str,
-) -> None:
+def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage: str) -> None:
     """By the time a STOP is pressed the bus may be open, and a drive may be moving for whoever was before us."""
 
     class Pressed(FakeArmBus):

@@ -13,8 +13,7 @@ def text(canvas: Canvas) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("x", "y", "character"),
-    [(0, 0, "⠁"), (0, 3, "⡀"), (1, 0, "⠈"), (1, 3, "⢀"), (0.9, 2.9, "⠄")],
+    ("x", "y", "character"), [(0, 0, "⠁"), (0, 3, "⡀"), (1, 0, "⠈"), (1, 3, "⢀"), (0.9, 2.9, "⠄")]
 )
 def test_a_dot_is_the_unicode_character_with_that_dot(x, y, character):
     canvas = Canvas(1, 1, ascii_only=False)

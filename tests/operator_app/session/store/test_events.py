@@ -52,10 +52,7 @@ def swapped() -> bytes:
 
 WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
     "sources missing": (lambda: without("opened", "sources"), "opened.sources"),
-    "sources a list": (
-        lambda: changed("opened", sources=[]),
-        "opened.sources",
-    ),
+    "sources a list": (lambda: changed("opened", sources=[]), "opened.sources"),
     "source a number": (lambda: changed("opened", sources={"arm": 3}), "opened.sources"),
     "settings missing": (lambda: without("resumed", "settings"), "resumed.settings"),
     "poses text": (lambda: changed("opened", settings={"poses": "x"}), "settings"),
@@ -65,14 +62,8 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
     "seed": (lambda: changed("opened", settings={"seed": -1}), "settings"),
     "serial a number": (lambda: changed("connected", serial_number=5), "serial_number"),
     "nodes": (lambda: changed("connected", nodes=[5]), "connected.nodes"),
-    "node": (
-        lambda: changed("connected", nodes=[{"node": 1}]),
-        "nodes",
-    ),
-    "start of 6": (
-        lambda: changed("modes", modes=["free"] * 6),
-        "modes.modes",
-    ),
+    "node": (lambda: changed("connected", nodes=[{"node": 1}]), "nodes"),
+    "start of 6": (lambda: changed("modes", modes=["free"] * 6), "modes.modes"),
     "mode": (lambda: changed("modes", modes=["up"] * 7), "modes.modes"),
     "mean missing": (lambda: without("pose", "mean_rad"), "pose.mean_rad"),
     "mean of 6": (lambda: changed("pose", mean_rad=Q[:6]), "pose.mean_rad"),

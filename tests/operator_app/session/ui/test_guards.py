@@ -91,11 +91,7 @@ def not_accepted(s):
         (guards.may_use_data, "modes", lost),
         (guards.may_capture, "modes", stale),
         (guards.may_capture, "ticked", None),
-        (
-            guards.may_capture,
-            "capturing",
-            interrupted,
-        ),
+        (guards.may_capture, "capturing", interrupted),
         (guards.may_capture, "capturing", slipped),
         (guards.may_move, "modes", lost),
         (guards.may_move, "modes", lambda s: replace(s, next_waypoint=None)),

@@ -182,10 +182,7 @@ def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
         port.line(0.0)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [None, "x_m,y_m", "x_m,y_m\n"],
-)
+@pytest.mark.parametrize("text", [None, "x_m,y_m", "x_m,y_m\n"])
 def test_a_file_without_a_heading_is_refused_at_once(
     tmp_path: Path, text: str | None, approve: Approve
 ) -> None:

@@ -90,9 +90,7 @@ def test_the_patience_for_an_object_is_the_procedures(tmp_path: Path) -> None:
     assert [timing.sdo_timeout_s for timing in timings] == [10.0, 7.5]
 
 
-def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(
-    tmp_path: Path,
-) -> None:
+def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(tmp_path: Path) -> None:
     own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
     packaged = resolve("profile", "sarcos").data.decode()
     own.write_text(packaged.replace("name: sarcos", "name: own"))

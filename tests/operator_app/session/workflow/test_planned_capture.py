@@ -282,9 +282,7 @@ def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None
 
 
 @pytest.mark.campaign
-def test_a_withdrawn_pose_no_longer_counts_in_the_plan(
-    make_session: MakeSession,
-) -> None:
+def test_a_withdrawn_pose_no_longer_counts_in_the_plan(make_session: MakeSession) -> None:
     session = make_session(procedure(2))
     told = Told(session)
     told.run()

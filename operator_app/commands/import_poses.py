@@ -261,6 +261,12 @@ def _recorded(
         if args.topic:
             raise UsageError(f"{file}: --topic is for bags")
         recording = load_timed_log(file, time=args.time, joints=joints, unit=unit, columns=columns)
+    step_s = float(np.median(np.diff(recording.time_s, append=recording.time_s[-1])))
+    if step_s > dwell_s:
+        raise UsageError(
+            f"{file}: its samples are {step_s:.3g} s apart (median), which a dwell of {dwell_s:g} s is too short "
+            "for; if its times are ms, write them in seconds, else give a longer --dwell-s"
+        )
     dwells, refused = find_dwells(
         recording.time_s, recording.q_rad, dwell_s=dwell_s, spread_rad=np.deg2rad(spread_deg)
     )

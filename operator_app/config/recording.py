@@ -121,7 +121,7 @@ def load_timed_log(
         q if unit == "rad" else np.deg2rad(q),
         joints=order,
         file=file,
-        source=f"lines, time {header[by] if header else f'column {by + 1}'}",
+        source=f"lines (times: {header[by] if header else f'column {by + 1}'})",
     )
 
 

@@ -263,6 +263,7 @@ def test_what_does_not_go_with_a_recording_is_refused(
     (tmp_path / "torn.csv").write_text(log.read_text()[:-20])
     (tmp_path / "mid.csv").write_text(log.read_text().replace("\n2.", "\nx,\n2.", 1))
     (tmp_path / "two.csv").write_text(log.read_text().replace("mode,q1", "dq1,q1", 1))
+    ms = write_log(tmp_path / "ms.csv", 1e3 * (time_s - time_s[0]), q, names)
     for words, said in (
         ([bag, "--rad"], "a bag has times and is in radians"),
         ([bag, "--placement", "q1"], "--placement is for logs"),
@@ -277,6 +278,10 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ([str(log), "--time", "time"], "say --rad, or --deg"),
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
+        (
+            [str(ms), "--time", "time", "--rad"],
+            "s apart (median), which a dwell of 1 s is too short",
+        ),
         (
             [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
             "2 cells where the lines before have",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,10 +150,10 @@ def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(
     session, arm = busy_session(tmp_path / "session")
     arm.lateness = late(1, 0.4, 0.4)
 
-    def full(*_: object, **__: object) -> None:
-        raise JournalError("cannot write the journal: no space left on device", "free space")
+    def full(_descriptor: int, _data: bytes) -> int:
+        raise OSError(errno.ENOSPC, "no space left on device")
 
-    monkeypatch.setattr(session.journal, "append", full)
+    monkeypatch.setattr(os, "write", full)
     closed = arm.closed
     with pytest.raises(JournalError, match="no space"):
         session.close("end of the test")

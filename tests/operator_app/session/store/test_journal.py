@@ -20,16 +20,15 @@ from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journ
 
 EVENTS = (("opened", {"a": 1.25}), ("pose", {"mean_rad": [0.1, -2e-17]}), ("note", {"t": "µ\n"}))
 
+WRITE, FSYNC, FTRUNCATE = os.write, os.fsync, os.ftruncate
+
 
 class FailingDisk:
-    """`os` on a disk whose n-th call of a kind fails, n counted from 1; `short` writes cut a line."""
+    """A disk whose n-th call of a kind fails, n counted from 1; `short` writes cut a line."""
 
     def __init__(self, failing: Mapping[str, tuple[int, ...]], *, short: bool = False) -> None:
         self._failing, self._short = failing, short
         self._calls: Counter[str] = Counter()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(os, name)
 
     def _fails(self, name: str) -> bool:
         self._calls[name] += 1
@@ -37,8 +36,8 @@ class FailingDisk:
 
     def write(self, descriptor: int, data: bytes) -> int:
         if not self._fails("write"):
-            return os.write(descriptor, data)
-        written = os.write(descriptor, data[: len(data) // 2])
+            return WRITE(descriptor, data)
+        written = WRITE(descriptor, data[: len(data) // 2])
         if self._short:
             return written
         raise OSError(errno.EIO, "the disk failed")
@@ -46,16 +45,17 @@ class FailingDisk:
     def fsync(self, descriptor: int) -> None:
         if self._fails("fsync"):
             raise OSError(errno.EIO, "the disk failed")
-        os.fsync(descriptor)
+        FSYNC(descriptor)
 
     def ftruncate(self, descriptor: int, size: int) -> None:
         if self._fails("ftruncate"):
             raise OSError(errno.EIO, "the disk failed")
-        os.ftruncate(descriptor, size)
+        FTRUNCATE(descriptor, size)
 
 
 def fail(monkeypatch: pytest.MonkeyPatch, disk: FailingDisk) -> None:
-    monkeypatch.setattr("operator_app.session.store.journal.os", disk)
+    for name in ("write", "fsync", "ftruncate"):
+        monkeypatch.setattr(os, name, getattr(disk, name))
 
 
 def write(folder: Path) -> bytes:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from dataclasses import replace
 
 import pytest
@@ -48,32 +50,32 @@ def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
 @pytest.mark.parametrize(
     ("lost", "told"),
     [
-        (True, "lost at the commit. Then: the disk is full"),
-        (False, "the parameters were uploaded to slot A and read back. Then: the disk is full"),
+        (True, "lost at the commit. Then: cannot write"),
+        (False, "the parameters were uploaded to slot A and read back. Then: cannot write"),
     ],
 )
 def test_what_the_controller_was_given_is_said_where_the_journal_cannot_be_written(
     make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, lost: bool, told: str
 ) -> None:
     session = make_session(short_procedure(8))
-    record = session.record
+    write = os.write
 
-    def full(name: str, data: object) -> None:
-        if name == "exported":
-            raise JournalError("the disk is full", "make room")
-        record(name, data)
+    def full(descriptor: int, data: bytes) -> int:
+        if b'"exported"' in data:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write(descriptor, data)
 
     def unknown(*_: object) -> None:
         raise UploadUnknown("lost at the commit")
 
-    monkeypatch.setattr(session, "record", full)
+    monkeypatch.setattr(os, "write", full)
     if lost:
         monkeypatch.setattr(session.arm, "upload_parameters", unknown)
     with pytest.raises(JournalError) as met:
         run(session, Listener(), forced="a test of the upload")
     session.close("failed")
-    assert met.value.happened == told
-    assert str(met.value) == f"{told}. Make room."
+    assert met.value.happened == f"{told} {session.journal.path}: No space left on device"
+    assert str(met.value).startswith(f"{met.value.happened}. Free space")
 
 
 def strict(procedure: Procedure) -> Procedure:

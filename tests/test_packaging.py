@@ -90,7 +90,7 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path:
         path.relative_to(source).as_posix()
         for package in PACKAGES
         for path in (source / package).rglob("*")
-        if path.suffix in {".py", ".yaml", ".eds", ".tcss", ".ipynb", ".md", ".svg"}
+        if path.suffix in {".py", ".yaml", ".eds", ".tcss", ".css", ".ipynb", ".md", ".svg"}
         or path.name == "py.typed"
     }
     wanted -= {"operator_app/api/__init__.py"}

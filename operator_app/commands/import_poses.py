@@ -199,7 +199,11 @@ def _poses(
     said_of = {"recordings": recordings} if recordings else {}
     if len(found) == 1:
         return found[0], said_of
-    for file, poses in zip(args.poses, found, strict=True):
+    for k, (file, poses) in enumerate(zip(args.poses, found, strict=True)):
+        if same := [args.poses[i] for i in range(k) if np.array_equal(found[i].q_rad, poses.q_rad)]:
+            raise UsageError(
+                f"{file}: holds the same readings as {same[0]}; give each placement's file once"
+            )
         if len(poses.placements) > 1 or poses.endpoint is not None:
             raise UsageError(
                 f"{file}: with several files each is one placement without endpoints; import it alone"

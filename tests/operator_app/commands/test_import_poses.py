@@ -265,6 +265,7 @@ def test_what_does_not_go_with_a_recording_is_refused(
     (tmp_path / "two.csv").write_text(log.read_text().replace("mode,q1", "dq1,q1", 1))
     ms = write_log(tmp_path / "ms.csv", 1e3 * (time_s - time_s[0]), q, names)
     for words, said in (
+        ([bag, bag], "holds the same readings as "),
         ([bag, "--rad"], "a bag has times and is in radians"),
         ([bag, "--placement", "q1"], "--placement is for logs"),
         ([bag, "--dwell-s", "0"], "--dwell-s 0: seconds"),

@@ -4,7 +4,7 @@ python-can finds it as interface ``loopback`` by the entry point group ``can.int
 machine: datagrams use the loopback interface alone, with a time-to-live of 0.
 
 A channel is any name, hashed to a multicast group and, because names may share a group, to a tag in every
-datagram. Frames dropped by the kernel because a reader is too slow are counted in `LoopbackBus.kernel_drops`.
+datagram. Classic frames only: CANopen has no others.
 """
 
 from __future__ import annotations
@@ -32,23 +32,21 @@ _SO_ATTACH_FILTER = 26
 _SO_DETACH_FILTER = 27
 _SO_RCVBUFFORCE = 33
 _SO_TIMESTAMPNS = 35
-_SO_RXQ_OVFL = 40
 _IP_MULTICAST_ALL = 49
 _IS_LINUX = sys.platform == "linux"
 _ANCILLARY_BYTES = 128
 
 _MAGIC = b"CANo"
 _HEADER = struct.Struct("!4s8sBBI")  # magic, channel tag, flags, length code, arbitration id
-_EXTENDED, _REMOTE, _ERROR, _FD, _BITRATE_SWITCH, _ERROR_STATE = (1 << bit for bit in range(6))
-_ALL_FLAGS = (1 << 6) - 1
-_LARGEST_DATAGRAM = _HEADER.size + 64
+_EXTENDED, _REMOTE, _ERROR = (1 << bit for bit in range(3))
+_ALL_FLAGS = (1 << 3) - 1
+_LARGEST_DATAGRAM = _HEADER.size + 8
 _FLAGS_AT, _IDENTIFIER_AT = 12, 14
 
 # Classic BPF (linux/filter.h, linux/bpf_common.h); a filter sees a datagram from its UDP header on.
 _BPF = struct.Struct("@HBBI")
 _LOAD_WORD, _LOAD_BYTE, _AND, _IS_EQUAL, _ANY_BIT, _RETURN = 0x20, 0x30, 0x54, 0x15, 0x45, 0x06
 _UDP_HEADER_BYTES = 8
-_FD_LENGTHS = frozenset((*range(9), 12, 16, 20, 24, 32, 48, 64))
 
 
 def channel_tag(channel: str) -> bytes:
@@ -68,9 +66,6 @@ def encode_frame(message: can.Message, tag: bytes) -> bytes:
         _EXTENDED * message.is_extended_id
         | _REMOTE * message.is_remote_frame
         | _ERROR * message.is_error_frame
-        | _FD * message.is_fd
-        | _BITRATE_SWITCH * message.bitrate_switch
-        | _ERROR_STATE * message.error_state_indicator
     )
     head = _HEADER.pack(_MAGIC, tag, flags, message.dlc, message.arbitration_id)
     return head if message.is_remote_frame else head + bytes(message.data)
@@ -85,11 +80,7 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
         return None
     if arbitration_id >= (1 << 29 if flags & _EXTENDED else 1 << 11):
         return None
-    if length not in _FD_LENGTHS or (length > 8 and not flags & _FD):
-        return None
-    if flags & _REMOTE and flags & (_ERROR | _FD):
-        return None
-    if flags & (_BITRATE_SWITCH | _ERROR_STATE) and not flags & _FD:
+    if length > 8 or (flags & _REMOTE and flags & _ERROR):
         return None
     data = datagram[_HEADER.size :]
     if len(data) != (0 if flags & _REMOTE else length):
@@ -99,9 +90,6 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
         is_extended_id=bool(flags & _EXTENDED),
         is_remote_frame=bool(flags & _REMOTE),
         is_error_frame=bool(flags & _ERROR),
-        is_fd=bool(flags & _FD),
-        bitrate_switch=bool(flags & _BITRATE_SWITCH),
-        error_state_indicator=bool(flags & _ERROR_STATE),
         dlc=length,
         data=data,
     )
@@ -141,20 +129,11 @@ class LoopbackBus(can.BusABC):
         Name of the channel.
     receive_own_messages
         Also deliver this bus object's own frames to itself, with ``is_rx`` false.
-    fd
-        Send and receive CAN FD frames; without it FD frames of others are ignored.
     send_only
         Receive nothing, so that no queue fills behind a handle that only sends.
     can_filters
         As in python-can; on Linux the kernel applies them.
 
-    Attributes
-    ----------
-    kernel_drops
-        Frames dropped by the kernel because this bus was read too slowly (Linux only); with filters it counts
-        the filtered ones too.
-    ignored
-        Datagrams that were no frames of this channel.
     """
 
     def __init__(
@@ -162,7 +141,6 @@ class LoopbackBus(can.BusABC):
         channel: str | int = DEFAULT_CHANNEL,
         *,
         receive_own_messages: bool = False,
-        fd: bool = False,
         send_only: bool = False,
         can_filters: CanFilters | None = None,
         **kwargs: Any,
@@ -173,10 +151,7 @@ class LoopbackBus(can.BusABC):
         self.channel = name
         self.channel_info = f"loopback channel {name}"
         self.receive_own_messages = receive_own_messages
-        self.kernel_drops = 0
-        self.ignored = 0
-        self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
-        self._accepts_fd = fd
+        self._can_protocol = can.CanProtocol.CAN_20
         self._tag = channel_tag(name)
         self._group = (channel_group(name), PORT)
         try:
@@ -198,8 +173,8 @@ class LoopbackBus(can.BusABC):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame; waits at most `timeout` s for room in the kernel."""
         self._check_open()
-        if msg.is_fd and not self._accepts_fd:
-            raise can.CanOperationError("this loopback bus was not opened for CAN FD frames")
+        if msg.is_fd:
+            raise can.CanOperationError("the loopback bus has no CAN FD frames")
         datagram = encode_frame(msg, self._tag)
         try:
             try:
@@ -233,31 +208,16 @@ class LoopbackBus(can.BusABC):
                 f"cannot receive on {self.channel_info}: {error.strerror}", error.errno
             ) from error
         datagram, ancillary, _, sender = received
-        timestamp = self._read_ancillary(ancillary)
         own = sender == self._own_address
         if own and not self.receive_own_messages:
             return None, False
         message = decode_frame(datagram, self._tag) if sender[0] == HOST else None
-        if message is None or (message.is_fd and not self._accepts_fd):
-            self.ignored += 1
+        if message is None:
             return None, False
-        message.timestamp = timestamp
+        message.timestamp = _arrival_s(ancillary)
         message.channel = self.channel
         message.is_rx = not own
         return message, False
-
-    def _read_ancillary(self, ancillary: list[tuple[int, int, bytes]]) -> float:
-        """Update `kernel_drops`; return the kernel's time of arrival, or the present time."""
-        timestamp = None
-        for level, kind, value in ancillary:
-            if level != socket.SOL_SOCKET:
-                continue
-            if kind == _SO_TIMESTAMPNS and len(value) >= 16:
-                seconds, nanoseconds = struct.unpack_from("@qq", value)
-                timestamp = seconds + nanoseconds * 1e-9
-            elif kind == _SO_RXQ_OVFL and len(value) >= 4:
-                (self.kernel_drops,) = struct.unpack_from("@I", value)
-        return time.time() if timestamp is None else timestamp
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
         """Have the kernel filter; python-can filters if it cannot."""
@@ -293,6 +253,15 @@ class LoopbackBus(can.BusABC):
         return [{"interface": "loopback", "channel": DEFAULT_CHANNEL}]
 
 
+def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
+    """Return the kernel's time of arrival, or the present time."""
+    for level, kind, value in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) >= 16:
+            seconds, nanoseconds = struct.unpack_from("@qq", value)
+            return float(seconds + nanoseconds * 1e-9)
+    return time.time()
+
+
 def _sending_socket() -> socket.socket:
     """Socket whose own port marks the frames of one bus object."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -323,7 +292,6 @@ def _receiving_socket(group: str | None) -> socket.socket:
         if _IS_LINUX:
             with contextlib.suppress(PermissionError):  # root may exceed net.core.rmem_max
                 made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
-            made.setsockopt(socket.SOL_SOCKET, _SO_RXQ_OVFL, 1)
             made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             # Without this a socket also hears groups that other programs joined elsewhere.
             made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)

@@ -1,4 +1,4 @@
-"""The loopback bus beyond the transport contract: wire format, garbage, drops, two processes."""
+"""The loopback bus beyond the transport contract: wire format, garbage, filters, two processes."""
 
 from __future__ import annotations
 
@@ -44,17 +44,14 @@ def bus(channel: str) -> Iterator[LoopbackBus]:
 @st.composite
 def frames(draw: st.DrawFn) -> can.Message:
     extended = draw(st.booleans())
-    kind = draw(st.sampled_from(["data", "remote", "error", "fd"]))
+    kind = draw(st.sampled_from(["data", "remote", "error"]))
     identifier = draw(st.integers(0, (1 << 29) - 1 if extended else (1 << 11) - 1))
-    length = draw(st.sampled_from([0, 8, 12, 16, 20, 24, 32, 48, 64] if kind == "fd" else range(9)))
+    length = draw(st.sampled_from(range(9)))
     return can.Message(
         arbitration_id=identifier,
         is_extended_id=extended,
         is_remote_frame=kind == "remote",
         is_error_frame=kind == "error",
-        is_fd=kind == "fd",
-        bitrate_switch=kind == "fd" and draw(st.booleans()),
-        error_state_indicator=kind == "fd" and draw(st.booleans()),
         dlc=length,
         data=None if kind == "remote" else draw(st.binary(min_size=length, max_size=length)),
         check=True,
@@ -101,7 +98,7 @@ def test_another_channel_of_the_same_group_is_not_heard() -> None:
     assert decode_frame(encode_frame(message, channel_tag("elsewhere")), TAG) is None
 
 
-def test_garbage_on_the_group_is_counted_and_does_no_harm(bus: LoopbackBus, channel: str) -> None:
+def test_garbage_on_the_group_does_no_harm(bus: LoopbackBus, channel: str) -> None:
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with stranger:
         stranger.setsockopt(
@@ -114,23 +111,6 @@ def test_garbage_on_the_group_is_counted_and_does_no_harm(bus: LoopbackBus, chan
     message = bus.recv(2.0)
     assert message is not None
     assert message.arbitration_id == 0x77
-    assert bus.ignored == 4
-
-
-def test_what_the_kernel_drops_is_counted_exactly(bus: LoopbackBus, channel: str) -> None:
-    sent = 0
-    frame = can.Message(arbitration_id=0x77, data=b"12345678", is_extended_id=False)
-    with LoopbackBus(channel) as peer:
-        while sent < 12_000:  # more than the buffer holds
-            peer.send(frame)
-            sent += 1
-        received = 0
-        while bus.recv(0.0) is not None:
-            received += 1
-        peer.send(frame)  # the next datagram that gets in carries the count
-        assert bus.recv(2.0) is not None
-    assert bus.kernel_drops > 0
-    assert received + bus.kernel_drops == sent
 
 
 def test_frames_that_are_filtered_out_fill_nobodys_buffer(channel: str) -> None:
@@ -193,16 +173,10 @@ def test_nothing_can_leave_the_machine(bus: LoopbackBus) -> None:
     assert sender.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4) == bytes((127, 0, 0, 1))
 
 
-def test_fd_frames_need_an_fd_bus(bus: LoopbackBus, channel: str) -> None:
+def test_there_are_no_fd_frames(bus: LoopbackBus) -> None:
     frame = can.Message(arbitration_id=1, is_fd=True, data=bytes(64), is_extended_id=False)
     with pytest.raises(can.CanOperationError, match="FD"):
         bus.send(frame)
-    with LoopbackBus(channel, fd=True) as peer:
-        peer.send(frame)
-        peer.send(can.Message(arbitration_id=2, is_extended_id=False))
-    message = bus.recv(2.0)
-    assert message is not None
-    assert message.arbitration_id == 2
 
 
 def test_the_descriptor_tells_when_there_is_something(bus: LoopbackBus, channel: str) -> None:

@@ -20,6 +20,7 @@ import sarcal
 import yaml
 
 from operator_app.cli import main as command
+from operator_app.config.arm_file import load_arm
 from operator_app.config.resources import resolve
 from tests.oracles.real_arms import ARMS, BALL, FOLDER, RealArm, scatter_mm, script, tips
 
@@ -34,7 +35,7 @@ def files(real: RealArm, folder: Path) -> tuple[str, str, str]:
         urdf = str(FOLDER / real.urdf)
         command(["new", "arm", "--urdf", urdf, "--tip", "ball_link", "-o", arm])
     document = yaml.safe_load(resolve("arm", arm).data)
-    hayati = sarcal.load_arm(arm)._model.hayati_rows
+    hayati = load_arm(arm).hayati_rows
     document["free"] = [
         f"{kind}_{row}"
         for row in range(1, len(document["dh"]) + 1)
@@ -47,7 +48,7 @@ def files(real: RealArm, folder: Path) -> tuple[str, str, str]:
 
 def by_script(arm: str, real: RealArm, q: np.ndarray, placement: np.ndarray) -> float:
     """Test scatter of the script, mm."""
-    model = sarcal.load_arm(arm)._model
+    model = load_arm(arm)
     t = model.table
     rows = np.stack([t.s_m, t.a_m, t.alpha_rad, t.theta_off_rad, t.beta_rad], axis=1)
     n, twist = len(rows), model.twist_tolerance_rad

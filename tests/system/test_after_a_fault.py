@@ -272,19 +272,6 @@ def test_nothing_to_reset_on_the_arm_inside_this_program(
 
 
 @pytest.mark.campaign
-def test_a_session_interrupted_by_ctrl_c_is_held(tmp_path: Path, channel: str) -> None:
-    bus = ("-i", "loopback", "-c", channel)
-    with controller_on(tmp_path, channel):
-        run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
-        folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        run.send_signal(signal.SIGINT)
-        code, _, said = finish(run)
-    assert code == 130, said
-    assert "the arm is held" in said
-    assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
-
-
-@pytest.mark.campaign
 def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channel: str) -> None:
     bus = ("-i", "loopback", "-c", channel)
     code, _, said = finish(start(tmp_path, "probe", *bus))
@@ -299,10 +286,12 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
 
         watcher = start(tmp_path, "monitor", *bus)
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
-        wait_for_poses(tmp_path / "sessions", 1, run)
+        folder = wait_for_poses(tmp_path / "sessions", 1, run)
         run.send_signal(signal.SIGINT)
         code, _, said = finish(run)
         assert code == 130, said
+        assert "the arm is held" in said
+        assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
         own = open_bus(BusSettings(interface="loopback", channel=channel))
         beat = can.Message(arbitration_id=0x77F, data=b"\x05", is_extended_id=False)
         beating = own.send_periodic(beat, 0.05)

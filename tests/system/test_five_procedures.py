@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -39,8 +40,10 @@ def controller_on(folder: Path, procedure: str, channel: str, *more: str) -> Ite
         tracker = told.index("--tracker") if "--tracker" in told else len(told)
         yield [*bus, *told[tracker : tracker + 2]]
     finally:
-        process.terminate()
-        finish(process)
+        process.send_signal(signal.SIGINT)
+        _, said = finish(process)
+    assert process.returncode == 130, said
+    assert "Traceback" not in said
 
 
 def accepted(folder: Path, *arguments: str) -> None:

@@ -210,28 +210,6 @@ def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal
     assert numbers == list(range(1, 31))
 
 
-@pytest.mark.campaign
-@pytest.mark.real_time
-def test_a_controller_in_its_own_process(tmp_path: Path) -> None:
-    channel = f"test-{os.getpid()}"
-    bus = ("-i", "loopback", "-c", channel)
-    controller = start(tmp_path, "controller", *bus, "--heartbeat-timeout", "5")
-    try:
-        assert controller.stderr is not None
-        assert channel in controller.stderr.readline()
-        runner = start(
-            tmp_path, "run", "hinge", "-i", "loopback", "-c", channel, "--poses", "4", "--json"
-        )
-        out, said = runner.communicate()
-        assert runner.returncode in (0, 4), said
-        assert json.loads(out)["poses"] == 4
-    finally:
-        controller.send_signal(signal.SIGINT)
-        _, said = controller.communicate(timeout=30)
-    assert controller.returncode == 130, said
-    assert "Traceback" not in said
-
-
 def test_no_controller_is_a_bus_fault(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     arguments = ["-i", "loopback", "-c", f"empty-{os.getpid()}", "--sessions", str(tmp_path / "s")]
     assert main(["run", "hinge", *arguments]) == 3

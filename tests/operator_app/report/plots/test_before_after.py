@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import sarcal
 
+from operator_app.config.poses_file import load_poses
 from operator_app.report.plots.before_after import arm_pair, hand_pair
 from operator_app.report.subject import Subject
 from tests.oracles.open_arm import measured_csv
@@ -58,7 +59,8 @@ def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> 
 
 def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path: Path) -> None:
     """By the triangle of base, hand and endpoint the gap is what these lengths leave, and it is small after."""
-    poses = sarcal.load_poses(measured_csv(tmp_path / "open.csv"))
+    file = measured_csv(tmp_path / "open.csv")
+    poses = sarcal.load_poses(file)
     result = sarcal.calibrate(
         arm="sarcos_dextrous", fixture="tracker", poses=poses, drop_unidentifiable=True
     )
@@ -69,8 +71,9 @@ def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path: Path) -> Non
     )
     assert said is not None
     k = int(said[1]) - 1
-    assert poses._set.endpoint is not None
-    measured = poses._set.endpoint[k, :3]
+    endpoint = load_poses(file).poses.endpoint
+    assert endpoint is not None
+    measured = endpoint[k, :3]
     base = [result.values.get(f"base_{axis}_mm", 0.0) / 1e3 for axis in "xyz"]
     # Distances are the same in the instrument's frame and in the base.
     away = np.linalg.norm(measured - base)

@@ -194,44 +194,40 @@ def predict(
     """Follow the closed chain from `start_rad` (n,) to every waypoint of `plan`."""
     joints = tuple(plan[0])
     columns = [j - 1 for j in joints]
+    goal = np.array([[point[j] for j in joints] for point in plan])
     if isinstance(model, MeasuredClosure):
-        goals = np.repeat(np.asarray(start_rad)[None, :], len(plan), axis=0)
-        goals[:, columns] = [[point[j] for j in joints] for point in plan]
-        return _of_open_arm(arm, model, x, goals, poses)
-    weight = np.ones(arm.joint_count)
+        q = np.repeat(np.asarray(start_rad)[None, :], len(plan), axis=0)
+        q[:, columns], closed = goal, np.ones(len(plan), dtype=np.bool_)
+    else:
+        q, closed = _followed(model, x, start_rad, columns, goal)
+    reachable = closed & np.all((q > arm.lower_rad) & (q < arm.upper_rad), axis=1)
+    chosen = q[reachable][:poses]
+    condition = float("inf")
+    if len(chosen) * model.equations_per_pose > len(model.parameters):
+        seen = model
+        if isinstance(model, MeasuredClosure):
+            position, rotation = model.predicted(x, chosen)
+            seen = model.with_endpoints(position, rotation if model.full_pose else None)
+        condition = identifiability(seen, x, chosen).scaled_condition_number
+    return Forecast(q_rad=q, reachable=reachable, scaled_condition_number=condition)
+
+
+def _followed(
+    model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """Return the closed poses (w, n) as the drive joints (`columns`) go to `goal`, and which of them close (w,)."""
     here = close_loops(model, x, np.asarray(start_rad)[None, :])
+    weight = np.ones(model.joint_count)
     # The drive joints are given; the other joints follow.
     weight[columns] = 0.0
-    goal = np.array([[point[j] for j in joints] for point in plan])
-    q = np.repeat(here.q, len(plan), axis=0)
-    u = np.repeat(here.u, len(plan), axis=0)
-    begin, closed = q[:, columns].copy(), np.ones(len(plan), dtype=np.bool_)
+    q, u = (np.repeat(found, len(goal), axis=0) for found in (here.q, here.u))
+    begin, closed = q[:, columns].copy(), np.ones(len(goal), dtype=np.bool_)
     for leg in np.linspace(0.0, 1.0, LEGS + 1)[1:]:
         q[:, columns] = begin + leg * (goal - begin)
         step = close_loops(model, x, q, sigma_rad=weight, u=u, max_iterations=8, tolerance=1e-6)
         q, u = step.q, step.u
         closed = np.abs(model.loop(x, q, u).residual).max(axis=-1) < 1e-4
-    inside = np.all((q > arm.lower_rad) & (q < arm.upper_rad), axis=1)
-    reachable = closed & inside
-    chosen = q[reachable][:poses]
-    condition = float("inf")
-    if len(chosen) * model.equations_per_pose > len(model.parameters):
-        condition = identifiability(model, x, chosen).scaled_condition_number
-    return Forecast(q_rad=q, reachable=reachable, scaled_condition_number=condition)
-
-
-def _of_open_arm(
-    arm: ArmModel, model: MeasuredClosure, x: FloatArray, q: FloatArray, poses: int
-) -> Forecast:
-    """Return the forecast of an open arm at these angles (w, n)."""
-    inside = np.all((q > arm.lower_rad) & (q < arm.upper_rad), axis=1)
-    chosen = q[inside][:poses]
-    condition = float("inf")
-    if len(chosen) * model.equations_per_pose > len(model.parameters):
-        position, rotation = model.predicted(x, chosen)
-        seen = model.with_endpoints(position, rotation if model.full_pose else None)
-        condition = identifiability(seen, x, chosen).scaled_condition_number
-    return Forecast(q_rad=q, reachable=inside, scaled_condition_number=condition)
+    return q, closed
 
 
 def most_informative(

@@ -115,6 +115,11 @@ def execute(args: argparse.Namespace) -> int:
         except NoTestError as error:
             raise UsageError(f"{args.csv}: {error}") from error
     else:
+        if opening.imported:
+            raise UsageError(
+                f"{opening.folder} was imported from {opening.imported}, and has no arm; give a file of "
+                f"new poses: sarcal verify {args.session} POSES.csv"
+            )
         count = NEW_POSES if wanted is None else wanted
         verdict, poses = _on_the_arm(
             opening, solution, count, homing=args.go_home, record_to=recording(args, opening)

@@ -132,10 +132,11 @@ def test_report_compare_verify_and_export_work_on_it(
     assert main(["export", folders[0]]) == 0
     assert (Path(folders[0]) / "parameters.yaml").is_file()
     # Only an arm is missing.
-    for command in (["run", "--resume", folders[0]], ["verify", folders[0]],
-                    ["export", folders[0], "--upload"]):  # fmt: skip
+    for command in (["run", "--resume", folders[0]], ["export", folders[0], "--upload"]):
         assert main([*command, *sessions]) == 2
         assert "cannot be continued with an arm" in capsys.readouterr().err
+    assert main(["verify", folders[0], *sessions]) == 2
+    assert f"give a file of new poses: sarcal verify {folders[0]}" in capsys.readouterr().err
 
 
 def test_poses_that_cannot_determine_it_all_are_kept_and_said(

@@ -157,12 +157,14 @@ def poses_of(
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
     """Return a whole number a pose, from 1; a single one counts for all."""
-    if np.ndim(value) == 0:
-        return np.full(poses, whole(name, value, least=1), dtype=np.int64)
-    found = [whole(name, number, least=1) for number in value]
+    given = [value] * poses if np.ndim(value) == 0 else value
+    found = [whole(name, number, least=1) for number in given]
     if len(found) != poses:
         raise ValueError(f"{name} has {len(found)} entries for {poses} poses: give one a pose")
-    return np.array(found, dtype=np.int64)
+    try:
+        return np.array(found, dtype=np.int64)
+    except OverflowError:
+        raise ValueError(f"{name} holds {max(found)}: give numbers below 2**63") from None
 
 
 def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:

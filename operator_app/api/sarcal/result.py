@@ -17,6 +17,7 @@ from operator_app.calibration.calibrated_arm import CalibratedArm, Frame, calibr
 from operator_app.config.atomic import write_atomically
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
+from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
 from operator_app.errors import SessionError
 from operator_app.report.exports import FILES, Calibration, in_format, into_description
 from operator_app.report.facts import Facts, facts_of
@@ -302,7 +303,7 @@ class Result:
         Raises
         ------
         ValueError
-            It has another ending.
+            It has another ending, or is the file of `into` itself.
         ConfigError
             The file of `into` cannot be read, or is of another arm.
         SessionError
@@ -330,7 +331,11 @@ class Result:
         if into is None:
             data = in_format(what, kind)
         else:
-            data = into_description(what, Path(into).read_bytes(), Path(into).name)
+            own = Path(into)
+            if own.absolute() == target.absolute():
+                raise ValueError(f"{target}: it is the file of into=; name another")
+            read = read_limited(own, str(into), limit=DESCRIPTION_LIMIT_BYTES)
+            data = into_description(what, read, own.name)
         write_atomically(target, data)
         return target
 

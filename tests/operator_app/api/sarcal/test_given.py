@@ -145,3 +145,22 @@ def test_what_cannot_be_compared_is_one_of_our_errors(
     assert issubclass(sarcal.IncomparableError, sarcal.SessionError)
     with pytest.raises(sarcal.SessionError):
         sarcal.compare(ours, tmp_path / "nothing")
+
+
+def test_a_number_that_no_file_holds_is_named() -> None:
+    for name in ("placement", "samples"):
+        with pytest.raises(ValueError, match=rf"{name} holds 1{'0' * 30}: give numbers below"):
+            sarcal.poses_of(q_rad=Q, **{name: 10**30})
+
+
+def test_into_a_file_that_is_none_or_the_target_itself(
+    result: sarcal.Result, tmp_path: Path
+) -> None:
+    own = tmp_path / "own.urdf"
+    with pytest.raises(sarcal.ConfigError, match=r"own\.urdf: there is no such file"):
+        result.export(tmp_path / "out.urdf", into=own)
+    result.export(own)
+    before = own.read_bytes()
+    with pytest.raises(ValueError, match="it is the file of into="):
+        result.export(own, into=own)
+    assert own.read_bytes() == before

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
+from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.results.verification import verified_words
 from operator_app.report.terminal import facts_on, no_facts
 from operator_app.report.text import facts_text
@@ -107,12 +108,13 @@ def _calibrate(s: SessionSnapshot) -> list[str]:
 
 def _results(s: SessionSnapshot) -> list[str]:
     facts = facts_on(s)
-    if facts is None:
+    if facts is None or s.solution is None:
         return []
+    truth = truth_in_words(s.solution)
     return [
         f"{facts.verdict.capitalize()}.",
         *(f"{h.text.capitalize()}." for h in facts.headlines),
-        *(f"The truth: {t.note}" for t in facts.tables if t.ident == "truth"),
+        *([f"The truth: {truth}"] if truth else []),
         *(f"Reason: {reason}." for reason in facts.reasons),
         *(f"Warning: {n.text}." for n in facts.notices),
     ]

@@ -186,6 +186,21 @@ def truth_table(solution: Solution) -> FactTable | None:
     )
 
 
+def truth_in_words(solution: Solution) -> str:
+    """Return the table of the truth as a sentence, for where there is no table; empty for a real arm."""
+    truth = solution.truth
+    if truth is None:
+        return ""
+    tool, predicted = (
+        Figure(size_m, CLOSURE_LENGTH, digits=2)
+        for size_m in (truth.tool_rms_m, truth.predicted_rms_m)
+    )
+    return (
+        f"{truth.inside_95} of {truth.of} entries within their 95 % intervals; tool off by {tool.with_unit} rms "
+        f"(predicted {predicted.shown}), over the ranges of all joints."
+    )
+
+
 def observability_table(solution: Solution) -> FactTable:
     """Return the five observability indices of the literature."""
     return FactTable(

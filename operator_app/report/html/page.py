@@ -28,6 +28,7 @@ from operator_app.report.html.style import STYLE
 from operator_app.report.plots.before_after import hand_pair
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, axis
 from operator_app.report.plots.svg import drawn, plot
+from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.results.history import (
     HOW,
     checks_lines,
@@ -172,14 +173,14 @@ def _tool(subject: Subject) -> list[Html]:
         return []
     pair = hand_pair(solution, subject.procedure.arm)
     before, after = (Figure(s.rms, CLOSURE_LENGTH).with_unit for s in (found.before, found.after))
-    truth = facts.table("truth")
+    truth = truth_in_words(solution)
     return [
         element(
             "div",
             element("h2", f"Tool off by {before} rms before, {after} after (one sigma)"),
             *([] if pair is None else [plots([drawn(pair.before), drawn(pair.after)])]),
             *([] if pair is None else [remark(pair.note)]),
-            *([] if truth is None else [element("p", "The truth: ", truth.note)]),
+            *([element("p", f"The truth: {truth}")] if truth else []),
         )
     ]
 

@@ -9,8 +9,8 @@ from textual.containers import Horizontal, Vertical
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.result import Solution
-from operator_app.report.facts import Facts
 from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
+from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.session_tables import joint_table
 from operator_app.report.spans import Line, clip, line, wrapped
 from operator_app.report.subject import Subject
@@ -69,7 +69,7 @@ class VerdictPanel(Lines):
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
             *_hand(s.solution, width),
-            *_truth(facts, width),
+            *_truth(s.solution, width),
             headline_spans(sigmas, width),
             headline_spans(others, width),
         ]
@@ -99,10 +99,10 @@ def _hand(found: Solution, width: int) -> list[Line]:
     return [line((said, "bold"), (more if len(said + more) <= width else "", "text"))]
 
 
-def _truth(facts: Facts, width: int) -> list[Line]:
+def _truth(found: Solution, width: int) -> list[Line]:
     """Errors of a simulated arm's calibration against the truth; empty for a real arm."""
-    table = facts.table("truth")
-    return [] if table is None else list(wrapped(f"   truth: {table.note}", width, "text", "   "))
+    truth = truth_in_words(found)
+    return list(wrapped(f"   truth: {truth}", width, "text", "   ")) if truth else []
 
 
 class ParametersPanel(TablePanel):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from operator_app.calibration.tool_accuracy import TrueErrors
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import read_journal
@@ -172,6 +173,17 @@ def test_verdict_widest_sigma_and_the_tool_come_before_everything_else(subject: 
     assert "To halve it: " in head
     assert "hand-before" not in rest
     assert 'id="warnings"' in rest
+
+
+def test_the_first_screen_says_how_far_a_simulated_arm_is_from_the_truth(subject: Subject) -> None:
+    assert subject.solution is not None
+    truth = TrueErrors(inside_95=13, of=14, tool_rms_m=0.00031, predicted_rms_m=0.00042)
+    simulated = replace(subject, solution=replace(subject.solution, truth=truth))
+    head = report_html(simulated).decode().partition("<main")[0]
+    assert (
+        "The truth: 13 of 14 entries within their 95 % intervals; tool off by 0.31 mm rms" in head
+    )
+    assert "The truth" not in report_html(subject).decode()
 
 
 def test_what_needs_no_act_is_a_note_and_not_amber(subject: Subject) -> None:

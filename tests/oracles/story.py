@@ -18,7 +18,6 @@ from hardware.arm import ArmSnapshot, DriveState
 from hardware.errors import DriveDiverged
 from operator_app.config.procedure_file import load_procedure
 from operator_app.messages.errors import stopped_words
-from operator_app.session.safety.joint_motion import Motion
 from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.snapshot import (
@@ -29,6 +28,7 @@ from operator_app.session.ui.snapshot import (
     StopReport,
     TaskKind,
 )
+from operator_app.session.ui.supervisor import Motion
 from tests.oracles.live_arm import LiveArm
 from tests.oracles.opened import opened
 from tests.oracles.recorded import recorded

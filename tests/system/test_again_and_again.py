@@ -13,7 +13,12 @@ from operator_app.cli import main
 from operator_app.errors import GuardError
 from operator_app.headless.runner import run
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_box import BOX_MARGIN_RAD, drive_box, go_home, waypoints_of
+from operator_app.session.workflow.drive_joints import (
+    BOX_MARGIN_RAD,
+    drive_box,
+    go_home,
+    waypoints_of,
+)
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.bench import Bench

@@ -15,8 +15,13 @@ from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
 from operator_app.session.workflow.capture import outlier_warning, take_poses
-from operator_app.session.workflow.drive_box import go_home, visit, waypoints_from, waypoints_of
-from operator_app.session.workflow.drive_selection import choose_by_prediction
+from operator_app.session.workflow.drive_joints import (
+    choose_by_prediction,
+    go_home,
+    visit,
+    waypoints_from,
+    waypoints_of,
+)
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units.figure import MOVED, READING_SD, names

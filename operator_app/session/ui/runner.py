@@ -19,7 +19,6 @@ from hardware.arm import ArmSnapshot
 from hardware.errors import HardwareError, StopLatched
 from operator_app.errors import Cancelled
 from operator_app.messages.errors import EXPECTED, words
-from operator_app.session.safety.joint_motion import MotionMonitor
 from operator_app.session.store.journal import Clock, utc_now
 from operator_app.session.ui.message_log import (
     ARM_RECOVERY,
@@ -41,7 +40,7 @@ from operator_app.session.ui.snapshot import (
     StopReport,
     TaskKind,
 )
-from operator_app.session.ui.supervisor import Supervisor
+from operator_app.session.ui.supervisor import MotionMonitor, Supervisor
 from operator_app.session.workflow.session import Session
 
 WATCH_PERIOD_S = 0.05

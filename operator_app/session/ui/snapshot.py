@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
@@ -14,10 +14,12 @@ from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.planning.live import Forecast, LiveQuality
-from operator_app.session.safety.joint_motion import Motion
 from operator_app.session.store.state import SessionState
 from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives
+
+if TYPE_CHECKING:
+    from operator_app.session.ui.supervisor import Motion
 
 STALE_S = 0.1
 """Older data are marked as stale and not used."""

@@ -10,7 +10,7 @@ import pytest
 
 from hardware.arm import ArmSnapshot, DriveState, JointMode, JointState
 from operator_app.config.procedure_file import load_procedure
-from operator_app.session.safety.joint_motion import Motion, MotionMonitor
+from operator_app.session.ui.supervisor import Motion, MotionMonitor
 from solver.chain.sensors import NoSensor
 
 PROCEDURE = load_procedure("hinge")

@@ -46,6 +46,8 @@ class LiveArm(PlantArm):
         self.connect_error: HardwareError | None = None
         self.lateness = NO_LATENCY
         self.stop_error: HardwareError | None = None
+        self.work_error: HardwareError | None = None
+        """Ends every task until the connection is closed."""
         self.stops: list[float] = []
         self.other_operator = False
         self._stop_latch = threading.Event()
@@ -70,14 +72,15 @@ class LiveArm(PlantArm):
 
     def _work_step(self) -> None:
         """Take one step of a task; STOP ends the task."""
-        if self._astray is not None:
-            raise self._astray
+        if self.pace_s:
+            self._stop_latch.wait(self.pace_s)
+        for error in (self.work_error, self._astray):
+            if error is not None:
+                raise error
         if self._stop_latch.is_set():
             raise StopLatched("STOP is latched")
         if self._silent_since is not None:
             raise BusError("no answer from the drives")
-        if self.pace_s:
-            self._stop_latch.wait(self.pace_s)
 
     def _tick(self) -> None:
         while not self._end.wait(PERIOD_S):
@@ -234,7 +237,7 @@ class LiveArm(PlantArm):
             self._ticker.join()
             self._ticker = None
         # What is known of a connection goes with it.
-        self._astray = None
+        self._astray = self.work_error = None
         return True
 
 

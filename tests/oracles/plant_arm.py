@@ -31,7 +31,10 @@ SERIAL = "SDA-0001"
 
 
 class PlantArm:
-    """An `Arm` whose every SYNC is a plant step. Counts what it was asked."""
+    """An `Arm` whose every SYNC is a plant step. Counts what it was asked.
+
+    Readings are off by `off_rad`; `reads_rad` is what joints read wherever they are.
+    """
 
     def __init__(self, procedure: Procedure, chosen: Scenario | str, serial: str = SERIAL) -> None:
         self.model = procedure.arm
@@ -49,6 +52,8 @@ class PlantArm:
         self._targets = np.zeros(n)
         self._syncs = 0
         self._document = b""
+        self.off_rad = np.zeros(n)
+        self.reads_rad: dict[int, float] = {}
         self.interrupt_at_sync: int | None = None
         self.closed = 0
         self.moves: list[tuple[dict[int, float], float]] = []
@@ -70,6 +75,12 @@ class PlantArm:
     def _positions(self) -> np.ndarray:
         return np.array(self._reading.position_counts) * self._resolution
 
+    def _read(self, q_rad: np.ndarray) -> np.ndarray:
+        found = q_rad + self.off_rad
+        for joint, reads in self.reads_rad.items():
+            found[joint - 1] = reads
+        return found
+
     def _hold_here(self) -> None:
         self._targets = self._positions()
 
@@ -81,11 +92,12 @@ class PlantArm:
         return ArmIdentity(model=self.model.name, serial_number=self._serial, nodes=(node,))
 
     def snapshot(self) -> ArmSnapshot:
+        read = self._read(self._positions())
         joints = tuple(
             JointState(
                 joint=j + 1,
                 position_counts=self._reading.position_counts[j],
-                position_rad=float(self._positions()[j]),
+                position_rad=float(read[j]),
                 speed_rad_per_s=self._reading.speed_rad_per_s[j],
                 torque_nm=self._reading.torque_nm[j],
                 drive=DriveState.OPERATION_ENABLED,
@@ -150,9 +162,17 @@ class PlantArm:
     def capture(self, samples: int) -> Reading:
         first = self._syncs + 1
         counts = np.array([self._step().position_counts for _ in range(samples)], dtype=float)
+        mean = counts.mean(axis=0)
+        read = self._read(mean * self._resolution)
+        off = np.divide(
+            read - mean * self._resolution,
+            self._resolution,
+            out=np.zeros_like(mean),
+            where=self._resolution > 0.0,
+        )
         return Reading(
-            mean_counts=counts.mean(axis=0),
-            mean_rad=counts.mean(axis=0) * self._resolution,
+            mean_counts=mean + off,
+            mean_rad=read,
             sd_rad=counts.std(axis=0, ddof=1) * self._resolution,
             samples=samples,
             first_sync=first,

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
-from hardware.arm import ArmIdentity, ArmSnapshot, NodeIdentity, Reading
+from hardware.arm import ArmIdentity, NodeIdentity
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from tests.oracles.plant_arm import PlantArm
 
 
 class WrongZero(PlantArm):
-    """See the module; `reads_rad` is what joints read wherever they are."""
+    """See the module."""
 
     def __init__(self, procedure: Procedure) -> None:
         super().__init__(procedure, scenario("datasheet", seed=3))
-        self.off_rad = np.zeros(self.model.joint_count)
-        self.reads_rad: dict[int, float] = {}
         self.serials = {j: 100 + j for j in range(1, 8)}
         self.enabled = self.moved = 0
         self.before_end = (0, 0)
@@ -35,26 +31,6 @@ class WrongZero(PlantArm):
             for j, serial in self.serials.items()
         )  # fmt: skip
         return replace(super().connect(), nodes=nodes)
-
-    def _off(self, q_rad: np.ndarray) -> np.ndarray:
-        found = q_rad + self.off_rad
-        for joint, reads in self.reads_rad.items():
-            found[joint - 1] = reads
-        return found
-
-    def snapshot(self) -> ArmSnapshot:
-        found = super().snapshot()
-        q = self._off(found.positions_rad)
-        joints = tuple(
-            replace(j, position_rad=float(at), position_counts=round(at / self._resolution[k]))
-            for k, (j, at) in enumerate(zip(found.joints, q, strict=True))
-        )
-        return replace(found, joints=joints)
-
-    def capture(self, samples: int) -> Reading:
-        found = super().capture(samples)
-        mean = self._off(found.mean_rad)
-        return replace(found, mean_rad=mean, mean_counts=mean / self._resolution)
 
     def take_control(self) -> None:
         self.enabled += 1

@@ -68,8 +68,13 @@ class Driver:
 
     @property
     def read(self) -> str:
-        """The text of the dialog on the screen."""
-        return str(self.app.screen.query_one("#text", Static).content)
+        """The text of the dialog on the screen; "" before it is composed."""
+        return "".join(str(text.content) for text in self.app.screen.query("#text").results(Static))
+
+    async def reading(self) -> str:
+        """Wait for the text of the dialog on the screen."""
+        await self.until(lambda: self.read != "", "a text to read")
+        return self.read
 
     async def see(self, picture: SessionSnapshot, step: Step) -> None:
         """Put another picture and step on the screen of a still runner, as if just come to it."""

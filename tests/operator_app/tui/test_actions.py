@@ -57,7 +57,7 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
         palette = ActionProvider(d.app.main)
         assert title(WHISTLE) in [str(hit.text) async for hit in palette.discover()]
         await d.press("question_mark")
-        assert "Whistle: Blow the whistle beside the arm." in " ".join(d.read.split())
+        assert "Whistle: Blow the whistle beside the arm." in " ".join((await d.reading()).split())
         await d.see(story()["connected"], Step.CONNECT)
         await d.press("W")
         assert "there is nobody to hear it" in d.hint
@@ -72,13 +72,16 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
 async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) -> None:
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         await d.press("m")
+        await d.until(lambda: bool(d.app.screen.query(OptionList)), "the topics")
         assert d.app.screen.query_one("#box").border_title == "Manual"
         topics = [o.id for o in d.app.screen.query_one(OptionList).options[1:]]
         assert topics[0] == "tutorial"
         await d.press(*["down"] * (1 + topics.index("sign")), "enter")
         await d.until(lambda: isinstance(d.app.screen, Read), "the page")
-        assert d.read.startswith("Which sign has an offset?\n=========================\n")
-        assert max(map(len, d.read.splitlines())) <= 86
+        assert (await d.reading()).startswith(
+            "Which sign has an offset?\n=========================\n"
+        )
+        assert max(map(len, (await d.reading()).splitlines())) <= 86
         await d.press("escape")
         assert d.app.screen is d.app.main
 

@@ -22,10 +22,10 @@ async def test_a_long_warning_says_which_key_shows_it_whole(drive, size):
         assert "Do what the last word says" not in d.words("#log")
         await d.press("l")
         assert isinstance(d.app.screen, Read)
-        said = " ".join(d.read.split())
+        said = " ".join((await d.reading()).split())
         assert f"▲ {LONG}" in said
         assert said.index(LONG) < said.index("said before")
-        assert max(map(len, d.read.splitlines())) <= size[0] - 8
+        assert max(map(len, (await d.reading()).splitlines())) <= size[0] - 8
 
 
 async def test_a_click_shows_all_that_was_said_and_ends_no_motion(still):

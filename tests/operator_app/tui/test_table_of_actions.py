@@ -50,7 +50,7 @@ async def test_help_explains_the_focused_panel(still):
         await d.press("tab", "question_mark")
         assert isinstance(d.app.screen, Read)
         panel = d.app.main.focused
-        assert panel.HELP[:40] in " ".join(d.read.split())
+        assert panel.HELP[:40] in " ".join((await d.reading()).split())
 
 
 async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):

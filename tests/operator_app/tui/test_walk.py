@@ -140,4 +140,4 @@ async def test_after_a_stop_it_is_uploaded_with_drives_off_and_verified_by_one_k
         assert d.s.verification is not None, d.s.messages[-1].text
         await d.press("i")
         await d.until(lambda: isinstance(d.app.screen, Read), "history")
-        assert "1 accepted calibration, 1 verification" in d.read
+        assert "1 accepted calibration, 1 verification" in (await d.reading())

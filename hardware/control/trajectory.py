@@ -1,7 +1,7 @@
 """Synchronised straight move of several joints with bounded jerk, which can brake at any time.
 
 The distance along the straight line in joint space is that of the joint with the largest travel. It follows a
-trapezoidal speed profile; a moving average over `smoothing_periods` positions bounds the jerk, stays on the line
+trapezoidal speed profile; a moving average over `SMOOTHING_PERIODS` positions bounds the jerk, stays on the line
 and comes to rest exactly at its end.
 """
 
@@ -18,6 +18,7 @@ from hardware.canopen.objects import CONTROL_PERIOD_S
 ACCELERATION_RAD_PER_S2 = 1.0
 """Default acceleration and deceleration of joints."""
 SMOOTHING_PERIODS = 10
+"""Length of the moving average; the jerk stays below acceleration / (this * period) * 2."""
 
 
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
@@ -93,8 +94,6 @@ class StraightMove:
         Limits of every joint.
     period_s
         Control period.
-    smoothing_periods
-        Length of the moving average; the jerk stays below acceleration / (this * period) * 2.
 
     Attributes
     ----------
@@ -115,10 +114,9 @@ class StraightMove:
         speed_rad_per_s: float,
         acceleration_rad_per_s2: float,
         period_s: float,
-        smoothing_periods: int = SMOOTHING_PERIODS,
     ) -> None:
-        if min(speed_rad_per_s, acceleration_rad_per_s2, period_s, smoothing_periods) <= 0:
-            raise ValueError("speed, acceleration, period and smoothing must be positive")
+        if min(speed_rad_per_s, acceleration_rad_per_s2, period_s) <= 0:
+            raise ValueError("speed, acceleration and period must be positive")
         self._start = np.array(start_rad, dtype=np.float64)
         way = np.asarray(end_rad, dtype=np.float64) - self._start
         self._length = float(np.abs(way).max(initial=0.0))
@@ -128,7 +126,7 @@ class StraightMove:
             length=self._length, speed=speed_rad_per_s, acceleration=acceleration_rad_per_s2
         )
         self._period_s = period_s
-        self._window = deque([0.0] * smoothing_periods, maxlen=smoothing_periods)
+        self._window = deque([0.0] * SMOOTHING_PERIODS, maxlen=SMOOTHING_PERIODS)
         self._step = 0
         self._braking = False
         self.finished = self._length == 0.0

@@ -298,7 +298,7 @@ def tolerated_table(solution: Solution) -> FactTable | None:
     )  # fmt: skip
 
 
-def correlation_table(estimate: Estimate, strongest: int = 3) -> FactTable:
+def correlation_table(estimate: Estimate) -> FactTable:
     """Correlations of the parameters, lower triangle, shaded by size."""
     matrix = correlations(estimate.covariance)
     listed = [p.name for p in estimate.parameters]
@@ -315,7 +315,7 @@ def correlation_table(estimate: Estimate, strongest: int = 3) -> FactTable:
         key=lambda pair: -abs(pair[2]),
     )  # fmt: skip
     largest = "; ".join(
-        f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:strongest]
+        f"{a} and {b} {Figure(r, places=3, signed=True).shown}" for a, b, r in pairs[:3]
     )
     return FactTable(
         ident="correlations",

@@ -144,7 +144,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
     return "\n".join([*lines, paragraph(f"What to do: {remedy}")])
 
 
-def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
+def aligned(rows: Sequence[Sequence[str]]) -> str:
     """Return rows as columns: the first column to the left, all others to the right."""
     count = max(len(row) for row in rows)
     full = [[*map(harmless, row), *[""] * (count - len(row))] for row in rows]
@@ -153,7 +153,7 @@ def aligned(rows: Sequence[Sequence[str]], gap: str = "  ") -> str:
     for row in full:
         cells = [row[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        lines.append(("  " + gap.join(cells)).rstrip())
+        lines.append(("  " + "  ".join(cells)).rstrip())
     return "\n".join(lines)
 
 

@@ -52,11 +52,10 @@ def axis(
     values: Iterable[float],
     *,
     unit: str = "",
-    ticks: int = 5,
     whole: bool = False,
     symmetric: bool = False,
 ) -> Axis:
-    """Return an axis that holds all finite `values` with a little room and about so many ticks."""
+    """Return an axis that holds all finite `values` with a little room and about five ticks."""
     finite = [v for v in values if math.isfinite(v)]
     low, high = (min(finite), max(finite)) if finite else (0.0, 1.0)
     if symmetric:
@@ -67,7 +66,7 @@ def axis(
         low, high = low - margin, high + margin
     room = 0.5 if whole else 0.06 * (high - low)
     low, high = low - room, high + room
-    step = _round_step((high - low) / ticks, whole=whole)
+    step = _round_step((high - low) / 5, whole=whole)
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
     marks = tuple(k * step + 0.0 for k in range(first, last + 1))
     return Axis(label=label, unit=unit, low=low, high=high, ticks=marks)

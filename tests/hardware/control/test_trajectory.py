@@ -23,7 +23,6 @@ def _run(
         speed_rad_per_s=speed,
         acceleration_rad_per_s2=acceleration,
         period_s=PERIOD_S,
-        smoothing_periods=SMOOTHING,
     )
     targets = [np.array(start)]
     while not move.finished:

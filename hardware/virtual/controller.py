@@ -76,6 +76,8 @@ class VirtualController:
     ----------
     drives, supervisor
         The nodes; other threads need their `lock`.
+    group
+        Drives and plant, which step together.
     sync_count
         SYNCs answered so far.
     tracker

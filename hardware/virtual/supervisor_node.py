@@ -82,6 +82,11 @@ class SupervisorNode(VirtualNode):
         Strict parse of a document.
     hooks
         See `ControllerHooks`.
+
+    Attributes
+    ----------
+    active_document
+        Committed document in use; None before the first.
     """
 
     def __init__(

@@ -78,6 +78,11 @@ class PlannedCapture:
         Drive joints of a new campaign.
     listener
         Informed of moves, poses and decisions.
+
+    Attributes
+    ----------
+    campaign
+        What plans the poses; None before the start, and where a journal cannot be replayed.
     """
 
     def __init__(

@@ -18,6 +18,8 @@ from operator_app.calibration.alternative_model import (
     AlternativeModel,
     closes,
     cost_of,
+    hinge_instead,
+    instead,
     is_near,
     shift_of,
     solved,
@@ -26,7 +28,6 @@ from operator_app.calibration.alternative_model import (
 )
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.findings import reading_step, unrelated_reading
-from operator_app.calibration.fixture_hypotheses import hinge_instead, instead
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel

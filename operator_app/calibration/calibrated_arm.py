@@ -24,8 +24,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import TIP, PointClosure
 from solver.posterior.best_table import BestTable, best_table, even_steps, where_used
-from solver.posterior.corrections import Corrections, corrections_of
-from solver.posterior.joint_corrections import JointCorrections
+from solver.posterior.corrections import Corrections, JointCorrections, corrections_of
 
 Frame = Literal["tip", "flange"]
 

@@ -11,7 +11,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.diagnostics.parameter_selection import drop_unidentifiable
+from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.estimate import Estimate, require_enough_poses
 from solver.estimators.goodness import closure_at_readings
 from solver.estimators.least_squares import Progress

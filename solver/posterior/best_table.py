@@ -23,7 +23,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.loops.point import TIP, PointClosure
-from solver.posterior.joint_corrections import JointCorrections, JointsThere
+from solver.posterior.corrections import JointCorrections, JointsThere
 
 CLOSE_M = 1e-4
 """s: tool error that is not worth an entry that is off its file by a tolerance."""

@@ -13,7 +13,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
 from solver.chain.sensors import Encoder
 from solver.closing import close_loops
-from solver.diagnostics.parameter_selection import drop_unidentifiable
+from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 

@@ -11,7 +11,7 @@ from fixtures.setup_checks import mobility
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.sensors import Encoder
 from solver.diagnostics.identifiability import identifiability
-from solver.diagnostics.parameter_selection import drop_unidentifiable
+from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel

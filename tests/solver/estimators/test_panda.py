@@ -8,7 +8,7 @@ import pytest
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhKind, entries
 from solver.diagnostics.identifiability import identifiability
-from solver.diagnostics.parameter_selection import drop_unidentifiable
+from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper

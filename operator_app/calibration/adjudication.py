@@ -31,13 +31,8 @@ from operator_app.calibration.findings import exceeded, range_finding
 from operator_app.calibration.local_minima import has_diverged, local_minimum_causes
 from operator_app.calibration.motion_during_sampling import motion_causes
 from operator_app.calibration.refusals import placement_checks
-from operator_app.calibration.repeat_measurement import (
-    Repeat,
-    Reread,
-    not_yet_named,
-    proven_by_return,
-    return_tests,
-)
+from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
+from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind

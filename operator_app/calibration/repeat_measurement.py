@@ -1,32 +1,22 @@
 """A pose measured twice: what slipped in between, and by how much.
 
 The drives do not return exactly and the other joints follow them: such a difference lies along the self-motions of
-the chain. What remains is noise, play, compliance of the fixture, or a slip: repeated poses are tested against the
-stated error model, and name the cause that each supports.
+the chain. What remains is noise, play, compliance of the fixture, or a slip.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fixtures.base import RIGID, Compliance
-from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
 from solver.closing import close_loops
 from solver.design.motion import chain_motion
-from solver.diagnostics.diagnosis import PRIORS
-from solver.diagnostics.fault_candidate import Cause
-from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.limits import (
-    REFUSING_SHIFT_SIGMAS,
-    REPEAT_REFUSAL_PROBABILITY,
-)
-from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureModel
 
 LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
@@ -206,100 +196,4 @@ def repeats_of(
         )
         for r in rereads
         if r.label in labels
-    )
-
-
-READING_KINDS = {
-    FindingKind.READING_STEP,
-    FindingKind.READING_JUMP,
-    FindingKind.READING_DRIFT,
-    FindingKind.READING_FROZEN,
-}
-"""Causes that are one joint's reading, beside those of its sensor."""
-
-
-def return_tests(
-    returned: tuple[tuple[Reread, Repeat], ...], estimate: Estimate
-) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test every pose that was read again, by what the files state; name what slipped."""
-    tests, causes = [], []
-    for read, found in returned:
-        test = HypothesisTest.of_chi2(
-            f"RETURN_{read.after}", found.chi2, found.dof, among=len(returned)
-        )
-        tests.append(test)
-        if test.fires:
-            causes.append(_slipped_since(read, found, estimate))
-    # What slipped once is off in every return since: once is enough.
-    once = {cause.code: cause for cause in reversed(causes)}
-    return tuple(tests), tuple(reversed(once.values()))
-
-
-def proven_by_return(
-    since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
-) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Take out what a return proves, and what is left of the tests' causes: what was named refuses then.
-
-    By the poses alone a slip may move no parameter by more than its sigmas, which are as wide as it made them.
-    """
-    proven: list[Finding] = []
-    for returned in since:
-        if not returned.blocking:
-            continue
-        same = [c for c in by_tests if not not_yet_named((returned,), (c,))]
-        proven += [replace(c, blocking=True) for c in same] or [returned]
-    codes = {cause.code for cause in proven}
-    return tuple(proven), tuple(c for c in by_tests if c.code not in codes)
-
-
-def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """What only a return shows: the poses themselves say when a joint or the fixture slipped.
-
-    That a fixture gives in every pose, or that a length is off, says nothing of a slip.
-    """
-    slipped = any(cause.kind is FindingKind.FIXTURE_SLIPPED for cause in by_tests)
-    joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
-    return tuple(
-        cause
-        for cause in since
-        if not (
-            slipped if cause.kind is FindingKind.REPEAT_FIXTURE_MOVED else cause.joint in joints
-        )
-    )
-
-
-def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> Finding:
-    """Say what slipped between two readings of a pose."""
-    from scipy.special import chdtri
-
-    # A slip may be any joint's; a fixture has two sides to slip on, and may give.
-    of_joint = PRIORS[Cause.LOST_COUNTS] / len(found.difference_rad)
-    odds = found.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
-    share = odds / (1.0 + odds)
-    if share < 0.5:
-        return Finding(
-            kind=FindingKind.REPEAT_FIXTURE_MOVED,
-            poses=(read.label,),
-            figures={
-                "after": read.after,
-                "turn_rad": found.turned_rad or 0.0,
-                "shift_m": found.shifted_m,
-            },
-            probability=1.0 - share,
-            blocking=True,
-        )
-    names = [p.name for p in estimate.parameters]
-    name = f"theta_off_{found.joint}"
-    sd = float(estimate.standard_deviation[names.index(name)]) if name in names else 0.0
-    return Finding(
-        kind=FindingKind.REPEAT_READING_STEP,
-        joint=found.joint,
-        poses=(read.label,),
-        size=found.size_rad,
-        sigma=found.sigma_rad,
-        unit="rad",
-        figures={"after": read.after},
-        probability=share,
-        blocking=abs(found.size_rad) > REFUSING_SHIFT_SIGMAS * sd
-        or found.chi2 > float(chdtri(found.dof, REPEAT_REFUSAL_PROBABILITY)),
     )

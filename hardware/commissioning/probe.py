@@ -212,7 +212,8 @@ def probe(
         access = ObjectAccess(wire.send, sorted(answers))
         listener.deliver = access.deliver
         found = tuple(
-            _read_node(access, profile, node, listener, answers[node]) for node in sorted(answers)
+            _read_node(access, profile, node, listener, answers[node], listen_s=listen_s)
+            for node in sorted(answers)
         )
         came = listener.take_masters()
         return Probe(
@@ -227,7 +228,13 @@ def probe(
 
 
 def _read_node(
-    access: ObjectAccess, profile: BusProfile, node: int, listener: _Listener, answers: int
+    access: ObjectAccess,
+    profile: BusProfile,
+    node: int,
+    listener: _Listener,
+    answers: int,
+    *,
+    listen_s: float,
 ) -> FoundNode:
     kind = listener.device_types.get(node, 0)
     drive = profile.is_drive(kind)
@@ -264,7 +271,7 @@ def _read_node(
     if unread:
         problems.append(unread)
     if not heard:
-        problems.append(f"node {node}: no heartbeat was heard in {LISTEN_S:g} s")
+        problems.append(f"node {node}: no heartbeat was heard in {listen_s:g} s")
     return FoundNode(
         node=node,
         device_type=kind,

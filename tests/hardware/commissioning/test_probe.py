@@ -59,7 +59,7 @@ def test_two_devices_with_one_number_are_named(bus: FakeArmBus) -> None:
 def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
     bus.mute = {2}
     found = {node.node: node.problems for node in look(bus).nodes}
-    assert "node 2: no heartbeat was heard" in found[2][0]
+    assert "node 2: no heartbeat was heard in 0.3 s" in found[2][0]
 
 
 def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> None:

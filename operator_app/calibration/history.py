@@ -240,7 +240,8 @@ def _due(
             if part.calibrations[shift.seen].session == kept[-1].session:
                 return last, f"{shift.name} has shifted: a second calibration confirms it"
     if interval is not None:
-        return last + interval, f"{interval.days} days after the last, as stated"
+        days = f"{interval.days} day{'s' if interval.days != 1 else ''}"
+        return last + interval, f"{days} after the last, as stated"
     times = [c.document.utc for c in kept]
     # Several on one day are tries, and no interval.
     gaps = [b - a for a, b in pairwise(times) if b - a >= ONE_DAY]

@@ -171,9 +171,12 @@ def _about_z(angle: float) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Chains of the arm's joints, by their names, between all links fixed to their ends."""
+    """Chains between all links fixed to the ends of the arm's joints: by their names, else of the only arm there is."""
     tree = UrdfTree.read(data, file)
-    ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name)) or [("", "")]
+    ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
+    if not ends:
+        joints = tree.chain("", "").joints
+        ends = list(tree.around(joints[0].name, joints[-1].name))
     yield from (tree.chain(base, tip) for base, tip in ends)
 
 

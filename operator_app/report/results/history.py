@@ -103,14 +103,17 @@ def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
     ]
     if lines:
         return "\n".join(["SHIFTED:", *lines])
-    most = max((len(p.calibrations) for p in found.parts if p.side is Side.ARM), default=0)
-    if most <= BASELINE:
+    if (most := _most_sessions(found)) <= BASELINE:
         return paragraph(
             f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions by one fixture before the one that is judged, "
             f"there are {most} in all. Compare two sessions with sarcal compare.",
             width=width,
         )
     return "IN CONTROL: no entry has shifted."
+
+
+def _most_sessions(found: ArmHistory) -> int:
+    return max((len(p.calibrations) for p in found.parts if p.side is Side.ARM), default=0)
 
 
 def due_text(found: ArmHistory) -> str:
@@ -151,10 +154,11 @@ def history_text(found: ArmHistory, *, brief: bool = False) -> str:
 def history_json(found: ArmHistory) -> dict[str, Any]:
     """Return the object of `sarcal history --json`: deg and m, as in the documents."""
     last = found.calibrations[-1].document
+    early = _most_sessions(found) <= BASELINE
     return {
         "arm_model": last.arm.model,
         "arm_serial": last.arm.serial,
-        "verdict": "shifted" if found.shifted else "in control",
+        "verdict": "shifted" if found.shifted else "too early to judge" if early else "in control",
         "due": _utc(found.due),
         "due_why": found.due_why,
         "level": CONTROL_CHART_FALSE_ALARM_PROBABILITY,

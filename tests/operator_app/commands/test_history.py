@@ -153,6 +153,9 @@ def test_one_session_is_too_early_to_judge(
     assert code == 0
     assert out.startswith("TOO EARLY TO JUDGE")
     assert "due 2027-01-31" in out
+    code, out, _ = asked(["SDA-8", "--json", "--every", "1"], sessions, capsys)
+    assert (code, json.loads(out)["verdict"]) == (0, "too early to judge")
+    assert "1 day after the last" in json.loads(out)["due_why"]
 
 
 def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions: Path) -> None:

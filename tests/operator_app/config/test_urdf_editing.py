@@ -190,6 +190,21 @@ def test_a_file_of_another_arm_is_refused() -> None:
         with_calibration(URDF.encode(), "x.urdf", named, arm.table, [])
 
 
+def test_an_arm_with_other_joint_names_gets_the_end_that_fits_it() -> None:
+    hand = """<joint name="mount" type="fixed"><parent link="tool"/><child link="hand"/>
+      <origin xyz="0 0 0.1" rpy="0.9 0 0.8"/></joint><link name="hand"/></robot>"""
+    data = URDF.replace("</robot>", hand).encode()
+    chain, arm = arm_of(data, tip="tool", base="l0")
+    joints = tuple(replace(j, name=f"joint {k}") for k, j in enumerate(arm.joints))
+    table = off_by(arm.table, EVERY)
+    by_names = with_calibration(data, "x.urdf", arm, table, [])
+    assert with_calibration(data, "x.urdf", replace(arm, joints=joints), table, []) == by_names
+    q = np.random.default_rng(2).uniform(-3.0, 3.0, (POSES, 6))
+    distance_m, turn_rad = off(pinocchios(by_names, chain, q), ours(chain, table, q))
+    assert distance_m < 1e-9
+    assert turn_rad < 1e-9
+
+
 def test_a_xacro_without_literal_numbers_says_what_to_do() -> None:
     _, arm = arm_of(URDF.encode())
     text = URDF.replace('xyz="0 0 0.39225"', 'xyz="0 0 ${r}"')

@@ -122,6 +122,8 @@ def _decoded(hint: Any, data: Any) -> Any:
         hint = {kind.__name__: kind for kind in KINDS[hint]}[data["kind"]]
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         hints = _hints(hint)
+        if upgraded := getattr(hint, "upgraded_record", None):
+            data = upgraded(data)
         return hint(
             **{
                 f.name: _decoded(hints[f.name], data[_key(f)])
@@ -138,7 +140,7 @@ def _hints(of: type) -> dict[str, Any]:
 
 
 def _key(field: dataclasses.Field[Any]) -> str:
-    """Name of a field in records: its own, or the one that a field states."""
+    """Name of a field in records: its own, or the one it had in earlier versions."""
     return str(field.metadata.get("record", field.name))
 
 

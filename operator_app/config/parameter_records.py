@@ -91,8 +91,8 @@ class DhRow(StrictRecord):
 class CalibratedEntry(StrictRecord):
     """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m.
 
-    `side` says whose it is: the arm's outlives the mounting, the ground's and the hand's do not. None if
-    it is not stated.
+    `side` says whose it is: the arm's outlives the mounting, the ground's and the hand's do not. None in
+    files of version 1.
     """
 
     entry: ExactText

@@ -2,9 +2,9 @@
 
 The document is what its file holds, in the units of the file (degrees, metres, millimetres,
 milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.
-What is made here in a program is checked as it is written, what is read as it is read. Version 2 was first
-written without `correlations` and `budget`, and programs of that time refuse them; a key that comes after them
-raises the number, which old programs refuse in plainer words.
+What is made here in a program is checked as it is written, what is read as it is read. Version 1 had no `side`,
+no `rvdt` and no `forced`. Version 2 was first written without `correlations` and `budget`, and programs of that
+time refuse them; a key that comes after them raises the number, which old programs refuse in plainer words.
 Version 3 has ``beta_deg`` of rows; a document without any is written as version 2.
 """
 

@@ -1,4 +1,4 @@
-"""The parameters file (``sarcal/parameters/3``; 2 is read): read and written strictly, built from a table."""
+"""The parameters file (``sarcal/parameters/3``; 1 and 2 are read): read and written strictly, built from a table."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ from operator_app.config.errors import (
 from operator_app.config.quantities import UNIT, UNITS, length_doubt
 from operator_app.config.strict_yaml import Path, YamlDocument, load_strict
 
-VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (2, 3)}
+VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
 """Which versions of a kind of file are read, the one that is written last; 1 alone where nothing is said."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Self
+from typing import Any, Self
 
 CERTAIN = 0.5
 """Least probability of what is stated as a fact; what is less likely is stated as a possibility."""
@@ -194,6 +194,19 @@ class Finding:
     probability: float = 1.0
     doubted: bool = False
     blocking: bool = False
+
+    @staticmethod
+    def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return a record as it is today: those of earlier versions hold code, text and remedy."""
+        if "kind" in data:
+            return data
+        return {
+            "kind": FindingKind.REPORTED.name,
+            "names": [data["code"]],
+            "reported": [data["text"], data.get("remedy", "")],
+            "probability": data.get("probability", 1.0),
+            "blocking": data.get("refuses", False),
+        }
 
     @property
     def code(self) -> str:

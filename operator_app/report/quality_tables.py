@@ -276,6 +276,9 @@ def closure_row(
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
+    if turned is not None and turned.rms == 0.0:
+        # Journals of earlier versions: no rotation closes.
+        turned = None
     for symbol, kind, both in (
         ("sigma_pos_mm", SIGMA_POS, sigmas.position_m),
         ("sigma_ori_mrad", SIGMA_ORI, turned),

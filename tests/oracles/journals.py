@@ -15,6 +15,7 @@ Named = tuple[str, dict[str, Any]]
 POSE = {
     "waypoint": 0, "sd_rad": [1e-5] * 7, "samples": 8, "first_sync": 12, "note": "",
 }  # fmt: skip
+WORDS = ("procedure", "arm", "fixture")
 
 
 def sources() -> dict[str, str]:
@@ -24,9 +25,8 @@ def sources() -> dict[str, str]:
         "procedure": root / "operator_app/data/procedures/hinge.yaml",
         "arm": root / "operator_app/data/arms/sarcos_dextrous.yaml",
         "fixture": root / "fixtures/data/hinge.yaml",
-        "profile": root / "operator_app/data/profiles/sarcos.yaml",
     }
-    return {kind: file.read_text(encoding="utf-8") for kind, file in folders.items()}
+    return {kind: folders[kind].read_text(encoding="utf-8") for kind in WORDS}
 
 
 def events() -> list[Named]:

@@ -240,6 +240,7 @@ SETTINGS = object_with(
     tracker_0=nullable(text),
     operator_0=nullable(text),
     placements_0=nullable(COUNT),
+    verifies_0=text,
     drop_unidentifiable_0=nullable(boolean),
 )
 NODE = object_with(node=integer(0, 127), serial_number=integer(0), device_name_0=text)
@@ -249,7 +250,7 @@ WEAK = object_with(name=text, sigma=nullable(number(0.0)), requested=number(0.0)
 PER_JOINT = ("start_rad", "mean_rad", "sd_rad", "modes", "at_rad", "q_rad")
 
 EVENTS: Mapping[str, Mapping[str, Check]] = {
-    "opened": {"sources": mapping_of(text, text), "settings": SETTINGS},
+    "opened": {"sources": mapping_of(text, text), "settings": SETTINGS, "after?": text},
     "resumed": {"settings": SETTINGS},
     "imported": {"file": text, "serial_number": text},
     "connected": {

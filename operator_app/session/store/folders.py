@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -18,7 +19,7 @@ from operator_app.session.store.replay import order_of, session_state
 if TYPE_CHECKING:
     from operator_app.session.store.state import SessionState
 
-STAMP = "%Y%m%d-%H%M%S"
+STAMP, STAMPED = "%Y%m%d-%H%M%S", re.compile(r"\d{8}-\d{6}-")
 """Time of opening, the first part of a folder's name."""
 
 PARAMETERS_NAME = "parameters.yaml"
@@ -69,7 +70,12 @@ def _order_in(path: Path) -> int:
 def find_session(root: Path, reference: str) -> Path:
     """Return the folder of a session named by path, by name below `root`, or ``latest``."""
     if reference == "latest":
-        found = list_sessions(root)
+        # Sessions that only verify another one are no calibration. Sessions with poses come first.
+        found = [
+            entry
+            for entry in list_sessions(root)
+            if entry.state is None or not entry.state.settings.get("verifies")
+        ]
         readable = [entry for entry in found if entry.state is not None]
         with_poses = [entry for entry in readable if entry.state and entry.state.captured]
         if found:
@@ -107,4 +113,32 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
             f"cannot read {root}: {error.strerror}", "name another folder with --sessions"
         ) from error
     entries = [read_session(folder) for folder in folders]
-    return tuple(sorted(entries, key=lambda e: (e.state.order if e.state else 0, e.folder)))
+    begun = _begun(entries)
+    return tuple(
+        sorted(
+            entries,
+            key=lambda e: (e.state.order if e.state else 0, *begun[e.folder.name], e.folder),
+        )
+    )
+
+
+def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
+    """Return (time of opening, sequence number) by folder name, for journals without an `order`.
+
+    The sequence number counts sessions that were opened after the clock was set back to before that time.
+    """
+    states = {entry.folder.name: entry.state for entry in entries}
+    found: dict[str, tuple[str, int]] = {}
+    for entry in entries:
+        chain, name = list[str](), entry.folder.name
+        while name in states and name not in found and name not in chain:
+            chain.append(name)
+            state = states[name]
+            name = state.after if state else ""
+        before = found.get(name, ("", 0))
+        for name in reversed(chain):
+            state = states[name]
+            own = state.opened_utc if state else ""
+            before = (before[0], before[1] + 1) if before[0] >= own > "" else (own, 0)
+            found[name] = before
+    return found

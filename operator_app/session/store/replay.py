@@ -40,6 +40,7 @@ def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> 
                 state,
                 opened_utc=utc,
                 order=order_of(data),
+                after=data.get("after", ""),
                 sources=dict(data["sources"]),
                 settings=dict(data["settings"]),
             )

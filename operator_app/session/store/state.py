@@ -102,7 +102,9 @@ class SessionState:
     Attributes
     ----------
     order
-        Order number in its folder, from 1; 0 if the journal has none.
+        Order number in its folder, from 1; 0 in journals of earlier versions.
+    after
+        In those: name of the session opened before this one if the clock was set back in between.
     imported
         File that the poses were read from; empty if an arm captured them.
     sources
@@ -114,7 +116,7 @@ class SessionState:
     start_rad
         Joint angles (n,) when the drives were first enabled, or None.
     home_rad
-        Centre of the drive box (n,): the procedure's home.
+        Centre of the drive box (n,): the procedure's home; in journals of earlier versions the start.
     modes
         ``position`` or ``free`` for each joint as last confirmed; empty until set.
     poses
@@ -150,13 +152,14 @@ class SessionState:
         Time of the calibration; empty before.
     solution, checks
         Records (`operator_app.calibration.serialization`) of the last calibration and of its
-        cross-validation; empty until there is one.
+        cross-validation; empty until there is one, and in journals of earlier versions.
     late
         Lateness of the computer over all connections.
     """
 
     opened_utc: str = ""
     order: int = 0
+    after: str = ""
     imported: str = ""
     missed_repeat: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)

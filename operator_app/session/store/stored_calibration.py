@@ -1,6 +1,6 @@
 """The calibration in the journal of a session.
 
-The poses are solved again only where the journal holds no solution (of these poses) or the caller asks for
+The poses are solved again only where the journal holds no solution (earlier versions) or the caller asks for
 other options; `StoredCalibration.recalculated_because` then says why.
 """
 

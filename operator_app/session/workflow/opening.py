@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
+LATER: frozenset[Kind] = frozenset({"profile"})
+"""Kinds that are not in journals of earlier versions."""
 
 MOST_POSES = 100_000
 """Limit of a procedure file."""
@@ -216,7 +218,13 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     folder = find_session(root, reference)
     contents = read_journal(folder)
     state = session_state(contents)
-    if not set(KINDS) <= set(state.sources):
+    if state.settings.get("verifies"):
+        # An earlier version kept verification poses in a session of their own.
+        raise SessionError(
+            f"{folder} holds poses that verify {state.settings['verifies']}",
+            "name that session instead; its poses alone are its calibration",
+        )
+    if set(KINDS) - LATER - set(state.sources):
         raise SessionError(
             f"the journal of {folder} does not contain its procedure",
             "start a new session; its poses can be solved with `sarcal solve`",
@@ -224,6 +232,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     found = {
         kind: Resource(file=f"{folder}: {kind}", folder=None, data=state.sources[kind].encode())
         for kind in KINDS
+        if kind in state.sources
     }
     procedure = parse_procedure(found["procedure"], snapshot=found)
     # Check the journal again, now that the number of joints is known.

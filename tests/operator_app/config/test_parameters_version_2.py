@@ -29,9 +29,12 @@ from tests.oracles.approved import Approve
 from tests.oracles.nominal_document import GOOD, complaint, document
 
 
-def test_version_1_is_no_longer_read() -> None:
-    said = str(complaint(GOOD, "sarcal/parameters/2", "sarcal/parameters/1"))
-    assert "this program reads version 2 and 3" in said
+def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:
+    found = parse_parameters(GOOD.replace("sarcal/parameters/2", "sarcal/parameters/1", 1).encode())
+    assert found == document()
+    assert {entry.side for entry in found.calibrated} == {None}
+    assert found.rvdt == ()
+    assert (found.correlations, found.budget) == ({}, {})
 
 
 KEYS_OF_VERSION_3 = {
@@ -51,7 +54,7 @@ KEYS_OF_VERSION_3 = {
 
 
 def test_a_key_that_comes_raises_the_number_of_the_schema() -> None:
-    """A program that reads version 3 refuses other keys: with a new one, write VERSIONS (2, 3, 4)."""
+    """A program that reads version 3 refuses other keys: with a new one, write VERSIONS (1, 2, 3, 4)."""
     models = json_schema("parameters")["$defs"]
     found = {
         name: " ".join(sorted(m["properties"])) for name, m in models.items() if "properties" in m

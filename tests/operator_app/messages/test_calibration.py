@@ -135,3 +135,18 @@ def test_the_public_code_follows_from_the_fields(found: Finding, code: str) -> N
 def test_a_step_too_small_for_its_format_is_not_denied() -> None:
     step = Finding(kind=K.READING_STEP, joint=1, poses=("1", "2"), size=2e-8, unit="rad")
     assert "0.000001 deg" in step.text
+
+
+def test_a_record_of_an_earlier_version_keeps_what_it_said() -> None:
+    old = {
+        "code": "RVDT_6",
+        "probability": 0.7,
+        "text": "it strays",
+        "remedy": "replace it",
+        "refuses": True,
+    }
+    data = Finding.upgraded_record(old)
+    assert data["names"] == ["RVDT_6"]
+    assert data["reported"] == ["it strays", "replace it"]
+    assert data["blocking"]
+    assert Finding.upgraded_record(data) is data

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.store.folders import find_session, list_sessions, new_folder
 from operator_app.session.store.journal import read_journal
+from operator_app.session.store.journal_format import format_line
 from operator_app.session.store.replay import order_of
 from operator_app.session.workflow.importing import ImportedSession
 from operator_app.session.workflow.opening import KINDS
@@ -88,6 +90,28 @@ def test_a_session_that_went_away_or_is_damaged_keeps_its_place(tmp_path: Path) 
     fifth = begun(tmp_path, -2.0)
     assert read_journal(fifth).events[0].data["order"] == 5
     assert find_session(tmp_path, "latest") == fifth
+
+
+def without_order(folder: Path, after: str = "") -> None:
+    """Make a journal one of an earlier version."""
+    path = folder / "journal.jsonl"
+    opened, *others = read_journal(folder).events
+    data = {key: value for key, value in opened.data.items() if key != "order"}
+    opened = replace(opened, data={**data, **({"after": after} if after else {})})
+    lines, chain = list[bytes](), ""
+    for event in (opened, *others):
+        line, chain = format_line(event, chain)
+        lines.append(line)
+    path.write_bytes(b"".join(lines))
+
+
+def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path: Path) -> None:
+    old = [begun(tmp_path, day) for day in (0.0, 365.0, 1.0, 2.0)]
+    for folder, after in zip(old, ("", "", old[1].name, old[2].name), strict=True):
+        without_order(folder, after)
+    assert [entry.folder for entry in list_sessions(tmp_path)] == old
+    new = [begun(tmp_path, -1.0), begun(tmp_path, -2.0)]
+    assert [entry.folder for entry in list_sessions(tmp_path)] == [*old, *new]
 
 
 @pytest.mark.parametrize("order", [True, -1, 0, 2**60, "7", None, 1.5])

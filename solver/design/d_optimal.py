@@ -44,13 +44,10 @@ class PoseSelection:
     log_det
         log det of the information of the fixed part and the chosen poses, in the parameters' own
         units; -inf when they do not determine all parameters.
-    exchanges
-        How many exchanges improved the greedy choice.
     """
 
     chosen: tuple[int, ...]
     log_det: float
-    exchanges: int
 
 
 def log_det(information: FloatArray) -> float:
@@ -123,7 +120,7 @@ def choose_poses(
     scale, M = _comparable(root, P, fixed)
     search = _Search(root / scale, P, _Pool(usable, q if apart_rad > 0.0 else None, apart_rad))
     rng = np.random.default_rng(seed)
-    best: tuple[float, list[int], int] = (-np.inf, [], 0)
+    best: tuple[float, list[int]] = (-np.inf, [])
     for start in range(1 + min(MOST_RESTARTS, RESTART_WORK // (m * count))):
         chosen, current = [], M.copy()
         if start > 0:
@@ -131,17 +128,16 @@ def choose_poses(
             chosen = search.random_start(count // 2, rng)
             current += search.information(chosen)
         search.fill(current, chosen, count)
-        exchanges = search.exchange(current, chosen, max_sweeps)
+        search.exchange(current, chosen, max_sweeps)
         value = log_det(current) - log_det(current[P:, P:])
         if start == 0 or value > best[0] + WORTHWHILE:
-            best = value, chosen, exchanges
+            best = value, chosen
     total = search.information(best[1])
     if fixed is not None:
         total = total + fixed / np.outer(scale, scale)
     return PoseSelection(
         chosen=tuple(best[1]),
         log_det=log_det(about_parameters(total, P)) + 2.0 * float(np.log(scale).sum()),
-        exchanges=best[2],
     )
 
 
@@ -197,9 +193,8 @@ class _Search:
             M += self.information([best])
             chosen.append(best)
 
-    def exchange(self, M: FloatArray, chosen: list[int], max_sweeps: int) -> int:
+    def exchange(self, M: FloatArray, chosen: list[int], max_sweeps: int) -> None:
         """Take out one pose at a time and put in the best, until a whole sweep changes nothing."""
-        exchanges = 0
         for _ in range(max_sweeps):
             changed = False
             for k, old in enumerate(chosen):
@@ -210,11 +205,9 @@ class _Search:
                 if gain[best] > stay + WORTHWHILE:
                     M[:] = without + self.information([best])
                     chosen[k] = best
-                    exchanges += 1
                     changed = True
             if not changed:
                 break
-        return exchanges
 
 
 @dataclass(frozen=True, slots=True)

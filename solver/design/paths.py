@@ -76,7 +76,6 @@ class Route:
     """A followed path from one pose of the manifold to another; no legs when they are the same."""
 
     legs: tuple[Leg, ...]
-    cost_rad: float
 
 
 class PathGraph:
@@ -161,13 +160,12 @@ class PathGraph:
             How often a path with an edge that fails on the way may be replaced.
         """
         for _ in range(attempts):
-            found = self._search(source, target, drives)
-            if found is None:
+            nodes = self._search(source, target, drives)
+            if nodes is None:
                 return None
-            nodes, cost = found
             legs = self._follow(model, x, ranges, nodes)
             if legs is not None:
-                return Route(legs=legs, cost_rad=cost)
+                return Route(legs=legs)
             self._graph = self._assemble()
         return None
 
@@ -226,8 +224,8 @@ class PathGraph:
 
     def _search(
         self, source: int, target: int, drives: tuple[int, ...]
-    ) -> tuple[list[tuple[int, int]], float] | None:
-        """Cheapest path as (layer, pose) pairs and its cost."""
+    ) -> list[tuple[int, int]] | None:
+        """Cheapest path as (layer, pose) pairs."""
         from scipy.sparse.csgraph import dijkstra
 
         size = self.manifold.size
@@ -243,7 +241,7 @@ class PathGraph:
         nodes = [end]
         while nodes[-1] != start:
             nodes.append(int(before[nodes[-1]]))
-        return [divmod(node, size) for node in reversed(nodes)], float(cost[end])
+        return [divmod(node, size) for node in reversed(nodes)]
 
     def _follow(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]

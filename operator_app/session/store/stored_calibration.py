@@ -6,6 +6,7 @@ other options; `StoredCalibration.recalculated_because` then says why.
 
 from __future__ import annotations
 
+import math
 import platform
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -128,7 +129,7 @@ def solution_data(
     solution: Solution, state: SessionState, *, length_tolerance_m: float | None
 ) -> dict[str, Any]:
     """Return the data of the `solved` event."""
-    estimate = solution.estimate
+    estimate, condition = solution.estimate, solution.seen.scaled_condition_number
     return {
         "estimator": estimate.estimator,
         "unsensed_joints": list(solution.model.unsensed_joints),
@@ -138,7 +139,8 @@ def solution_data(
         "parameters": {
             p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
         },
-        "scaled_condition_number": solution.seen.scaled_condition_number,
+        # Infinite where poses do not determine a parameter that is known otherwise; JSON has no such number.
+        **({"scaled_condition_number": condition} if math.isfinite(condition) else {}),
         "accepted": solution.accepted,
         "made_with": versions(),
         "record": to_dict(solution),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import (
     journal_calibration,
     session_calibration,
+    solution_data,
     with_checks,
 )
 from operator_app.session.workflow.capture import take_poses
@@ -55,6 +57,22 @@ def test_what_was_solved_is_read_back_from_the_file(
     assert np.array_equal(found.checks.jackknife_sd, checks.jackknife_sd)
     assert with_checks(found, state, procedure) is found
     assert "record" not in state.solved
+
+
+def test_a_solution_with_an_infinite_condition_number_is_kept(
+    make_session: MakeSession, procedure: Procedure
+) -> None:
+    session = solved_session(make_session, procedure)
+    found = session.calibrate()
+    found = replace(found, seen=replace(found.seen, scaled_condition_number=math.inf))
+    data = solution_data(found, session.state, length_tolerance_m=None)
+    session.journal.append("solved", data)
+    session.close("done")
+    events = read_journal(session.journal.path.parent).events
+    state = replay((e.name, e.data, e.utc) for e in events)
+    again = session_calibration(state, procedure)
+    assert again.recalculated_because == ""
+    assert math.isinf(again.solution.seen.scaled_condition_number)
 
 
 def test_other_options_and_old_journals_are_solved_and_said(

@@ -28,6 +28,17 @@ from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
+class Slipping(Listener):
+    """After the last pose one joint counts otherwise."""
+
+    def __init__(self, session: Session, joint: int, slip_rad: float) -> None:
+        self._session, self._joint, self._slip_rad = session, joint, slip_rad
+
+    def pose_captured(self, state: object, wanted: int) -> None:
+        if len(self._session.state.poses) == self._session.procedure.capture.poses:
+            self._session.arm.off_rad[self._joint - 1] = self._slip_rad
+
+
 def begun(session: Session) -> Session:
     session.connect()
     return session
@@ -71,23 +82,8 @@ def test_a_joint_that_slipped_in_between_is_named_with_its_size(
 ) -> None:
     slip = np.deg2rad(0.2)
 
-    class Slipping(Listener):
-        """After the last pose one joint counts otherwise."""
-
-        def pose_captured(self, state: object, wanted: int) -> None:
-            if len(session.state.poses) == 6:
-                session.arm.capture = slipped
-
     session = begun(make_session(short_procedure(6)))
-    whole = session.arm.capture
-
-    def slipped(samples: int) -> Reading:
-        found = whole(samples)
-        mean = found.mean_rad.copy()
-        mean[joint - 1] += slip
-        return replace(found, mean_rad=mean)
-
-    take_poses(session, Slipping(), (1, 5))
+    take_poses(session, Slipping(session, joint, slip), (1, 5))
     repeat = judged(session)
     assert repeat.joint == joint
     # A joint that little else depends on (5) is seen at a third of the others' weight.
@@ -191,21 +187,7 @@ def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
 def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Solution:
     """Take all poses, let a joint slip before the arm is back, and calibrate."""
     begun(session)
-    wanted = session.procedure.capture.poses
-    whole = session.arm.capture
-
-    def slipped(samples: int) -> Reading:
-        found = whole(samples)
-        mean = found.mean_rad.copy()
-        mean[joint - 1] += slip_rad
-        return replace(found, mean_rad=mean)
-
-    class Slipping(Listener):
-        def pose_captured(self, state: object, _: int) -> None:
-            if len(session.state.poses) == wanted:
-                session.arm.capture = slipped
-
-    take_poses(session, Slipping(), (1, 5))
+    take_poses(session, Slipping(session, joint, slip_rad), (1, 5))
     return session.calibrate()
 
 

@@ -9,22 +9,24 @@ from functools import partial
 import numpy as np
 import pytest
 
+from fixtures.ball import Ball
 from operator_app.calibration.acceptance import fit_causes
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import parse_poses
+from operator_app.config.poses_file import load_poses, parse_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.chain.poses import PoseSet
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
+from tests.oracles.panda import FOLDER
 from tests.oracles.shop_floor import Session, session
 from tests.oracles.shop_floor_faults import CASES
 
@@ -105,3 +107,20 @@ def remedy_for(name: str, found: Session) -> str:
     (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(exceeded_source, fit))
     assert cause.code == "LITTLE_MOTION"
     return cause.remedy
+
+
+@pytest.mark.parametrize("sockets", [(1,), (1, 2)])
+def test_a_socket_that_stands_elsewhere_is_a_note(sockets: tuple[int, ...]) -> None:
+    """Real poses of a Panda; the packaged ball's socket is a metre from where theirs is."""
+    fixture = load_fixture("ball").fixture
+    assert isinstance(fixture, Ball)
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    chosen = pick_placements(poses, sockets)
+    elsewhere = replace(fixture, ground_m=(0.9, 0.0, 0.1))
+    solution = calibrate(load_arm("franka_panda"), elsewhere, chosen)
+    (cause,) = (c for c in solution.adjudication.causes if c.code == "FAR_FROM_NOMINAL")
+    assert cause.names[0].startswith("ground_x")
+    assert cause.size == pytest.approx(-1.36, abs=0.02)
+    assert not cause.blocking
+    assert solution.accepted
+    assert "FAR_FROM_NOMINAL" in {n.code for n in solution.warnings}

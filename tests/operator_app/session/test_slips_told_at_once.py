@@ -30,6 +30,8 @@ from tests.oracles.shop_floor import Sizes, session
 
 COUNT_RAD = 2.0 * np.pi / 400_000
 DEGREE = 1111
+PLANNED = LEAST + 1
+"""Poses of a planned capture after which a slip of a degree shows at the next one."""
 AS_REPORTED = Sizes(length_m=1.5e-3, give_m=1e-3, give_rad=2e-3)
 
 
@@ -166,24 +168,27 @@ def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(tmp_path: Path) 
 
 @pytest.mark.campaign
 def test_a_slip_in_a_planned_capture_is_told_at_the_next_pose(tmp_path: Path) -> None:
-    """A way leads back from there as long as the slip has not had the plan made anew."""
-    session, hearing = begun(tmp_path / "s", 12, {LEAST: DEGREE}, "hinge_planned")
+    """A way leads back from there as long as the slip has not led to another plan.
+
+    Pose 11 stands where the poses before it predict it by a degree only: after it the slip shows at pose 12.
+    """
+    session, hearing = begun(tmp_path / "s", 13, {PLANNED: DEGREE}, "hinge_planned")
     with pytest.raises(GuardError, match="joint 1 has shifted by"):
         take_poses(session, hearing, (1, 5))
     assert [p.planned for p in session.state.poses][-1:] == [True]
-    assert len(session.state.poses) == LEAST + 1
-    assert "Pose 11 does not fit the poses before it" in " ".join(hearing.said)
+    assert len(session.state.poses) == PLANNED + 1
+    assert "Pose 12 does not fit the poses before it" in " ".join(hearing.said)
     session.close("refused")
 
 
 @pytest.mark.campaign
 def test_a_plan_goes_on_after_a_pose_that_was_odd_by_itself(tmp_path: Path) -> None:
-    slips = {LEAST: DEGREE, LEAST + 1: -DEGREE}
-    session, hearing = begun(tmp_path / "s", 13, slips, "hinge_planned")
+    slips = {PLANNED: DEGREE, PLANNED + 1: -DEGREE}
+    session, hearing = begun(tmp_path / "s", 14, slips, "hinge_planned")
     with pytest.raises(Cancelled):
         take_poses(session, hearing, (1, 5))
-    assert len(session.state.poses) == 13
-    assert [r.again.after for r in session.state.repeats] == [LEAST + 1]
+    assert len(session.state.poses) == 14
+    assert [r.again.after for r in session.state.repeats] == [PLANNED + 1]
     session.close("left")
 
 

@@ -178,8 +178,7 @@ def adjudicate(
     unsensed, labels, scale = case.model.unsensed_joints, _labels(case.used), case.chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
     # Where the poses of another arm lead these loops means nothing.
-    named = () if nothing_fits else _local_minimum_causes(case)
-    far, elsewhere = _refusing(named), tuple(c for c in named if not c.blocking)
+    far = () if nothing_fits else _local_minimum_causes(case)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
     of_returns, since = return_tests(known.returned, found.estimate)
@@ -192,7 +191,7 @@ def adjudicate(
         *too_few_poses(case.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
-        *(() if case.gross else (*far, *elsewhere)),
+        *(() if case.gross else far),
     )
     shaken = motion_causes(arm, case.used, unsensed, labels)
     if not case.estimate.converged:
@@ -270,11 +269,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
     far = local_minimum_causes(
         case.model, case.found.estimate, case.found.linear.design.q, case.judged
     )
-    return (*case.alternatives(near=True), *far) if _refusing(far) and not case.gross else far
-
-
-def _refusing(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    return tuple(cause for cause in causes if cause.blocking)
+    return (*case.alternatives(near=True), *far) if far and not case.gross else far
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:

@@ -26,8 +26,8 @@ from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel
 from solver.loops.point import GROUND
 
-FIRST_SOCKET = frozenset(f"{name}[1]" for name in GROUND)
-"""The socket that a ball's file describes, among several."""
+SOCKET = frozenset((*GROUND, *(f"{name}[1]" for name in GROUND)))
+"""Coordinates of the socket that a ball's file describes; of several the first."""
 
 STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
 ITERATIONS = 25
@@ -66,10 +66,7 @@ def local_minimum_causes(
         Names of the parameters that were looked for.
     """
     # Of several placements the fixture's file can describe one: where the others are nobody noted.
-    looked_for = [
-        p.name in judged and (not p.name.endswith("]") or p.name in FIRST_SOCKET)
-        for p in estimate.parameters
-    ]
+    looked_for = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
     far = far_from_nominal(
         tuple(p for p, yes in zip(estimate.parameters, looked_for, strict=True) if yes),
         estimate.x[looked_for],
@@ -90,6 +87,9 @@ def local_minimum_causes(
         ),
     )
     better = best < OTHER_SOLUTION_COST_SHARE * own
+    if not better and p.name in SOCKET:
+        # It is where the poses saw it: a note (`socket_elsewhere`).
+        return ()
     return (
         Finding(
             kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
@@ -98,10 +98,23 @@ def local_minimum_causes(
             unit="rad" if p.is_angle else "m",
             figures={"times": float(np.sqrt(own / max(best, 1e-300)))},
             probability=1.0 if better else 0.5,
-            # A socket that stands elsewhere than its file says is where the poses saw it.
-            blocking=better or not p.name.startswith(GROUND),
+            blocking=True,
         ),
     )
+
+
+def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
+    """Return the note that a ball's socket stands elsewhere than its file says, which no verdict depends on."""
+    here = [p.name in SOCKET for p in estimate.parameters]
+    far = far_from_nominal(
+        tuple(p for p in estimate.parameters if p.name in SOCKET),
+        estimate.x[here],
+        estimate.standard_deviation[here],
+    )
+    if not far:
+        return ()
+    p, change = max(far, key=lambda item: abs(item[1]))
+    return (Finding(kind=FindingKind.FAR_FROM_NOMINAL, names=(p.name,), size=change, unit="m"),)
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:

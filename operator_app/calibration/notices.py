@@ -18,6 +18,7 @@ from operator_app.calibration.calibrated_arm import (
 from operator_app.calibration.distances import contradicted
 from operator_app.calibration.excluded_poses import excluded_poses, out_of_range_besides
 from operator_app.calibration.findings import range_finding
+from operator_app.calibration.local_minima import socket_elsewhere
 from operator_app.calibration.placements import IndistinguishablePlacements
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
@@ -97,6 +98,7 @@ def with_notices(
             )
             for d in contradicted(solution.distances)
         ),
+        *(socket_elsewhere(solution.estimate) if sound else ()),
         *(outliers_still_used(solution.outliers) if sound else ()),
         *(
             Finding(

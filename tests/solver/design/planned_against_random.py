@@ -106,7 +106,7 @@ def compare(
     rng = np.random.default_rng([seed, 60])
     ratios = []
     for poses in (session_poses(model, arm, rng, random), random_closed(model, arm, rng, random)):
-        sigma = standard_deviations(information_of(task, x, poses))
+        sigma = standard_deviations(information_of(task, x, poses).of(range(len(poses))))
         ratios.append(float((plan.predicted_sigma / sigma)[judged].mean()))
     return Comparison(
         session=ratios[0], closed=ratios[1], condition=plan.design.scaled_condition_number

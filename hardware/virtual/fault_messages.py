@@ -122,8 +122,8 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="5 % of all frames come 5 to 50 ms late",
             says=(
                 *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
-                # A target that comes after its successors is a step back.
-                "target refused",
+                # A target that comes after its successors is a step back; a controlword takes back what they did.
+                *("target refused", "the drive is in"),
             ),
             goes_on=True,
             remedy="A busy gateway or a network in between: connect the arm's bus directly.",

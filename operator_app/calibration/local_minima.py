@@ -114,7 +114,7 @@ def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
     if not far:
         return ()
     p, change = max(far, key=lambda item: abs(item[1]))
-    return (Finding(kind=FindingKind.FAR_FROM_NOMINAL, names=(p.name,), size=change, unit="m"),)
+    return (Finding(kind=FindingKind.SOCKET_ELSEWHERE, names=(p.name,), size=change, unit="m"),)
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:

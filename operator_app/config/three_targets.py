@@ -73,7 +73,7 @@ def _require_a_triangle(points: FloatArray) -> None:
         least = Figure(LEAST_HEIGHT_M, LENGTH, places=0).with_unit
         raise ValueError(
             f"the three targets are nearly in line: their triangle is {shown} high, and less than {least} "
-            "shows no orientation"
+            "shows no orientation: move one of them away from the line through the others"
         )
 
 

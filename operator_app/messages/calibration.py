@@ -429,6 +429,10 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "{name} is {size:FAR_ANGLE|FAR_LENGTH} from its nominal value",
         "check how the fixture is mounted and what the arm file states, or search everywhere with --global-start",
     ),
+    K.SOCKET_ELSEWHERE: (
+        "the ball's socket is not where the fixture's file has it: {name} is {size:FAR_ANGLE|FAR_LENGTH} from there",
+        "the calibration uses where the poses saw it; correct the file's ground_mm if the socket stays there",
+    ),
     K.SECOND_SOLUTION: ("{solutions:d} distinct solutions fit these poses equally well", _NEARER),
     K.PAPER_OFF: (
         (

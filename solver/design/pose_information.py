@@ -29,9 +29,6 @@ EFFECTS = 40
 """Combinations of effects that planning counts with, those that poses show best: on the packaged arms they have
 99.9 % of what all have, and a choice among 3,000 poses takes one second."""
 
-UNEXPLAINED = 1.0
-"""chi2 per degree of freedom of captured poses above which their errors are taken for larger than stated."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseInformation:
@@ -85,7 +82,7 @@ class PoseInformation:
         left = np.concatenate((w, np.zeros(len(prior))))
         columns = np.concatenate((rows, prior))
         left = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
-        return float(np.sqrt(max(UNEXPLAINED, float(left @ left) / dof)))
+        return float(np.sqrt(max(1.0, float(left @ left) / dof)))
 
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:

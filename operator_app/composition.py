@@ -35,7 +35,6 @@ from operator_app.config.procedure import Procedure
 from operator_app.effective_procedure import effective_procedure, named_scenario, session_bus
 from operator_app.errors import SessionError
 from operator_app.safe_output import say
-from operator_app.session.workflow.instrument import Instrument, port_of
 from operator_app.session.workflow.opening import (
     Choices,
     Opening,
@@ -43,6 +42,7 @@ from operator_app.session.workflow.opening import (
     open_session,
     remove_if_empty,
 )
+from operator_app.session.workflow.pose_reading import Instrument, port_of
 from operator_app.session.workflow.session import Session
 from operator_app.signals import ending_signals_interrupt, ending_signals_wait
 from operator_app.virtual_arms import run_controller, true_values, virtual_instrument

@@ -28,8 +28,8 @@ from operator_app.config.fixture_file import FixtureSpec, load_fixture
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.effective_procedure import named_scenario
 from operator_app.errors import SessionError
-from operator_app.session.workflow.instrument import Instrument
 from operator_app.session.workflow.opening import Choices
+from operator_app.session.workflow.pose_reading import Instrument
 from solver.chain.arm_model import ArmModel
 
 SERIAL_NUMBER = "SDA-0001"

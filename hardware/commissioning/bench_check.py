@@ -1,6 +1,6 @@
 """Acceptance check of an arm on the bench in a safe order; asks before anything moves.
 
-Requirements are in `clauses` and `motion_checks`, those of a CAN bus in `can_checks`. A failure ends the check: at
+Requirements are in `clauses` and `checks`. A failure ends the check: at
 once while drives are on, otherwise after the last read-only check.
 """
 
@@ -13,7 +13,7 @@ from typing import Final
 
 from hardware.arm import Arm, ArmIdentity, JointMode
 from hardware.arm_description import ArmDescription
-from hardware.commissioning import can_checks, clauses, motion_checks
+from hardware.commissioning import checks, clauses
 from hardware.commissioning.clauses import STOPS_WITHIN_S
 from hardware.commissioning.finding import (
     BENCH,
@@ -132,12 +132,12 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
         yield Clause(name="configured", passed=True, text=text)
     yield from clauses.names_itself(identity, bench.description.model, n)
     if isinstance(arm, CanopenArm):
-        yield from can_checks.drive_settings(arm.drive_facts())
+        yield from checks.drive_settings(arm.drive_facts())
     yield clauses.drives_off(arm)
     yield from clauses.is_pictured(arm, n)
     yield from clauses.goes_on(arm)
     if isinstance(arm, CanopenArm):
-        yield from can_checks.keeps_time(arm, bench.bounds)
+        yield from checks.keeps_time(arm, bench.bounds)
     yield from clauses.reads(arm, n, bench.bounds)
     for joint, sd in enumerate(arm.capture(bench.bounds.samples).sd_rad.tolist(), 1):
         yield Clause(
@@ -157,7 +157,7 @@ def _look(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     text = f"it stores a parameter document of {kept} bytes" if kept else "it stores no parameters"
     yield Clause(name="parameters", passed=True, text=text)
     if isinstance(arm, CanopenArm):
-        yield can_checks.excludes_others(arm)
+        yield checks.excludes_others(arm)
 
 
 def _hold(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
@@ -218,7 +218,7 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
     ):
         yield declined(joint)
         return
-    back = motion_checks.Turn(
+    back = checks.Turn(
         arm=arm,
         joint=joint,
         target_rad=home,
@@ -227,10 +227,8 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
         part_rad=0.3 * abs(way),
     )
     outward = replace(back, target_rad=home + way)
-    yield from motion_checks.goes(outward)
-    yield motion_checks.moved_alone(
-        start, arm.capture(bench.bounds.samples).mean_rad, joint, bounds
-    )
+    yield from checks.goes(outward)
+    yield checks.moved_alone(start, arm.capture(bench.bounds.samples).mean_rad, joint, bounds)
     sense = "positive" if way > 0 else "negative"
     right = bench.ask(
         f"Did joint {joint}, and no other, turn in the {sense} sense of the arm file?"
@@ -243,14 +241,14 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
         else "it turned otherwise: check direction, and the order of joints, in the bus profile",
         joint=joint,
     )
-    yield from motion_checks.halts(back)
+    yield from checks.halts(back)
     back.go()
     if bench.interrupt is not None:
-        yield from motion_checks.is_interrupted(outward, bench.interrupt)
+        yield from checks.is_interrupted(outward, bench.interrupt)
     outward.go()
-    yield from motion_checks.is_stopped(back)
+    yield from checks.is_stopped(back)
     arm.take_control()
-    yield from motion_checks.goes(back)
+    yield from checks.goes(back)
 
 
 def _free(bench: Bench) -> Iterator[Clause]:
@@ -293,7 +291,7 @@ def _leave(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 def _silence(bench: Bench) -> Iterator[Clause]:
     if isinstance(bench.arm, CanopenArm):
-        yield from can_checks.stops_alone(bench.arm, bench.ask, bench.bounds)
+        yield from checks.stops_alone(bench.arm, bench.ask, bench.bounds)
     else:
         text = "not tried: only for an arm on a CAN bus"
         yield Clause(name="guard", passed=None, text=text)

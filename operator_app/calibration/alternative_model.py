@@ -25,7 +25,7 @@ from operator_app.calibration.error_model import (
 )
 from operator_app.calibration.local_minima import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
-from operator_app.units.figure import WHOLE_MM
+from operator_app.units import WHOLE_MM
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward

@@ -10,7 +10,7 @@ from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.findings import range_finding
 from operator_app.calibration.stuck_joint import explained
 from operator_app.messages.finding import Finding
-from operator_app.units.figure import SIGMA_ORI, SIGMA_POS
+from operator_app.units import SIGMA_ORI, SIGMA_POS
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet

@@ -17,7 +17,7 @@ from operator_app.calibration.error_model import (
     stated_priors,
 )
 from operator_app.calibration.result import Solution
-from operator_app.units.figure import SLIP_SIGMA
+from operator_app.units import SLIP_SIGMA
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, is_entry

@@ -12,7 +12,7 @@ from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance, samples_of
 from operator_app.calibration.motion_during_sampling import moved_while_read
 from operator_app.messages.finding import Finding, FindingKind
-from operator_app.units.figure import joints_named
+from operator_app.units import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind

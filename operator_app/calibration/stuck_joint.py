@@ -9,7 +9,7 @@ import numpy as np
 from fixtures.base import Fixture
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import noise_model
-from operator_app.units.figure import WHOLE_DEGREES
+from operator_app.units import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector

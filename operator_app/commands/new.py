@@ -16,7 +16,7 @@ from fixtures.base import Tolerance
 from operator_app.commands.options import a_name, a_path
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
-from operator_app.units.figure import ANGLE, DEVIATION, LENGTH, Figure
+from operator_app.units import ANGLE, DEVIATION, LENGTH, Figure
 from solver.loops.endpoint_geometry import Line
 
 if TYPE_CHECKING:

@@ -211,7 +211,7 @@ def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[Reading
 
 
 def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTable, ...]) -> None:
-    from operator_app.units.figure import ANGLE, Figure
+    from operator_app.units import ANGLE, Figure
 
     for table in tables:
         read, now = (p.q_rad[:, table.joint - 1] for p in (poses, corrected))

@@ -26,7 +26,7 @@ from operator_app.config.poses_file import (
 )
 from operator_app.config.quantities import angle_doubt
 from operator_app.config.resources import expanded, read_limited
-from operator_app.units.figure import plural
+from operator_app.units import plural
 from solver.chain.poses import PoseSet
 
 Unit = Literal["rad", "deg"]

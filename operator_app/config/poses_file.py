@@ -2,7 +2,7 @@
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
 ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles
-and others have names of their own, see `endpoint_line`) or three targets (`three_targets`) may follow. Columns may
+and others have names of their own, see `measured_endpoints`) or three targets may follow. Columns may
 stand in any order: they are found by name.
 """
 
@@ -29,18 +29,19 @@ from operator_app.config.csv_table import (
     whole_number,
     write_records,
 )
-from operator_app.config.endpoint_line import (
+from operator_app.config.errors import ConfigError, Problem, decode_text, only
+from operator_app.config.measured_endpoints import (
     QUATERNION,
     ROLL_PITCH_YAW,
     ROTATION,
+    TARGETS,
     group_of,
     groups_in,
+    poses_of_targets,
     rotation_vectors,
 )
-from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.quantities import UNIT, angle_doubt, degrees_for_file, length_doubt
 from operator_app.config.resources import expanded, read_limited
-from operator_app.config.three_targets import TARGETS, poses_of_targets
 from solver.arrays import FloatArray
 from solver.chain.poses import PoseSet
 

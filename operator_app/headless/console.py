@@ -30,7 +30,7 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units.figure import joints_named, plural
+from operator_app.units import joints_named, plural
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 

@@ -11,7 +11,7 @@ from operator_app.report.text import facts_text
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.units.figure import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE, names
+from operator_app.units import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE, names
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:

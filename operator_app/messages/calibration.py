@@ -1,6 +1,6 @@
 """The text and the remedy of every finding, written here and nowhere else.
 
-A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units.figure`, as
+A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units`, as
 ``{limit:ANGLE|LENGTH}`` is in the first one if the finding's unit is rad; ``{certain:drifts|may drift}`` is the
 first choice of a finding that is certain, ``{several:do|does}`` of one about several poses.
 """
@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from math import radians
 
+from operator_app import units
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
-from operator_app.units import figure
-from operator_app.units.figure import CLOSURE_LENGTH, SHIFTED, TURNED, Figure, joints_named, names
+from operator_app.units import CLOSURE_LENGTH, SHIFTED, TURNED, Figure, joints_named, names
 
 NAMED = 5
 """How many poses a message lists by label."""
@@ -534,11 +534,11 @@ BRIEF: Mapping[FindingKind, str] = {
 """Text of kinds whose sentence is long."""
 
 OWN_FORMATS = {
-    "ANGLE": figure.Kind(figure.ANGLE, digits=2),
-    "LENGTH": figure.Kind(figure.LENGTH, digits=2),
-    "ANGLE_4": figure.Kind(figure.ANGLE, places=4),
-    "LENGTH_4": figure.Kind(figure.LENGTH, places=4),
-    "SIGMAS": figure.Kind(figure.NUMBER, digits=2),
+    "ANGLE": units.Kind(units.ANGLE, digits=2),
+    "LENGTH": units.Kind(units.LENGTH, digits=2),
+    "ANGLE_4": units.Kind(units.ANGLE, places=4),
+    "LENGTH_4": units.Kind(units.LENGTH, places=4),
+    "SIGMAS": units.Kind(units.NUMBER, digits=2),
 }
 
 
@@ -558,7 +558,7 @@ class _Amount(float):
         if spec == "d":
             return str(int(self))
         name = spec.split("|")[0 if self.angle else -1]
-        kind = OWN_FORMATS.get(name) or getattr(figure, name)
+        kind = OWN_FORMATS.get(name) or getattr(units, name)
         return str(kind.not_zero(float(self)).with_unit)
 
 
@@ -615,12 +615,12 @@ def _displacement(f: Finding) -> str:
 
 
 def _with_unit(item: NamedSize) -> str:
-    kind = figure.ANGLE_TOLERANCE if item.unit == "rad" else figure.LENGTH_TOLERANCE
+    kind = units.ANGLE_TOLERANCE if item.unit == "rad" else units.LENGTH_TOLERANCE
     return kind(item.size).with_unit if item.size < float("inf") else "unknown"
 
 
 def _counts(f: Finding) -> str:
-    for name, kind in (("counts", figure.LOST_COUNTS), ("lsb", figure.LOST_LSB)):
+    for name, kind in (("counts", units.LOST_COUNTS), ("lsb", units.LOST_LSB)):
         if name in f.figures:
             return f" ({kind.not_zero(f.figures[name]).with_unit})"
     return ""
@@ -628,7 +628,7 @@ def _counts(f: Finding) -> str:
 
 def _specified(f: Finding) -> str:
     times = f.figures.get("times")
-    return "" if times is None else f", {figure.MANY_TIMES(times).shown} times its specification"
+    return "" if times is None else f", {units.MANY_TIMES(times).shown} times its specification"
 
 
 def _share(f: Finding) -> str:
@@ -636,8 +636,8 @@ def _share(f: Finding) -> str:
     full = f.figures.get("full_scale_rad")
     if full is None or f.size is None or f.sigma is None:
         return ""
-    peak, sd = (figure.OF_FULL_SCALE(x / full).with_unit for x in (f.size, f.sigma))
-    limit = figure.LINEARITY(f.figures["linearity"]).with_unit
+    peak, sd = (units.OF_FULL_SCALE(x / full).with_unit for x in (f.size, f.sigma))
+    limit = units.LINEARITY(f.figures["linearity"]).with_unit
     return f" ({peak} of full scale, sigma {sd}; specification: at most {limit})"
 
 
@@ -652,12 +652,12 @@ def _shares(f: Finding) -> str:
 def _tolerance(f: Finding) -> str:
     if f.size is None:
         return ""
-    known = figure.ANGLE_TOLERANCE(f.size).with_unit
+    known = units.ANGLE_TOLERANCE(f.size).with_unit
     return f"; known within {known}, which the tool accuracy includes"
 
 
 def _range(f: Finding) -> str:
-    low, high = (figure.SPAN(f.figures[name]) for name in ("lower_rad", "upper_rad"))
+    low, high = (units.SPAN(f.figures[name]) for name in ("lower_rad", "upper_rad"))
     return f"{low.shown} to {high.with_unit}"
 
 
@@ -695,7 +695,7 @@ FIELDS: Mapping[str, Callable[[Finding], object]] = {
     "degrees": lambda f: f"{int(f.size or 0)} degree{'s' * (f.size != 1)}",
     "sizes": lambda f: ", ".join(f"{x.name} ({_with_unit(x)})" for x in f.sizes[:LISTED]),
     "fixed_at": lambda f: ", ".join(
-        f"{x.name} at {figure.NOMINAL_OFFSET(x.size).with_unit}" for x in f.sizes
+        f"{x.name} at {units.NOMINAL_OFFSET(x.size).with_unit}" for x in f.sizes
     ),
     "reference": lambda f: "best line" if "from_line" in f.figures else "true angle",
     "reported": lambda f: f.reported[0],

@@ -36,7 +36,7 @@ from hardware.errors import (
 from operator_app.config.errors import ConfigError, WriteError
 from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
-from operator_app.units.figure import REACH
+from operator_app.units import REACH
 from solver.errors import SolverError, TooFewPosesError, UnidentifiableError
 
 EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError, WriteError)

@@ -9,7 +9,7 @@ import numpy as np
 
 from operator_app.errors import SessionError
 from operator_app.planning.task import margin_rad, ranges_of
-from operator_app.units.figure import joints_named
+from operator_app.units import joints_named
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.design.drive_joints import (

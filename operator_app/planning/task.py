@@ -12,7 +12,7 @@ from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
 from fixtures.measured import Measured
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.errors import SessionError
-from operator_app.units.figure import MOUNTED_LENGTH, NOMINAL_OFFSET
+from operator_app.units import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector

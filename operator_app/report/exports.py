@@ -22,7 +22,7 @@ from operator_app.config.csv_table import write_records
 from operator_app.config.urdf_editing import format_urdf, with_calibration
 from operator_app.config.urdf_rows import link_transform
 from operator_app.report.facts import facts_of
-from operator_app.units.figure import quantity_of
+from operator_app.units import quantity_of
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhKind
 from solver.chain.poses import PoseSet

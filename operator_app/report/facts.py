@@ -49,7 +49,7 @@ from operator_app.report.uncertainty_tables import (
     scale_table,
     sensitivity_table,
 )
-from operator_app.units.figure import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
+from operator_app.units import ANGLE, CHI2, CONDITION, SIGMA_ORI, SIGMA_POS, Figure, Kind
 
 if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks

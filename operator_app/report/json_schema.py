@@ -14,7 +14,7 @@ import numpy as np
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrated_arm import side_of
 from operator_app.calibration.sensitivity import source_sensitivities
-from operator_app.units.figure import ANGLE
+from operator_app.units import ANGLE
 from solver.diagnostics.statistics import chi2_test, correlations
 
 if TYPE_CHECKING:

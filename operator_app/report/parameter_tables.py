@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     LENGTH,
     NOT_KNOWN,

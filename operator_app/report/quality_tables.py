@@ -9,7 +9,7 @@ from operator_app.calibration.cross_validation import FOLDS, Checks
 from operator_app.calibration.result import Solution
 from operator_app.messages.calibration import fixed_briefly
 from operator_app.report.table import Cell, Column, FactTable, Headline, figures, words
-from operator_app.units.figure import (
+from operator_app.units import (
     CHI2,
     CLOSURE_LENGTH,
     CONDITION,

@@ -8,7 +8,7 @@ import numpy as np
 
 from operator_app.report.subject import Subject
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,

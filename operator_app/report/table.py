@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from operator_app.units.figure import Figure
+from operator_app.units import Figure
 
 Cell = Figure | str
 

@@ -11,7 +11,7 @@ from operator_app.report.subject import Subject
 from operator_app.report.table import FactTable, Headline
 from operator_app.report.text import placed
 from operator_app.session.ui.snapshot import SessionSnapshot
-from operator_app.units.figure import Figure
+from operator_app.units import Figure
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.report.table import Column, FactTable, shown
 from operator_app.safe_output import harmless
-from operator_app.units.figure import joints_named, names
+from operator_app.units import joints_named, names
 
 if TYPE_CHECKING:
     from operator_app.messages.finding import Finding

@@ -11,7 +11,7 @@ from operator_app.calibration.distances import Distance
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.table import Cell, Column, FactTable, figures, words
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,

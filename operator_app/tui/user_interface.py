@@ -12,7 +12,7 @@ from operator_app.documents import arm_history
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
-from operator_app.session.ui import actions, guards, selection
+from operator_app.session.ui import actions, guards
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
@@ -157,7 +157,7 @@ class ScreenInterface:
 
     def item(self, s: SessionSnapshot) -> int | None:
         """The marked item of the check list, or the next that is open."""
-        left = selection.open_items(s)
+        left = actions.open_items(s)
         marked = self.marked_item()
         return marked if marked in left else next(iter(left), None)
 

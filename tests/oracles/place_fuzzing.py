@@ -8,7 +8,7 @@ from pathlib import Path
 from random import Random
 
 from hardware.line_port import CalledLines, GrowingFile
-from operator_app.session.workflow.instrument import Instrument, port_of
+from operator_app.session.workflow.pose_reading import Instrument, port_of
 from operator_app.virtual_arms import slots_in
 from tests.oracles.odd_input import Refused, bytes_changed
 

@@ -60,9 +60,8 @@ if TYPE_CHECKING:
     from operator_app.errors import SessionError
     from solver.errors import SolverError, UnidentifiableError
 
-    from .calibrating import calibrate
+    from .calibrating import calibrate, load_result
     from .judging import Comparison, Verification, compare, verify
-    from .loading import load_result
     from .machines import Arm, Fixture, load_arm, load_fixture
     from .planning import Plan, Simulation, plan, simulate
     from .poses import Poses, load_poses, poses_of
@@ -91,7 +90,7 @@ _HOME = {
     "load_arm": "sarcal.machines",
     "load_fixture": "sarcal.machines",
     "load_poses": "sarcal.poses",
-    "load_result": "sarcal.loading",
+    "load_result": "sarcal.calibrating",
     "plan": "sarcal.planning",
     "poses_of": "sarcal.poses",
     "simulate": "sarcal.planning",

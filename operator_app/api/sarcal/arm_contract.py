@@ -8,7 +8,7 @@ The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedur
 it has (default hinge). **The arm moves**: the joints that drive go `STEP_RAD` away and back, and STOP is tried.
 An arm that is moved by hand stays where it is. Without CAN_INTERFACE it is the embedded virtual arm.
 
-The requirements are in `hardware.commissioning`, `clauses` and `motion_checks`; `sarcal arm-check` tests the same.
+The requirements are in `hardware.commissioning`, `clauses` and `checks`; `sarcal arm-check` tests the same.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode
-from hardware.commissioning import clauses, motion_checks
+from hardware.commissioning import checks, clauses
 from hardware.commissioning.finding import Bounds, Clause
 from operator_app.composition import open_arm
 from operator_app.session.workflow.opening import Choices, begin
@@ -78,9 +78,9 @@ class ConnectedArm:
         up = limits.upper_rad - here.position_rad > here.position_rad - limits.lower_rad
         return here.position_rad + (STEP_RAD if up else -STEP_RAD)
 
-    def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> motion_checks.Turn:
+    def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
         """Have a joint turn to a target."""
-        return motion_checks.Turn(
+        return checks.Turn(
             arm=self.arm,
             joint=joint,
             target_rad=target_rad,
@@ -149,7 +149,7 @@ def test_a_drive_joint_goes_where_it_is_told_and_back(bench: ConnectedArm) -> No
     joint = bench.ready()[0]
     here, there = bench.arm.snapshot().joints[joint - 1].position_rad, bench.away(joint)
     turns = (bench.turn(joint, target, bench.speed_rad_per_s) for target in (there, here))
-    fulfils(clause for turn in turns for clause in motion_checks.goes(turn))
+    fulfils(clause for turn in turns for clause in checks.goes(turn))
 
 
 def test_a_watch_sees_the_move_and_its_sentence_ends_it(bench: ConnectedArm) -> None:
@@ -185,7 +185,7 @@ def test_stop_ends_a_move_latches_and_its_reset_moves_nothing(bench: ConnectedAr
     bench.require_moved()
     joint = bench.ready()[0]
     slowly = bench.speed_rad_per_s / 4.0
-    fulfils(motion_checks.is_stopped(bench.turn(joint, bench.away(joint), slowly)))
+    fulfils(checks.is_stopped(bench.turn(joint, bench.away(joint), slowly)))
     bench.ready()
 
 

@@ -11,7 +11,7 @@ from operator_app.report.html.markup import table_html
 from operator_app.report.table import FactTable as Facts
 from operator_app.report.table import shown
 from operator_app.report.text import table_text
-from operator_app.units.figure import ANGLE, LENGTH
+from operator_app.units import ANGLE, LENGTH
 
 if TYPE_CHECKING:
     from solver.chain.parameters import Parameter

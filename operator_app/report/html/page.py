@@ -12,6 +12,7 @@ from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.config.atomic import write_atomically
 from operator_app.errors import GuardError
 from operator_app.report.html.markup import (
+    STYLE,
     Html,
     Section,
     bullets,
@@ -24,7 +25,6 @@ from operator_app.report.html.markup import (
     table_html,
 )
 from operator_app.report.html.sections import sections_of
-from operator_app.report.html.style import STYLE
 from operator_app.report.plots.before_after import hand_pair
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, axis
 from operator_app.report.plots.svg import drawn, plot
@@ -44,7 +44,7 @@ from operator_app.report.uncertainty_tables import source_words
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
-from operator_app.units.figure import CLOSURE_LENGTH, SHARE, Figure, quantity_of
+from operator_app.units import CLOSURE_LENGTH, SHARE, Figure, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.report.facts import Facts

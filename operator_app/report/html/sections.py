@@ -28,7 +28,7 @@ from operator_app.report.session_tables import (
     rvdt_joints,
     rvdt_table,
 )
-from operator_app.units.figure import (
+from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     Figure,

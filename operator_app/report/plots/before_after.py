@@ -15,7 +15,7 @@ from operator_app.calibration.tool_accuracy import Spread
 from operator_app.messages.calibration import fixed_briefly
 from operator_app.report.plots.plot import Axis, Layer, Marks, Picture, Polyline, map_axes
 from operator_app.report.subject import Subject
-from operator_app.units.figure import CLOSURE_LENGTH, LENGTH, Figure
+from operator_app.units import CLOSURE_LENGTH, LENGTH, Figure
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector

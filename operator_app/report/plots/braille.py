@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from operator_app.planning.preview import PlannedPose, Preview
-from operator_app.units.figure import SPAN, WHOLE_DEGREES
+from operator_app.units import SPAN, WHOLE_DEGREES
 from solver.arrays import FloatArray
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from operator_app.report.plots.plot import (
     log_axis,
 )
 from operator_app.report.subject import Subject
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,

@@ -20,15 +20,14 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 from operator_app.errors import SessionError
 from operator_app.report.facts import Facts
-from operator_app.report.html.markup import Html, element
-from operator_app.report.html.style import LIGHT, PLOT_RULES
+from operator_app.report.html.markup import LIGHT, PLOT_RULES, Html, element
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.plot import Axis, Picture, axis, log_axis
 from operator_app.report.plots.strips import Bars, bars
 from operator_app.report.plots.svg import WIDTH, draw, label
 from operator_app.report.subject import Subject
 from operator_app.report.table import FactTable
-from operator_app.units.figure import ANGLE, LENGTH, Figure
+from operator_app.units import ANGLE, LENGTH, Figure
 
 ONE_COLUMN_MM, TWO_COLUMNS_MM = 88, 180
 TITLE = 16.0

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from operator_app.units.figure import fixed, significant
+from operator_app.units import fixed, significant
 
 Shape = Literal["dot", "square", "triangle"]
 

@@ -25,7 +25,7 @@ from operator_app.report.plots.svg import (
     segment,
 )
 from operator_app.report.session_tables import CORRECTION_ODD, sensed_joints
-from operator_app.units.figure import ANGLE, CLOSURE_ANGLE, SHARE, Figure, fixed, significant
+from operator_app.units import ANGLE, CLOSURE_ANGLE, SHARE, Figure, fixed, significant
 
 if TYPE_CHECKING:
     from operator_app.report.subject import Subject

@@ -21,7 +21,7 @@ from operator_app.report.plots.plot import (
     Ribbon,
     Shape,
 )
-from operator_app.units.figure import typeset
+from operator_app.units import typeset
 
 WIDTH, HEIGHT = 360.0, 196.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0

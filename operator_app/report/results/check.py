@@ -13,7 +13,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
 from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.text import paragraph
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE_TOLERANCE,
     CONDITION,
     DEVIATION,

@@ -9,7 +9,7 @@ from operator_app.calibration.comparison import CalibrationComparison, Drift, Si
 from operator_app.report.json_schema import notices_data
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
-from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity, places_to_show
+from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show
 
 if TYPE_CHECKING:
     from operator_app.config.parameters import ParametersDocument

@@ -10,7 +10,7 @@ from operator_app.calibration.comparison import Side
 from operator_app.calibration.history import ArmHistory, EntryHistory, EntryShift
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import WIDTH, paragraph, table_lines
-from operator_app.units.figure import ANGLE, LENGTH, Figure, Quantity, places_to_show, plural
+from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show, plural
 from solver.chain.parameters import DhEntry
 from solver.diagnostics.control_chart import BASELINE, RECENT
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY

@@ -14,7 +14,7 @@ from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.facts import CONDITION_PAPER
 from operator_app.report.plots.braille import coverage_lines, region_lines
 from operator_app.report.text import WIDTH, aligned, paragraph
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CONDITION,
     LENGTH,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.config.recording import utc_text
-from operator_app.units.figure import plural
+from operator_app.units import plural
 
 if TYPE_CHECKING:
     from operator_app.calibration.dwells import Dwell, RefusedDwell

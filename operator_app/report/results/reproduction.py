@@ -13,7 +13,7 @@ from operator_app.planning.reproduction import (
 from operator_app.report.parameter_tables import dh_table
 from operator_app.report.table import Cell, FactTable, figures, words
 from operator_app.report.text import paragraph, table_text
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,

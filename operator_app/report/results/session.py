@@ -18,7 +18,7 @@ from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.session.store.folders import POSES_NAME
 from operator_app.session.store.journal_format import JOURNAL_NAME
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CONDITION,
     NOISE_ANGLE,

@@ -11,7 +11,7 @@ from operator_app.calibration.prediction import FIXTURE, shift_in_words
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text
-from operator_app.units.figure import (
+from operator_app.units import (
     ANGLE,
     CHI2,
     LENGTH,

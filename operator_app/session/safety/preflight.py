@@ -27,7 +27,7 @@ from operator_app.session.safety.resume_checks import (
 )
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState
-from operator_app.units.figure import REACH, WHOLE_DEGREES
+from operator_app.units import REACH, WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 

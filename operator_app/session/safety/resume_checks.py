@@ -30,7 +30,7 @@ from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
 from operator_app.session.store.state import CheckReading, SessionState, pose_set_of
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
-from operator_app.units.figure import POSITION, SLIP_SIGMA, SPAN
+from operator_app.units import POSITION, SLIP_SIGMA, SPAN
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder

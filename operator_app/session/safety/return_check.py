@@ -16,7 +16,7 @@ from operator_app.session.safety.resume_checks import (
     parameters_from_poses,
 )
 from operator_app.session.store.state import SessionState
-from operator_app.units.figure import POSITION, SHIFTED, SLIP_SIGMA, TURNED
+from operator_app.units import POSITION, SHIFTED, SLIP_SIGMA, TURNED
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.rotations import rotation_matrix

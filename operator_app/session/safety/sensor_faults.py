@@ -14,7 +14,7 @@ from operator_app.calibration.stuck_joint import turned_unread
 from operator_app.config.procedure import Procedure
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState
-from operator_app.units.figure import WHOLE_DEGREES
+from operator_app.units import WHOLE_DEGREES
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor, Rvdt

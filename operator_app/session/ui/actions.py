@@ -1,16 +1,127 @@
 """The table of actions: keys, texts, steps, guard and handler, for the full screen and for plain mode.
 
+Handlers that only change settings are here, others in `action_handlers`.
 Key dispatch, footer, help, palette and prompts are made from this table.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
-from operator_app.session.ui import action_handlers, guards, selection
-from operator_app.session.ui.snapshot import TaskKind
+from operator_app.session.ui import action_handlers, guards
+from operator_app.session.ui.runner import Runner
+from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
-from operator_app.session.ui.user_interface import EVERYWHERE, Action, FullScreenInterface, OnScreen
+from operator_app.session.ui.user_interface import (
+    EVERYWHERE,
+    Action,
+    ActionContext,
+    FullScreenInterface,
+    OnScreen,
+    Typed,
+)
+from solver.chain.sensors import Rvdt
+
+
+def _record_confirmation(runner: Runner, item: str, text: str) -> None:
+    runner.submit(TaskKind.NOTE, "noting", lambda: runner.operations.confirm(item, text))
+
+
+def stop_tested(context: ActionContext) -> None:
+    """Record that the hardware stop was tested."""
+    context.runner.publish(lambda s: replace(s, stop_tested=True))
+    _record_confirmation(context.runner, "hardware stop", "tested")
+
+
+def open_items(s: SessionSnapshot) -> dict[int, str]:
+    """Return the items of the check list that are not ticked."""
+    items = s.procedure.fixture.checklist
+    return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
+
+
+def _tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
+    runner.publish(lambda now: replace(now, ticked=ticked))
+    items = s.procedure.fixture.checklist
+    for k in sorted(ticked - s.ticked):
+        _record_confirmation(runner, f"check list {k + 1}", items[k])
+
+
+def confirm(context: ActionContext) -> None:
+    """Tick the selected item."""
+    item = context.interface.item(context.s)
+    if item is not None:
+        _tick(context.runner, context.s, context.s.ticked | {item})
+
+
+def confirm_all(context: ActionContext) -> None:
+    """Tick every item."""
+    _tick(context.runner, context.s, context.s.ticked | frozenset(open_items(context.s)))
+
+
+def toggle_item(interface: FullScreenInterface) -> None:
+    """Tick or untick the selected item."""
+    s, runner = interface.snapshot(), interface.runner
+    if s is not None and runner is not None and s.procedure.fixture.checklist:
+        _tick(runner, s, s.ticked ^ {interface.marked_item()})
+
+
+def toggle_joint(interface: FullScreenInterface) -> None:
+    """Select the other mode for the selected joint."""
+    s, runner = interface.snapshot(), interface.runner
+    if s is not None and runner is not None:
+        mark(runner, tuple(sorted({*s.wanted_joints} ^ {interface.joint()})))
+
+
+def mark(runner: Runner, joints: tuple[int, ...]) -> None:
+    """Select these joints for position mode."""
+    runner.publish(lambda s: replace(s, wanted_joints=joints))
+
+
+def other_joints(context: ActionContext) -> None:
+    """Ask for the drive joints."""
+
+    def take(again: ActionContext, said: str) -> None:
+        words = said.replace(",", " ").split()
+        if not words or not all(word.isdecimal() for word in words):
+            again.interface.refuse("type joint numbers, e.g. 1 5")
+            return
+        joints = tuple(sorted({int(word) for word in words}))
+        problem = guards.modes_problem(again.s, joints)
+        if problem:
+            again.interface.refuse(problem[0])
+        else:
+            mark(again.runner, joints)
+
+    text = "Joints for position mode, e.g. 1 5 (they take effect when applied):"
+    value = " ".join(map(str, context.s.wanted_joints))
+    context.ask(Typed(title="Which joints drive?", text=text, value=value), take)
+
+
+def other_estimator(s: SessionSnapshot) -> str:
+    """Return the estimator that is not chosen."""
+    return "paper" if s.estimator == "implicit" else "implicit"
+
+
+def estimator(context: ActionContext) -> None:
+    """Choose the other estimator."""
+    context.runner.publish(lambda s: replace(s, estimator=other_estimator(s)))
+
+
+def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
+    """Return the next of: no joint, each RVDT joint, all of them."""
+    bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
+    choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
+    if len(bent) > 1:
+        choices.append(tuple(bent))
+    at = choices.index(s.unsensed_joints) if s.unsensed_joints in choices else 0
+    return choices[(at + 1) % len(choices)]
+
+
+def unsensed(context: ActionContext) -> None:
+    """Choose the next set of unsensed joints."""
+    context.runner.publish(lambda s: replace(s, unsensed_joints=_next_unsensed(s)))
+
 
 MAX_IN_FOOTER = 6
 LEAST_IMPORTANT = ("quit", "back")
@@ -40,7 +151,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            prompt="Confirm: the hardware stop was pressed and every drive dropped out",
            help="Confirm that the hardware stop was pressed and every drive dropped out.",
            steps=_at(Step.CONNECT), footer=_at(Step.CONNECT), offered=lambda s: not s.simulated,
-           work=selection.stop_tested),
+           work=stop_tested),
     Action(name="resume", keys=("o",), shown="o", label="Open session",
            prompt="Open an earlier session", help="Resume an earlier session.",
            steps=_at(Step.CONNECT, Step.EXPORT), footer=_at(Step.CONNECT), work=action_handlers.resume),
@@ -56,25 +167,25 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            work=action_handlers.task(TaskKind.CHECK, "checking the fixture", lambda o: o.check_fixture())),
     Action(name="confirm", keys=(), shown="Enter", label="Confirm",
            help="Tick the selected item of the check list, or the next open one.",
-           steps=_at(Step.FIXTURE), rows=selection.open_items, work=selection.confirm),
+           steps=_at(Step.FIXTURE), rows=open_items, work=confirm),
     Action(name="confirm_all", keys=(), shown="Enter", label="Tick all",
            prompt="Tick every item (simulated arm)",
            help="Tick the whole check list at once, on a simulated arm.", steps=_at(Step.FIXTURE),
-           offered=lambda s: s.simulated and bool(selection.open_items(s)), guard=guards.may_tick_all,
-           work=selection.confirm_all),
+           offered=lambda s: s.simulated and bool(open_items(s)), guard=guards.may_tick_all,
+           work=confirm_all),
     OnScreen(name="tick", keys=("x",), shown="x", label="Tick",
              help="Tick or untick the selected item of the check list.",
-             steps=_at(Step.FIXTURE), work=selection.toggle_item),
+             steps=_at(Step.FIXTURE), work=toggle_item),
     OnScreen(name="toggle_mode", keys=("f",), shown="f", label="Free/Pos",
              help="Select the other mode for the selected joint; it takes effect when applied.",
-             steps=_at(Step.MODES), footer=_at(Step.MODES), work=selection.toggle_joint),
+             steps=_at(Step.MODES), footer=_at(Step.MODES), work=toggle_joint),
     Action(name="suggest", keys=("p",), shown="p", label="Best pair",
            prompt="Select the best ranked joints", help="Select the best ranked drive joints.",
            steps=_at(Step.MODES), footer=_at(Step.MODES), guard=guards.may_suggest,
-           work=lambda context: selection.mark(context.runner, context.s.ranked[0].drives)),
+           work=lambda context: mark(context.runner, context.s.ranked[0].drives)),
     Action(name="joints", keys=("j",), shown="j", label="Joints", prompt="Choose other joints",
            help="Type the drive joints; they take effect when applied.",
-           steps=_at(Step.MODES), work=selection.other_joints),
+           steps=_at(Step.MODES), work=other_joints),
     Action(name="apply_modes", keys=("a",), shown="a", label="Apply", prompt=action_handlers.apply_prompt,
            help="Enable the drives and set the selected modes, after a question; the modes are read back.",
            steps=_at(Step.MODES), guard=guards.may_apply_modes, work=action_handlers.apply_modes),
@@ -129,14 +240,14 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Calibrate from the poses that are not excluded.", steps=_at(Step.CALIBRATE),
            guard=guards.may_calibrate, work=action_handlers.calibrate),
     Action(name="estimator", keys=("e",), shown="e", label="Estimator",
-           prompt=lambda s: f"Use the {selection.other_estimator(s)} estimator",
+           prompt=lambda s: f"Use the {other_estimator(s)} estimator",
            help="Change between the implicit and the paper's estimator.",
            steps=_at(Step.CALIBRATE), footer=_at(Step.CALIBRATE), guard=guards.idle,
-           work=selection.estimator),
+           work=estimator),
     Action(name="unsensed", keys=("j",), shown="j", label="Unsensed",
            help="Change which joints count as unsensed: none, each RVDT joint, all of them.",
            steps=_at(Step.CALIBRATE), footer=_at(Step.CALIBRATE), guard=guards.idle,
-           work=selection.unsensed),
+           work=unsensed),
     OnScreen(name="cancel", keys=("z",), shown="z", label="Cancel",
              help="Cancel the running task; a moving arm comes to rest and holds.",
              work=lambda f: None if f.runner is None else f.runner.cancel()),

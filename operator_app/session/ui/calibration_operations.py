@@ -24,7 +24,7 @@ from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units.figure import SIGMA_POS
+from operator_app.units import SIGMA_POS
 from solver.chain.parameters import DhEntry
 
 

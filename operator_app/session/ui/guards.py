@@ -20,7 +20,7 @@ from operator_app.session.ui.snapshot import (
     TaskKind,
 )
 from operator_app.session.ui.steps import Step
-from operator_app.units.figure import DATA_AGE, SILENCE
+from operator_app.units import DATA_AGE, SILENCE
 from solver.loops.closure import poses_needed
 
 Missing = tuple[str, ...]

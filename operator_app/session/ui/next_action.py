@@ -11,7 +11,7 @@ from operator_app.session.ui.guards import missing_for, modes_problem, moves_rea
 from operator_app.session.ui.message_log import needs_reconnect
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
-from operator_app.units.figure import names
+from operator_app.units import names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,7 @@ from operator_app.session.workflow.drive_joints import (
 )
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units.figure import MOVED, READING_SD, names
+from operator_app.units import MOVED, READING_SD, names
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo

@@ -36,11 +36,11 @@ from operator_app.session.workflow.drive_joints import (
     require_in_box,
     verification_waypoints,
 )
-from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import CampaignEnd, MoveStart, PlannedCapture
+from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
-from operator_app.units.figure import REACH
+from operator_app.units import REACH
 from solver.chain.poses import PoseSet
 from solver.loops.placements import Placements
 

@@ -23,10 +23,10 @@ from operator_app.planning.drives import (
 )
 from operator_app.planning.exploration import Box, box_of, overload, waypoints
 from operator_app.session.store.logbook import Logbook
-from operator_app.session.workflow.instrument import TargetLostError
 from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
-from operator_app.units.figure import REACH
+from operator_app.units import REACH
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import Encoder

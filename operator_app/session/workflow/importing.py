@@ -34,7 +34,7 @@ from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import solution_data, solve
 from operator_app.session.workflow.opening import KINDS
-from operator_app.units.figure import plural
+from operator_app.units import plural
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hardware.arm import Arm
     from operator_app.calibration.truth import Truths
     from operator_app.config.procedure import CapturePlan, Procedure
-    from operator_app.session.workflow.instrument import Instrument
+    from operator_app.session.workflow.pose_reading import Instrument
     from operator_app.session.workflow.session import Session
 
 KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")

@@ -27,7 +27,7 @@ from operator_app.session.workflow.campaign_replay import (
 from operator_app.session.workflow.drive_joints import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units.figure import WHOLE_DEGREES, joints_named
+from operator_app.units import WHOLE_DEGREES, joints_named
 from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign

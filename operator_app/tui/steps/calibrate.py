@@ -15,7 +15,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.plot import plot
-from operator_app.units.figure import COST
+from operator_app.units import COST
 
 ABOUT = {
     "implicit": "sensors weighted by noise; loops close exactly (default)",

@@ -17,7 +17,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
 from operator_app.tui.widgets.plot import ArmView, sparkline
-from operator_app.units.figure import (
+from operator_app.units import (
     CONDITION,
     JOINT_SPEED,
     PREDICTED,

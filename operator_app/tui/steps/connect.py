@@ -13,7 +13,7 @@ from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
-from operator_app.units.figure import DATA_AGE
+from operator_app.units import DATA_AGE
 
 
 class BusPanel(Lines):

@@ -16,7 +16,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
-from operator_app.units.figure import ANGLE, LENGTH, Figure
+from operator_app.units import ANGLE, LENGTH, Figure
 from solver.chain.parameters import wrap_angle
 
 if TYPE_CHECKING:

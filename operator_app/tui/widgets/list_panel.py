@@ -10,7 +10,7 @@ from operator_app.report.table import FactTable
 from operator_app.report.terminal import table_spans
 from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot
 from operator_app.tui.lines import Lines
-from operator_app.units.figure import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES
+from operator_app.units import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES
 from solver.chain.arm_model import Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 

@@ -15,7 +15,7 @@ from operator_app.session.ui.guards import stops_on_any_key
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.theme import STOP_WIDTH
-from operator_app.units.figure import DATA_AGE
+from operator_app.units import DATA_AGE
 
 HEARTBEAT_LATE_S = 0.35
 SEPARATOR: Span = (" │ ", "dim")

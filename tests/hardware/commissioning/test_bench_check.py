@@ -26,8 +26,8 @@ from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, check
 from hardware.commissioning.bench_check import Bench as Tried
+from hardware.commissioning.checks import Turn, is_interrupted
 from hardware.commissioning.finding import BENCH, CheckFinding, Stage
-from hardware.commissioning.motion_checks import Turn, is_interrupted
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController

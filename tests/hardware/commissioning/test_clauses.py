@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hardware.canopen.drive_settings import DriveFacts
-from hardware.commissioning.can_checks import drive_settings
+from hardware.commissioning.checks import drive_settings
 from hardware.commissioning.clauses import keeps_its_document
 from tests.oracles.approved import Approve
 

@@ -24,7 +24,7 @@ from operator_app.report.spans import Line
 from operator_app.report.table import FactTable
 from operator_app.report.terminal import facts_on, headline_spans, table_spans
 from operator_app.session.ui.operations import Operations
-from operator_app.units.figure import Figure
+from operator_app.units import Figure
 from tests.oracles.journalled_sessions import Quiet, opened_again
 
 NUMBER = re.compile(r"(?<![\w.])[-+\u2212]?\d+(?:\.\d+)?(?:e[-+]?\d+|·10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?![\w.])")

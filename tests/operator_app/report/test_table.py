@@ -9,7 +9,7 @@ import pytest
 from operator_app.report.html.markup import table_html
 from operator_app.report.table import Column, FactTable, keyed
 from operator_app.report.text import table_text
-from operator_app.units.figure import ANGLE, LENGTH, NUMBER, Figure
+from operator_app.units import ANGLE, LENGTH, NUMBER, Figure
 
 RANGES = FactTable(
     ident="ranges",

@@ -19,9 +19,9 @@ from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_joints import visit
-from operator_app.session.workflow.instrument import Instrument
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
+from operator_app.session.workflow.pose_reading import Instrument
 from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import virtual_arm
 from tests.oracles.journalled_sessions import Quiet

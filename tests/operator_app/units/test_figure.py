@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from operator_app.units.figure import (
+from operator_app.units import (
     fixed,
     joints_named,
     names,

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import operator_app
-from operator_app.units import figure
-from operator_app.units.figure import DATA_AGE, POSITION, READING_SD, SIGMA_ORI, SIGMA_POS, Kind
+from operator_app import units
+from operator_app.units import DATA_AGE, POSITION, READING_SD, SIGMA_ORI, SIGMA_POS, Kind
 
 ROOMS = ("calibration", "tui", "headless", "commands", "report", "session")
 ROOT = Path(operator_app.__file__).parent
@@ -76,6 +76,6 @@ def test_a_kind_gives_figures_alike(kind: Kind, value: float, shown: str) -> Non
 
 
 def test_every_kind_is_of_a_quantity() -> None:
-    kinds = [k for k in vars(figure).values() if isinstance(k, Kind)]
+    kinds = [k for k in vars(units).values() if isinstance(k, Kind)]
     assert len(kinds) > 15
     assert all(math.isfinite(k.quantity.per_si) for k in kinds)

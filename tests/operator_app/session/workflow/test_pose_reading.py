@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import contextlib
+import json
+import os
+import socket
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hardware.arm import Reading
+from hardware.errors import InstrumentError
+from hardware.line_port import CalledLines, GrowingFile, StdinLines, TcpLines
+from hardware.line_stream import LONGEST
+from hardware.virtual.tracker import CLIENTS, serve_tracker
 from operator_app.config.procedure_file import load_procedure
-from operator_app.errors import GuardError
+from operator_app.errors import GuardError, SessionError
+from operator_app.session.workflow.pose_reading import Instrument, TargetLostError, port_of
+from tests.oracles.approved import Approve
 from tests.oracles.opened import MakeSession
 from tests.oracles.plant_arm import PlantArm
 
@@ -43,3 +55,330 @@ def test_of_an_arm_that_does_not_come_to_rest_joint_spread_and_limit_are_said(
     assert f"joint 3 spreads by {spread_deg:.3f} deg" in said
     limit_rad = session.procedure.capture.settle.spread_rad(session.model)[2]
     assert f"(limit {np.rad2deg(limit_rad):.3f} deg)" in said
+
+
+POSE = {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "rx_deg": 0.0, "ry_deg": 0.0, "rz_deg": 90.0}
+TURNED = [1.0, 2.0, 3.0, 0.0, 0.0, np.pi / 2]
+
+
+def says(*lines: dict | str, full_pose: bool = True, patience_s: float = 0.0) -> Instrument:
+    """An instrument that answers any question with these lines, then is silent."""
+
+    class Port(CalledLines):
+        def ask(self, question: str) -> None:
+            self.left = [line if isinstance(line, str) else json.dumps(line) for line in lines]
+
+        def line(self, wait_s: float) -> str | None:
+            del wait_s
+            return self.left.pop(0) if self.left else None
+
+    port = Port(lambda _: "", "tcp:lab:7327")
+    return Instrument(port, full_pose=full_pose, patience_s=patience_s)
+
+
+def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
+    lines = ({"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE})
+    found = says(*lines, patience_s=60.0).measure("12")
+    assert found is not None
+    assert found.tolist() == pytest.approx(TURNED)
+
+
+@pytest.mark.parametrize(
+    "lines",
+    [
+        [],
+        [{"pose": "11", **POSE}],
+        [{"x_m": 1, "y_m": 2, "z_m": 3}],
+        [{"x_m": 1000, "y_m": 2, "z_m": 3}],
+        ["hello"],
+    ],
+)
+def test_silence_and_what_is_missing_are_said_with_the_pose(lines: list, approve: Approve) -> None:
+    with pytest.raises(InstrumentError) as caught:
+        says(*lines).measure("12")
+    approve(str(caught.value))
+
+
+def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() -> None:
+    class Streaming(CalledLines):
+        def line(self, wait_s: float) -> str | None:
+            del wait_s
+            return json.dumps({"pose": "11", **POSE})
+
+    instrument = Instrument(Streaming(lambda _: "", "tcp:lab:1"), full_pose=True, patience_s=0.05)
+    with pytest.raises(InstrumentError, match=r"measured nothing .* it sent pose 11"):
+        instrument.measure("12")
+
+
+def test_where_positions_are_wanted_a_turn_is_left_out() -> None:
+    found = says(POSE, full_pose=False).measure("1")
+    assert found is not None
+    assert found.tolist() == [1.0, 2.0, 3.0]
+
+
+def test_a_lost_target_is_no_broken_instrument() -> None:
+    with pytest.raises(TargetLostError, match="beam broken"):
+        says({"lost": "beam broken"}).measure("1")
+
+
+def test_the_operator_may_end_the_waiting() -> None:
+    assert says(patience_s=60.0).measure("1", lambda: True) is None
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[int, list[str], Callable[[str], None]]]:
+    """A port, the questions that came to it, and what sets its answer."""
+    asked: list[str] = []
+    answer = [json.dumps(POSE)]
+
+    def answered(question: str) -> str:
+        asked.append(question.strip())
+        return answer[0]
+
+    with serve_tracker(answered, 0) as port:
+        yield port, asked, lambda text: answer.__setitem__(0, text)
+
+
+def test_over_tcp_it_is_asked_and_what_came_before_is_forgotten(served) -> None:
+    port, asked, answer = served
+    instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
+    instrument.open()
+    # Two lines for one question: the second one is of a time before the next.
+    answer(json.dumps({**POSE, "x_m": 5.0}) + "\n" + json.dumps({**POSE, "x_m": 7.0}))
+    first = instrument.measure("1")
+    answer(json.dumps(POSE))
+    second = instrument.measure("2")
+    instrument.close()
+    assert first is not None
+    assert second is not None
+    assert (first[0], second[0]) == (5.0, 1.0)
+    assert asked == ['{"measure": "1"}', '{"measure": "2"}']
+
+
+def test_nobody_there_and_somebody_gone_are_said_with_the_remedy() -> None:
+    with serve_tracker(lambda _: "x", 0) as port:
+        instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
+    with pytest.raises(InstrumentError, match="Start the tracker's program"):
+        instrument.open()
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        instrument = Instrument(TcpLines("127.0.0.1", server.getsockname()[1]), full_pose=True)
+        instrument.open()
+        server.accept()[0].close()
+        with pytest.raises(InstrumentError, match="hung up"):
+            instrument.measure("1")
+
+
+def test_one_that_sends_without_end_is_said_and_fills_no_memory() -> None:
+    ended = threading.Event()
+
+    def flood(server: socket.socket) -> None:
+        with contextlib.suppress(OSError), server.accept()[0] as client:
+            while not ended.is_set():
+                client.sendall(b"y" * 65536)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=flood, args=(server,))
+        thread.start()
+        port = TcpLines("127.0.0.1", server.getsockname()[1])
+        port.open()
+        try:
+            with pytest.raises(InstrumentError, match="sends no lines"):
+                Instrument(port, full_pose=True).measure("1")
+        finally:
+            ended.set()
+            port.close()
+            thread.join()
+
+
+def test_a_port_that_is_taken_is_said_with_another(served) -> None:
+    with (
+        pytest.raises(InstrumentError, match="another program does"),
+        serve_tracker(lambda _: "", served[0]),
+    ):
+        pass
+
+
+def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
+    path = tmp_path / "seen.csv"
+    path.write_text("x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n5,5,5,0,0,0\n6,6,6,0,0,")
+    port = GrowingFile(path)
+    instrument = Instrument(port, full_pose=True)
+    instrument.open()
+    port.ask("")
+    with path.open("a") as file:
+        file.write("0\n1,2,3,0,0,9")
+        file.flush()
+        # The row that was half written when it was asked is of before; the new one is not whole.
+        assert port.line(0.0) is None
+        assert port.line(0.0) is None
+        file.write("0\n")
+    assert port.line(0.0) == "1,2,3,0,0,90"
+    path.write_text("x_m\n")
+    with pytest.raises(InstrumentError, match="has become shorter"):
+        port.line(0.0)
+
+
+@pytest.mark.parametrize("text", [None, "x_m,y_m", "x_m,y_m\n"])
+def test_a_file_without_a_heading_is_refused_at_once(
+    tmp_path: Path, text: str | None, approve: Approve
+) -> None:
+    path = tmp_path / "seen.csv"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InstrumentError) as refused:
+        Instrument(GrowingFile(path), full_pose=True).open()
+    approve(str(refused.value))
+
+
+def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> None:
+    """A pipe would be waited for without end: who writes to it may never come."""
+    pipe = tmp_path / "rows.csv"
+    os.mkfifo(pipe)
+    for place in (pipe, tmp_path, Path("/dev/zero")):
+        with pytest.raises(InstrumentError, match="is no file but a folder, a pipe or a device"):
+            port_of(f"file:{place}").open()
+    with pytest.raises(InstrumentError, match="cannot be read"):
+        port_of("file:x\0y").open()
+    # A file by its kind, whose bytes nobody can have.
+    with pytest.raises(InstrumentError, match="cannot be read"):
+        port_of("file:/proc/self/mem").open()
+
+
+def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    file.write_text("x_m,y_m,z_m\n")
+    port = GrowingFile(file)
+    port.open()
+    port.ask("")
+    file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(InstrumentError, match=r"shorter|a pipe"):
+        port.line(0.0)
+
+
+def test_a_carriage_return_in_a_line_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "rows.csv"
+    file.write_bytes(b"x_m,y_\rm,z_m\n")
+    with pytest.raises(InstrumentError, match=r"the heading of file:.* is no line of CSV"):
+        Instrument(GrowingFile(file), full_pose=False).open()
+
+
+def read_to_the_end(descriptor: int) -> None:
+    """Wait for the reader of lines; only then may another have the descriptor."""
+    for thread in threading.enumerate():
+        if thread.name == "sarcal-lines":
+            thread.join(5.0)
+    os.close(descriptor)
+
+
+@contextlib.contextmanager
+def sent(data: bytes) -> Iterator[StdinLines]:
+    """Standard input into which a tracker has begun to write without pause, until it is closed."""
+    here, there = os.pipe()
+    ended = threading.Event()
+
+    def write() -> None:
+        with contextlib.suppress(OSError), os.fdopen(there, "wb", buffering=0) as file:
+            while not ended.is_set():
+                file.write(data)
+
+    thread = threading.Thread(target=write)
+    thread.start()
+    port = StdinLines(here)
+    port.open()
+    try:
+        yield port
+    finally:
+        ended.set()
+        thread.join()
+        read_to_the_end(here)
+
+
+def test_standard_input_gives_lines_until_it_ends() -> None:
+    with sent(b'{"a": 1}\n\xff\n') as port:
+        assert {port.line(5.0), port.line(5.0)} == {'{"a": 1}', "\ufffd"}
+    for _ in range(2):
+        port.ask("")
+        with pytest.raises(InstrumentError, match="standard input ended"):
+            port.line(5.0)
+
+
+def test_a_line_without_end_is_refused() -> None:
+    here, there = os.pipe()
+    port = StdinLines(here)
+    port.open()
+    with os.fdopen(there, "wb") as file:
+        file.write(b"x" * (LONGEST - 1) + b"\n" + b"x" * (LONGEST + 1))
+    assert len(port.line(5.0) or "") == LONGEST - 1
+    with pytest.raises(InstrumentError, match="without an end of line"):
+        port.line(5.0)
+    read_to_the_end(here)
+
+
+def test_one_that_sends_whole_lines_without_pause_is_understood_and_starts_with_a_whole_one() -> (
+    None
+):
+    line = json.dumps(POSE | {"note": "x" * 300})[:-1].replace(', "note', ', "utc') + "}"
+    with sent((line + "\n").encode() * 300) as port:
+        for _ in range(20):
+            port.ask("")
+            assert [port.line(5.0), port.line(5.0)] == [line, line]
+
+    ended = threading.Event()
+
+    def flood(server: socket.socket) -> None:
+        with contextlib.suppress(OSError), server.accept()[0] as client:
+            while not ended.is_set():
+                client.sendall((line + "\n").encode() * 300)
+
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        thread = threading.Thread(target=flood, args=(server,))
+        thread.start()
+        port = TcpLines("127.0.0.1", server.getsockname()[1])
+        port.open()
+        instrument = Instrument(port, full_pose=True)
+        try:
+            for k in range(5):
+                found = instrument.measure(str(k))
+                assert found is not None
+                assert found.tolist() == pytest.approx(TURNED)
+        finally:
+            ended.set()
+            port.close()
+            thread.join()
+
+
+def test_more_programs_than_a_tracker_serves_are_refused_in_words(served) -> None:
+    port = served[0]
+    idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(CLIENTS)]
+    instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
+    before = threading.active_count()
+    try:
+        for _ in range(3):
+            instrument.open()
+            with pytest.raises(InstrumentError, match=f"{CLIENTS} programs are connected"):
+                instrument.measure("1")
+        assert threading.active_count() <= before + CLIENTS
+    finally:
+        for one in idle:
+            one.close()
+    # A place that was left is another's.
+    for _ in range(200):
+        with contextlib.suppress(InstrumentError):
+            instrument.open()
+            assert instrument.measure("1") is not None
+            break
+    else:
+        pytest.fail("no place was given back")
+    instrument.close()
+
+
+@pytest.mark.parametrize("source", ["", "tcp:lab", "tcp:lab:0", "tcp:lab:99999", "file:", "usb:1"])
+def test_what_names_no_port_is_refused_with_those_there_are(source: str) -> None:
+    with pytest.raises(SessionError, match="Write tcp:HOST:PORT"):
+        port_of(source)
+
+
+def test_ports_are_named_in_the_words_they_were_asked_for(tmp_path: Path) -> None:
+    for source in ("tcp:lab:7327", f"file:{tmp_path / 'a.csv'}", "stdin"):
+        assert port_of(source).name == source

@@ -6,7 +6,7 @@ from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.results.verification import verified_words
-from operator_app.report.terminal import facts_on, no_facts
+from operator_app.report.subject import facts_on, no_facts
 from operator_app.report.text import facts_text
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from operator_app.session.store.journal_format import JournalEvent
     from operator_app.session.store.state import CapturedPose, SessionState
     from operator_app.session.store.stored_calibration import StoredCalibration
+    from operator_app.session.ui.snapshot import SessionSnapshot
     from solver.arrays import FloatArray
     from solver.errors import UnidentifiableError
     from solver.estimators.estimate import Estimate
@@ -190,4 +192,62 @@ def _simulated(events: Sequence[JournalEvent]) -> bool:
         for event in events
         if event.name == "connected"
         for node in event.data.get("nodes", ())
+    )
+
+
+def facts_on(s: SessionSnapshot) -> Facts | None:
+    """Return the facts of a snapshot's calibration; None where its poses have none."""
+    return None if no_facts(s) else _facts(_Same(s))
+
+
+def subject_on(s: SessionSnapshot) -> Subject | None:
+    """Return the report subject of a snapshot's calibration; None where its poses have none."""
+    return None if no_facts(s) else _subject(_Same(s))
+
+
+def no_facts(s: SessionSnapshot) -> str:
+    """Say why there is no calibration to show; empty where there is one."""
+    if s.solution is None:
+        return "no calibration of these poses yet"
+    counting = sum(not pose.excluded for pose in s.state.poses)
+    if counting != s.solution.poses + len(s.solution.dropped_flipped):
+        return "the calibration is of other poses than those that count now: calibrate again"
+    return ""
+
+
+class _Same:
+    """Cache key of a snapshot: the calibration that it holds; snapshots come 20 times a second."""
+
+    def __init__(self, s: SessionSnapshot) -> None:
+        self.s = s
+        self._parts = s.solution, s.cross_checks, s.state.poses, s.state.modes
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and all(
+            one is another for one, another in zip(self._parts, other._parts, strict=True)
+        )
+
+    def __hash__(self) -> int:
+        return id(self.s.solution)
+
+
+@lru_cache(maxsize=2)
+def _facts(of: _Same) -> Facts | None:
+    s = of.s
+    if s.solution is None:
+        return None
+    limits, captured = s.procedure.acceptance, len(s.state.poses)
+    return facts_of(s.solution, checks=s.cross_checks, limits=limits, captured=captured)
+
+
+@lru_cache(maxsize=2)
+def _subject(of: _Same) -> Subject:
+    s = of.s
+    return Subject(
+        name=s.folder.name,
+        procedure=s.procedure,
+        state=s.state,
+        solution=s.solution,
+        checks=s.cross_checks,
+        simulated=s.simulated,
     )

@@ -1,4 +1,4 @@
-"""Facts as text and tables for a terminal of 80 columns."""
+"""Facts as text and tables for a terminal of 80 columns, and as lines of spans for its panels."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
-from operator_app.report.table import Column, FactTable, shown
+from operator_app.report.spans import Line, line
+from operator_app.report.table import Column, FactTable, Headline, shown
 from operator_app.safe_output import harmless
-from operator_app.units import joints_named, names
+from operator_app.units import Figure, joints_named, names
 
 if TYPE_CHECKING:
     from operator_app.messages.finding import Finding
@@ -105,6 +106,40 @@ def _groups(columns: Sequence[Column]) -> list[tuple[int, int]]:
     return [
         (k, k + sum(column.group == columns[k].group for column in columns[k:])) for k in starts
     ]
+
+
+ROLES = {"found": "bold"}
+"""Roles of figures that the screen maps to another style."""
+
+
+def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
+    """Return head and body of a table without the page-only columns."""
+    table = table.brief
+    heads, rows = placed(table, " ")
+    body = [
+        line(
+            *(
+                (
+                    f" {words}",
+                    ROLES.get(cell.role, cell.role) if isinstance(cell, Figure) else "text",
+                )
+                for words, cell in zip(words_of, row, strict=True)
+            )
+        )
+        for words_of, row in zip(rows, table.rows, strict=True)
+    ]
+    return [line((" " + " ".join(cells), "header")) for cells in heads], body
+
+
+def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
+    """Return headlines side by side, the last ones without their notes where these do not fit."""
+    row = ""
+    for with_note in range(len(headlines), -1, -1):
+        said = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
+        row = "   " + "   ".join(said)
+        if len(row) <= width:
+            break
+    return line(row)
 
 
 def warnings_text(notices: Iterable[Finding]) -> str:

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, ClassVar
 
 from textual import events
-from textual.app import App, SystemCommand
+from textual.app import App, ComposeResult, SystemCommand
 from textual.binding import BindingType
 from textual.driver import Driver
 from textual.screen import Screen
@@ -27,12 +27,12 @@ from textual.widgets import Input
 
 from operator_app.exit_codes import ExitCode
 from operator_app.manual.pages import Manual, reference
+from operator_app.report.spans import Line, line
 from operator_app.session.ui.steps import QUIT_KEYS, STOP_KEYS, Step
 from operator_app.signals import ENDING, ending_signals_wait
 from operator_app.tui.driver import Pressed, watched
-from operator_app.tui.lines import Clicked
+from operator_app.tui.lines import Clicked, Lines
 from operator_app.tui.palette import ActionProvider
-from operator_app.tui.start_screen import StartScreen
 from operator_app.tui.theme import DARK, LIGHT, NO_COLOUR, STOP_WIDTH, Look, look, themes
 
 if TYPE_CHECKING:
@@ -41,6 +41,38 @@ if TYPE_CHECKING:
     from operator_app.session.ui.snapshot import SessionSnapshot
     from operator_app.tui.main_screen import MainScreen
     from operator_app.tui.user_interface import ScreenInterface
+
+
+class _Fixed(Lines, can_focus=False):
+    """A widget whose lines do not change."""
+
+    FIXED = True
+
+    def __init__(self, rows: list[Line], *, id: str) -> None:  # noqa: A002 - Textual's name
+        super().__init__(id=id)
+        self._rows = rows
+
+    def on_mount(self) -> None:
+        """Show them."""
+        self.show_lines(self._rows)
+
+
+class StartScreen(Screen[None]):
+    """The strip, a line of text, and how to leave."""
+
+    AUTO_FOCUS = ""
+
+    def compose(self) -> ComposeResult:
+        """Compose the widgets where the main screen has its own."""
+        yield _Fixed(
+            [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))], id="strip"
+        )
+        yield _Fixed(
+            [line((" sarcal ", "badge"), ("  calibrating redundant arms", "dim"))], id="banner"
+        )
+        yield _Fixed([(), line(" Connect: loading ...")], id="middle")
+        yield _Fixed([line((" q", "key"), " Quit")], id="footer")
+
 
 POLL_S = 1.0 / 20.0
 SCREEN_PATIENCE_S = 5.0

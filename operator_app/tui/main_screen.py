@@ -28,8 +28,7 @@ from operator_app.tui.steps.modes import ModesView
 from operator_app.tui.steps.results import ResultsView
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.theme import SMALLEST, is_compact
-from operator_app.tui.widgets.log import Log
-from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
+from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
 def done(step: Step, s: SessionSnapshot) -> bool:

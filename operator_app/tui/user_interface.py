@@ -32,7 +32,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.capture import CaptureView
 from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
-from operator_app.tui.widgets.log import messages_text
+from operator_app.tui.widgets.status import messages_text
 
 if TYPE_CHECKING:
     from operator_app.tui.app import SarcalApp

@@ -8,7 +8,7 @@ from textual.app import ComposeResult
 
 from operator_app.report.plots.calibration_plots import costs, misses
 from operator_app.report.spans import Line, line, wrapped
-from operator_app.report.terminal import facts_on, subject_on
+from operator_app.report.subject import facts_on, subject_on
 from operator_app.session.ui.guards import may_calibrate
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step

@@ -13,15 +13,9 @@ from operator_app.report.plots.calibration_plots import misses, rvdt_deviations
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.session_tables import joint_table
 from operator_app.report.spans import Line, clip, line, wrapped
-from operator_app.report.subject import Subject
+from operator_app.report.subject import Subject, facts_on, no_facts, subject_on
 from operator_app.report.table import FactTable
-from operator_app.report.terminal import (
-    facts_on,
-    headline_spans,
-    no_facts,
-    subject_on,
-    table_spans,
-)
+from operator_app.report.text import headline_spans, table_spans
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines

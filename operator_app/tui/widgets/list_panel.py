@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hardware.arm import DriveState, JointMode, JointState
 from operator_app.report.spans import Line, Span, length, line, window
 from operator_app.report.table import FactTable
-from operator_app.report.terminal import table_spans
+from operator_app.report.text import table_spans
 from operator_app.session.ui.snapshot import STALE_S, DataState, SessionSnapshot
 from operator_app.tui.lines import Lines
 from operator_app.units import DATA_AGE, JOINT_SPEED, JOINT_TORQUE, POSITION, WHOLE_DEGREES

@@ -16,8 +16,7 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters, save_parameters
 from operator_app.report.facts import Facts, estimate_json, facts_of
 from operator_app.report.results.verification import verified_words
-from operator_app.report.terminal import table_spans
-from operator_app.report.text import facts_text
+from operator_app.report.text import facts_text, table_spans
 from operator_app.session.ui.snapshot import VerificationSummary
 from solver.chain.poses import PoseSet
 from tests.oracles.parameter_documents import make_document

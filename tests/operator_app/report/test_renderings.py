@@ -21,8 +21,9 @@ import pytest
 from operator_app.cli import main
 from operator_app.report.facts import Facts
 from operator_app.report.spans import Line
+from operator_app.report.subject import facts_on
 from operator_app.report.table import FactTable
-from operator_app.report.terminal import facts_on, headline_spans, table_spans
+from operator_app.report.text import headline_spans, table_spans
 from operator_app.session.ui.operations import Operations
 from operator_app.units import Figure
 from tests.oracles.journalled_sessions import Quiet, opened_again

@@ -10,7 +10,7 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.headless.plain_messages import describe
-from operator_app.report.terminal import facts_on
+from operator_app.report.subject import facts_on
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.steps.capture import ProgressPanel, QualityPanel

@@ -8,7 +8,7 @@ import pytest
 
 from hardware.arm import DriveState
 from operator_app.session.ui.snapshot import DataState, StopReport, TaskKind
-from operator_app.tui.widgets.safety_strip import Banner, SafetyStrip
+from operator_app.tui.widgets.status import Banner, SafetyStrip
 from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
 
 

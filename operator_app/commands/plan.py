@@ -20,8 +20,8 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
-    from fixtures.advice import RankedPlacement
     from operator_app.config.procedure import Procedure
+    from operator_app.planning.advice import RankedPlacement
     from operator_app.planning.preview import PlanningBasis, Preview
 
 POSES = 12
@@ -187,7 +187,7 @@ def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[RankedPlacement, ...]:
     """Search for hinge placements around the nominal or estimated one."""
-    from operator_app.planning.proposals import advise
+    from operator_app.planning.advice import advise
 
     values = None
     if shown.estimate is not None:
@@ -197,6 +197,7 @@ def _advice(
         procedure.fixture.fixture,
         values=values,
         unsensed_joints=procedure.unsensed_joints,
+        samples=procedure.capture.samples_per_pose,
         poses=poses,
         tries=args.tries,
     )

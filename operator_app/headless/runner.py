@@ -16,7 +16,7 @@ from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
 from operator_app.errors import SessionError
 from operator_app.headless.console import ConsoleListener
-from operator_app.planning.proposals import QUICK_TRIES, advise, hint
+from operator_app.planning.advice import QUICK_TRIES, advise, hint
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.workflow.capture import connect, take_poses
 from operator_app.session.workflow.drive_joints import drives_of
@@ -98,6 +98,7 @@ def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> st
             values=values,
             parameters=tuple(w.name for w in end.weak),
             unsensed_joints=session.procedure.unsensed_joints,
+            samples=session.procedure.capture.samples_per_pose,
             tries=QUICK_TRIES,
             best=1,
         )

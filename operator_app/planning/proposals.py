@@ -1,4 +1,4 @@
-"""Proposals: home poses, fixtures from measured lines and points, hinge placements for better precision.
+"""Proposals: home poses, and fixtures from measured lines and points.
 
 In a good home every joint takes part in the motion of the closed chain; in a stretched arm some do not. Uses nominal
 geometry.
@@ -6,22 +6,19 @@ geometry.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, replace
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from fixtures.advice import RankedPlacement, search_placements
 from fixtures.ball import Ball
 from fixtures.base import Fixture
 from fixtures.hinge import Hinge
-from operator_app.errors import SessionError
 from operator_app.planning.outlook import Outlook, from_home_rad, outlook
 from solver.arrays import BoolArray, FloatArray, frozen
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable, forward
-from solver.chain.parameters import DhEntry, nominal_vector
+from solver.chain.kinematics import forward
+from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
@@ -188,72 +185,3 @@ def _hand_at_home(arm: ArmModel) -> tuple[FloatArray, FloatArray]:
     theta_off, *lengths_and_twists = arm.table.stacked()
     frames = forward(arm.home_rad + theta_off, *lengths_and_twists)
     return frames.R_end, frames.p_end
-
-
-QUICK_TRIES = 8
-"""Number of placements tried for a hint."""
-WORTHWHILE = 0.9
-"""Largest relative uncertainty at which a placement is worth remounting: 10 % less."""
-
-
-def at_values(arm: ArmModel, hinge: Hinge, values: Mapping[str, float]) -> tuple[ArmModel, Hinge]:
-    """Return arm and hinge with identified values (rad, m, by name) in place of nominal ones."""
-    own = {f.name.removesuffix("_rad").removesuffix("_m"): f.name for f in fields(Hinge)}
-    last = arm.joint_count
-    placed: dict[str, Any] = {}
-    stacked = arm.table.stacked()
-    for name, value in values.items():
-        key = name.removesuffix(f"_{last}") + "_n" if name.endswith(f"_{last}") else name
-        if key in own:
-            placed[own[key]] = value
-        else:
-            entry = DhEntry.parse(name)
-            stacked[entry.kind, entry.row - 1] = value
-    return replace(arm, table=DhTable.from_stacked(stacked)), replace(hinge, **placed)
-
-
-def advise(
-    arm: ArmModel,
-    fixture: Fixture,
-    *,
-    values: Mapping[str, float] | None = None,
-    parameters: tuple[str, ...] = (),
-    unsensed_joints: tuple[int, ...] = (),
-    poses: int = 12,
-    tries: int = 24,
-    best: int = 3,
-) -> tuple[RankedPlacement, ...]:
-    """Rank hinge placements around the present one, by all parameters or by those named.
-
-    Raises
-    ------
-    SessionError
-        The fixture is no hinge, or the loop does not close near the arm's home.
-    """
-    if not isinstance(fixture, Hinge):
-        raise SessionError(
-            f"placements are compared for a hinge, and this is a {fixture.kind} fixture",
-            "use a hinge fixture",
-        )
-    arm, hinge = at_values(arm, fixture, values or {})
-    try:
-        return search_placements(
-            arm,
-            hinge,
-            tries=tries,
-            best=best,
-            poses=poses,
-            parameters=parameters,
-            unsensed_joints=unsensed_joints,
-        )
-    except ValueError as error:
-        raise SessionError(
-            f"placements cannot be compared: {error}", "check the fixture's measures"
-        ) from error
-
-
-def hint(ranked: tuple[RankedPlacement, ...]) -> str:
-    """Return the best placement of a ranking as text, or that none would help."""
-    if not ranked or ranked[0].gain > WORTHWHILE:
-        return "no hinge placement near this one would help much"
-    return f"another placement would help: {ranked[0].text}"

@@ -22,9 +22,9 @@ from solver.estimators.least_squares import column_scale
 PRIOR_SHARE = 1e-8
 """Weight of the prior that makes the first choices comparable, against one average candidate."""
 MOST_RESTARTS = 24
-RESTART_WORK = 30_000
+RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
-candidates times poses altogether. Among thousands of candidates one start is within a percent."""
+candidates times poses times unknowns altogether. Among thousands of candidates one start is within a percent."""
 WORTHWHILE = 1e-9
 """An exchange that gains less log det than this is rounding."""
 
@@ -121,7 +121,7 @@ def choose_poses(
     search = _Search(root / scale, P, _Pool(usable, q if apart_rad > 0.0 else None, apart_rad))
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int]] = (-np.inf, [])
-    for start in range(1 + min(MOST_RESTARTS, RESTART_WORK // (m * count))):
+    for start in range(1 + min(MOST_RESTARTS, RESTART_WORK // (m * count * N))):
         chosen, current = [], M.copy()
         if start > 0:
             # Half at random, the rest by greed: another basin, yet not a bad one.

@@ -30,7 +30,7 @@ from operator_app.units import (
 )
 
 if TYPE_CHECKING:
-    from fixtures.advice import PlacementReport, RankedPlacement
+    from operator_app.planning.advice import PlacementReport, RankedPlacement
     from operator_app.planning.preview import PlannedPose, Preview
     from solver.chain.parameters import Parameter
     from solver.design.drive_joints import RankedDrives

@@ -1,4 +1,4 @@
-"""The `Arm` protocol that the workflow uses, and its data.
+"""The `ArmInterface` protocol that the workflow uses, and its data.
 
 Joints are numbered from 1. Angles are sensor coordinates (the measured theta of the paper, without offsets),
 continuous and never wrapped; counts are the drive's 6064h.
@@ -68,8 +68,8 @@ class ArmIdentity:
     speaks
         Protocol of its nodes, for people.
     by_hand
-        Whether only a person moves it: no hardware stop is required, and `Arm.move` waits until the joints have
-        reached their targets.
+        Whether only a person moves it: no hardware stop is required, and `ArmInterface.move` waits until the joints
+        have reached their targets.
     unwatching
         Joints whose drives do not state that they monitor the operator's heartbeat.
     configured, zeroed
@@ -222,7 +222,7 @@ Watch = Callable[[ArmSnapshot], str | None]
 """Called on every SYNC of a move; a returned sentence ends the move (the arm holds), None continues it."""
 
 
-class Arm(Protocol):
+class ArmInterface(Protocol):
     """An arm that can be connected, moved, read and given parameters.
 
     Calls raise `hardware.errors.HardwareError` only. All but `stop` and `snapshot` come from one thread.

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import can
 
-from hardware.arm import Arm
+from hardware.arm import ArmInterface
 from hardware.arm_description import ArmDescription
 from hardware.errors import BusError
 
@@ -62,7 +62,7 @@ class ArmOffer:
         Whether `ArmOrder.record_to` is used.
     """
 
-    make: Callable[[ArmOrder], Arm]
+    make: Callable[[ArmOrder], ArmInterface]
     says: str
     keeps_parameters: bool = False
     records: bool = False

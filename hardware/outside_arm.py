@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from hardware.arm import (
-    Arm,
     ArmIdentity,
+    ArmInterface,
     ArmSnapshot,
     FloatArray,
     JointMode,
@@ -43,7 +43,7 @@ PERIOD_S = 0.01
 
 
 class OutsideArm:
-    """An `Arm` around the one of `make`, which is called at `connect`.
+    """An `ArmInterface` around the one of `make`, which is called at `connect`.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class OutsideArm:
 
     def __init__(
         self,
-        make: Callable[[], Arm],
+        make: Callable[[], ArmInterface],
         description: ArmDescription,
         name: str,
         *,
@@ -71,7 +71,7 @@ class OutsideArm:
         self.record_to = record_to
         self._keeps_parameters = keeps_parameters
         self._make, self._description, self._name = make, description, name
-        self._arm: Arm | None = None
+        self._arm: ArmInterface | None = None
         self._latch = StopLatch()  # a new connection does not lift a STOP
         self._in_control = False
         self._closing, self._left_held = False, True
@@ -239,12 +239,12 @@ class OutsideArm:
             return self._connected.active_parameters()
 
     @property
-    def _connected(self) -> Arm:
+    def _connected(self) -> ArmInterface:
         if self._arm is None:
             raise BusError("The arm is not connected.")
         return self._arm
 
-    def _checked_snapshot(self, arm: Arm) -> ArmSnapshot:
+    def _checked_snapshot(self, arm: ArmInterface) -> ArmSnapshot:
         """Return the snapshot of `arm` after checking that every joint has a finite position."""
         n = len(self._description.joints)
         with self._translated_errors():

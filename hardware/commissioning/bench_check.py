@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from hardware.arm import Arm, ArmIdentity, JointMode
+from hardware.arm import ArmIdentity, ArmInterface, JointMode
 from hardware.arm_description import ArmDescription
 from hardware.commissioning import checks, clauses
 from hardware.commissioning.clauses import STOPS_WITHIN_S
@@ -60,7 +60,7 @@ class Bench:
         Limits of the comparisons.
     """
 
-    arm: Arm
+    arm: ArmInterface
     description: ArmDescription
     ask: Ask
     step_rad: float

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from hardware.arm import Arm, ArmSnapshot, DriveState, MoveResult, Watch
+from hardware.arm import ArmInterface, ArmSnapshot, DriveState, MoveResult, Watch
 from hardware.canopen.drive_settings import DriveFacts
 from hardware.canopen.objects import ADVISED_OPERATOR_TIMEOUT_S, MAX_OPERATOR_TIMEOUT_S
 from hardware.commissioning.clauses import (
@@ -56,7 +56,7 @@ class OnTheWay:
 class Turn:
     """Motion of one joint, and its limits; `part_rad` is the travel after which a watch acts."""
 
-    arm: Arm
+    arm: ArmInterface
     joint: int
     target_rad: float
     speed_rad_per_s: float

@@ -14,7 +14,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from hardware.arm import Arm, ArmIdentity, DriveState, FloatArray, JointMode
+from hardware.arm import ArmIdentity, ArmInterface, DriveState, FloatArray, JointMode
 from hardware.commissioning.finding import Bounds, Clause, deg, joints_words
 from hardware.errors import CommandRefused, HardwareError, Stopped
 
@@ -62,7 +62,7 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
     )
 
 
-def is_pictured(arm: Arm, joints: int) -> Iterator[Clause]:
+def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
     """The snapshot has every joint in order, finite, in radians and recent; no STOP is latched."""
     found = arm.snapshot()
     wrong = []
@@ -85,7 +85,7 @@ def is_pictured(arm: Arm, joints: int) -> Iterator[Clause]:
     )
 
 
-def goes_on(arm: Arm) -> Iterator[Clause]:
+def goes_on(arm: ArmInterface) -> Iterator[Clause]:
     """The sample counter advances."""
     before = arm.snapshot().sync_count
     arm.capture(2)
@@ -93,7 +93,7 @@ def goes_on(arm: Arm) -> Iterator[Clause]:
     yield Clause(name="samples", passed=more > 0, text=f"a reading of 2 took {more} samples")
 
 
-def reads(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
+def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     """A reading has the requested samples, finite values for every joint, and agrees with the snapshot."""
     reading = arm.capture(bounds.samples)
     wrong = []
@@ -116,7 +116,7 @@ def reads(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
     )
 
 
-def settles(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
+def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
     """At rest it settles; with a negative spread it does not."""
     wide = [bounds.once_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
@@ -129,7 +129,7 @@ def settles(arm: Arm, joints: int, bounds: Bounds) -> Iterator[Clause]:
     )
 
 
-def is_enabled_unmoved(arm: Arm, bounds: Bounds) -> Iterator[Clause]:
+def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
     """Taking control enables every drive in position mode without motion."""
     before = arm.capture(bounds.samples).mean_rad
     arm.take_control()
@@ -143,7 +143,7 @@ def is_enabled_unmoved(arm: Arm, bounds: Bounds) -> Iterator[Clause]:
     yield from is_still("holds", before, arm.capture(bounds.samples).mean_rad, bounds)
 
 
-def reads_modes_back(arm: Arm, modes: Sequence[JointMode]) -> Iterator[Clause]:
+def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
     """Every joint reports the mode it was given, then position mode after `hold`."""
     arm.set_modes(modes)
     given = [j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m]
@@ -175,7 +175,7 @@ def is_refused(
 
 
 def keeps_within_limits(
-    arm: Arm, joint: int, ranged: Ranged, speed_rad_per_s: float
+    arm: ArmInterface, joint: int, ranged: Ranged, speed_rad_per_s: float
 ) -> Iterator[Clause]:
     """Targets beyond the range and speeds above the limit are refused; else the move ends with its first sample."""
     here = arm.snapshot().joints[joint - 1].position_rad
@@ -197,7 +197,7 @@ def keeps_within_limits(
     )
 
 
-def refuses_to_move_free(arm: Arm, joint: int, speed_rad_per_s: float) -> Clause:
+def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:
     """A move of a joint in free mode, to its present position, is refused."""
     here = arm.snapshot().joints[joint - 1].position_rad
     return is_refused(
@@ -208,7 +208,7 @@ def refuses_to_move_free(arm: Arm, joint: int, speed_rad_per_s: float) -> Clause
     )
 
 
-def keeps_its_document(arm: Arm) -> Iterator[Clause]:
+def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
     """An invalid parameter document is refused, and the stored one stays."""
     before = arm.active_parameters()
     yield is_refused(
@@ -229,7 +229,7 @@ def keeps_its_document(arm: Arm) -> Iterator[Clause]:
     yield Clause(name="keeps", passed=after == before, text=text)
 
 
-def stays_stopped(arm: Arm, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
+def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iterator[Clause]:
     """STOP is latched: moves and enabling are refused."""
     here = arm.snapshot().joints[joint - 1].position_rad
     yield Clause(
@@ -246,7 +246,7 @@ def stays_stopped(arm: Arm, joint: int, speed_rad_per_s: float) -> Iterator[Clau
     yield is_refused("no drive stopped", "to enable the drives", arm.take_control, kind=Stopped)
 
 
-def resets_unmoved(arm: Arm, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
+def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
     """The reset of STOP leaves the drives off and the joints at `before`, but for settling in brake or valve."""
     arm.reset_stop()
     found = arm.snapshot()
@@ -263,7 +263,7 @@ def resets_unmoved(arm: Arm, before: FloatArray, bounds: Bounds) -> Iterator[Cla
     yield from is_still("reset holds", before, arm.capture(bounds.samples).mean_rad, settled)
 
 
-def leaves_and_returns(arm: Arm, identity: ArmIdentity) -> Iterator[Clause]:
+def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
     """It closes, also twice; refuses a snapshot then; connects again as the same arm with drives off."""
     results = [arm.close(), arm.close()]
     yield Clause(
@@ -286,7 +286,7 @@ def leaves_and_returns(arm: Arm, identity: ArmIdentity) -> Iterator[Clause]:
     yield drives_off(arm)  # a person may have unbolted the tool meanwhile
 
 
-def drives_off(arm: Arm) -> Clause:
+def drives_off(arm: ArmInterface) -> Clause:
     """No drive is enabled."""
     on = [j.joint for j in arm.snapshot().joints if j.drive is DriveState.OPERATION_ENABLED]
     text = f"{joints_words(on)} is enabled" if on else "no drive is enabled"
@@ -304,7 +304,7 @@ def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -
     )
 
 
-def seconds_to_stop(arm: Arm, begun_s: float) -> float | None:
+def seconds_to_stop(arm: ArmInterface, begun_s: float) -> float | None:
     """Seconds until no drive is enabled; None after `STOPS_WITHIN_S`."""
     while (seconds := time.monotonic() - begun_s) < STOPS_WITHIN_S:
         joints = arm.snapshot().joints

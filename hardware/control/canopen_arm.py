@@ -1,4 +1,4 @@
-"""An arm on CANopen: the `hardware.arm.Arm` protocol on one bus."""
+"""An arm on CANopen: the `hardware.arm.ArmInterface` protocol on one bus."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ MODE_ATTEMPTS: Final = 6
 
 
 class CanopenArm:
-    """An arm of CiA 402 joints on a CAN bus, with or without a supervisor; see `hardware.arm.Arm`.
+    """An arm of CiA 402 joints on a CAN bus, with or without a supervisor; see `hardware.arm.ArmInterface`.
 
     Parameters
     ----------

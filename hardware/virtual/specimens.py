@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from fixtures.setup_checks import mobility
 from hardware.virtual.truth import BallTruth, LoopTruth, OpenTruth, Truth
 from solver.arrays import FloatArray
@@ -41,7 +41,7 @@ class SpecimenFiles:
     """The files of a specimen; the true placement is within the fixture file's tolerances."""
 
     arm: ArmModel
-    fixture: Fixture
+    fixture: EndpointConstraint
     tolerance_m: float
     tolerance_rad: float
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
+from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
 from operator_app.calibration.acceptance import (
     Adjudication,
     causes_of,
@@ -101,7 +101,7 @@ class _Case:
 
     found: Calibrated
     arm: ArmModel
-    fixture: Fixture
+    fixture: EndpointConstraint
     used: PoseSet
     judged: tuple[str, ...]
     known: PriorInformation
@@ -145,7 +145,7 @@ class _Case:
 def adjudicate(
     found: Calibrated,
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     distinct: IntArray,
     *,
@@ -285,7 +285,7 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
 
 
 def stated_by_fixture(
-    parameters: tuple[Parameter, ...], arm: ArmModel, fixture: Fixture
+    parameters: tuple[Parameter, ...], arm: ArmModel, fixture: EndpointConstraint
 ) -> dict[str, float]:
     """How well (rad, m) the fixture's file states each of its own entries, by name.
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Compliance, Fixture
+from fixtures.base import Compliance, EndpointConstraint
 from fixtures.hinge import Hinge
 from fixtures.rigid import Rigid
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
@@ -61,7 +61,7 @@ class AlternativeModel:
 
     finding: Finding
     poses: PoseSet
-    fixture: Fixture
+    fixture: EndpointConstraint
     unsensed: tuple[int, ...] = ()
     arm: ArmModel | None = None
     """Another than the file's, where that is the mistake."""
@@ -202,10 +202,10 @@ class Other(NamedTuple):
     """A fixture that is there instead, and the finding."""
 
     finding: Finding
-    fixture: Fixture
+    fixture: EndpointConstraint
 
 
-def instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Iterator[Other]:
+def instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Iterator[Other]:
     """Fixtures that hold less than `fixture`: loops that do not close in it may close in one of these."""
     if isinstance(fixture, Rigid):
         yield hinge_instead(arm, fixture, poses)
@@ -213,7 +213,7 @@ def instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Iterator[Other]:
         yield _ball_instead(arm, fixture, poses)
 
 
-def hinge_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
+def hinge_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Other:
     """A hinge where the hand turns about one line of its own, which stays where it is in the base."""
     frames = _frames(arm, poses)
     m = len(poses)
@@ -241,7 +241,7 @@ def hinge_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
     )
 
 
-def _ball_instead(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Other:
+def _ball_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Other:
     """A ball where the hinge is thought to be, or where the hand meets one point best."""
     R, p = frames = _frames(arm, poses)
     if isinstance(fixture, Hinge):

@@ -13,7 +13,7 @@ from time import thread_time
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.alternative_model import (
     AlternativeModel,
     closes,
@@ -66,7 +66,7 @@ SECONDS = 4.0
 
 def find_alternatives(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     *,
     unsensed: tuple[int, ...],
@@ -134,7 +134,7 @@ def find_alternatives(
 
 
 def hinge_alternative(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed: tuple[int, ...]
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, *, unsensed: tuple[int, ...]
 ) -> tuple[Finding, ...]:
     """Name a hinge in which everything closes, where poses in a ball tell too little: it is one.
 
@@ -156,7 +156,7 @@ def hinge_alternative(
 
 def step_alternative(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     *,
     unsensed: tuple[int, ...],
@@ -199,7 +199,7 @@ def _named(found: list[tuple[AlternativeModel, float]]) -> tuple[Finding, ...]:
 
 
 def _same_loop(
-    fixture: Fixture, poses: PoseSet, arm: ArmModel, unsensed: tuple[int, ...]
+    fixture: EndpointConstraint, poses: PoseSet, arm: ArmModel, unsensed: tuple[int, ...]
 ) -> Iterator[AlternativeModel]:
     """Mistakes of the file: a unit, a sign, two columns exchanged."""
     if unsensed:
@@ -233,7 +233,7 @@ def _same_loop(
 
 
 def _frozen(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> Iterator[AlternativeModel]:
     """A sensor that reads the same in a run of poses: the loops close without that run."""
     sigma = arm.sigma_rad()
@@ -254,7 +254,7 @@ def _frozen(
 
 
 def _blind(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> Iterator[AlternativeModel]:
     """A fixture that is another one; a sensor that says nothing in any pose."""
     for other in instead(arm, fixture, poses):
@@ -263,7 +263,7 @@ def _blind(
 
 
 def _unread(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed: tuple[int, ...]
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> Iterator[AlternativeModel]:
     """A sensor that says nothing in any pose."""
     for j in range(1, poses.joint_count + 1):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
@@ -83,7 +83,7 @@ MOST_DIAGNOSED_POSES = 2000
 
 def calibrate(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     *,
     estimator: str = "implicit",
@@ -141,7 +141,7 @@ class Task:
     """What is asked for: the arguments of `calibrate`, checked, with an instrument's place registered."""
 
     arm: ArmModel
-    fixture: Fixture
+    fixture: EndpointConstraint
     poses: PoseSet
     by_paper: bool
     unsensed_joints: tuple[int, ...]

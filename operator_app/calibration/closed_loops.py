@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -21,7 +21,7 @@ class EndpointMissingError(SolverError):
 
 def loop_of_poses(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     *,
     unsensed_joints: tuple[int, ...] = (),
@@ -49,7 +49,7 @@ def loop_of_poses(
     return place(model, poses.placement, same_hand=fixture.stays_on_hand)
 
 
-def instrument_variance(fixture: Fixture) -> FloatArray | None:
+def instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
     """Variance of the endpoint measurement along the closure components (6,), None without one."""
     return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.prior import KnownArm, PlacementPrior, placement_prior
 from solver.arrays import FloatArray
@@ -114,7 +114,7 @@ class LoopAtReading:
 
 def loop_at_reading(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     reading_rad: FloatArray,
     *,
     unsensed_joints: tuple[int, ...] = (),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import (
     error_model,
     free_within_tolerance,
@@ -49,7 +49,7 @@ class Checks:
     far_block: HoldOut | None = None
 
 
-def check(solution: Solution, arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Checks:
+def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
     """Check a solution by the poses it was made from; of the paper's estimator there is nothing to say."""
     if solution.estimate.corrections is None:
         return Checks()

@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from fixtures.ball import KnownDistance
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import stated_distances
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY
@@ -85,7 +85,7 @@ def distances(
 
 
 def compared(
-    fixture: Fixture, poses: PoseSet, fit: LinearFit
+    fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
 ) -> tuple[tuple[KnownDistance, float], ...]:
     """Return the measured distances that took part in a fit of these poses, each with its deviation."""
     stated = stated_distances(fixture, poses.placements)

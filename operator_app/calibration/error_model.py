@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from fixtures.ball import Ball, KnownDistance
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import instrument_variance, loop_of_poses, pick
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
@@ -31,7 +31,7 @@ MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 
 def error_model(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     kept: BoolArray | IntArray,
     *,
@@ -63,7 +63,9 @@ def error_model(
     )
 
 
-def stated_distances(fixture: Fixture, placements: tuple[int, ...]) -> tuple[KnownDistance, ...]:
+def stated_distances(
+    fixture: EndpointConstraint, placements: tuple[int, ...]
+) -> tuple[KnownDistance, ...]:
     """Return the distances of a ball's sockets that its file states, of sockets that poses were taken in."""
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= set(placements))
@@ -88,7 +90,11 @@ def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, .
 
 
 def _loads(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, there: IntArray, unsensed: tuple[int, ...]
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    there: IntArray,
+    unsensed: tuple[int, ...],
 ) -> LoadBasis | None:
     """What gravity bends at the poses `there`; the fixture only if the arm's file states what weighs.
 
@@ -147,7 +153,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
 
 
 def noise_model(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, kept: BoolArray | IntArray
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, kept: BoolArray | IntArray
 ) -> NoiseModel:
     """Return what the sensors' specifications say of the mean readings of the kept poses."""
     variance = np.array(
@@ -232,7 +238,9 @@ def free_within_tolerance(
     return model.freed(tuple(chosen)), {e.name: sd for e, sd in chosen.items()}
 
 
-def stated_priors(model: ClosureModel, arm: ArmModel, fixture: Fixture) -> dict[str, float]:
+def stated_priors(
+    model: ClosureModel, arm: ArmModel, fixture: EndpointConstraint
+) -> dict[str, float]:
     """Return how well files state the unknowns of a loop: standard deviations (rad, m) by name.
 
     The arm's offsets and the entries it frees within their tolerances, the fixture's within that of its

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.alternatives import find_alternatives, hinge_alternative
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.findings import range_finding
@@ -24,7 +24,7 @@ from solver.estimators.estimate import Estimate
 def explain_unidentifiable(
     error: UnidentifiableError,
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     used: PoseSet,
     unsensed: tuple[int, ...],
     paper: Estimate | None,
@@ -57,7 +57,7 @@ def explain_unidentifiable(
 
 def _led_away(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     used: PoseSet,
     unsensed: tuple[int, ...],
     paper: Estimate,

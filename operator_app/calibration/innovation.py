@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
@@ -62,7 +62,7 @@ class Innovation:
 
 def innovation(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     before: PoseSet,
     reading: PoseSet,
     *,
@@ -108,7 +108,11 @@ LEAST, AT_MOST = 10, 60
 
 
 def is_unpredicted(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
 ) -> bool:
     """Whether the last of these poses is not where those before it have it."""
     count = len(poses)
@@ -120,7 +124,11 @@ def is_unpredicted(
 
 
 def fit_recent_poses(
-    arm: ArmModel, fixture: Fixture, before: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    before: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
 ) -> StatedFit | None:
     """Fit the poses on which it is looked back; None where they do not give a fit."""
     count = len(before)
@@ -131,7 +139,7 @@ def fit_recent_poses(
 def contradicts(
     by: StatedFit,
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     last: PoseSet,
     *,
     unsensed_joints: tuple[int, ...] = (),

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
 from operator_app.calibration.closed_loops import EndpointMissingError, loop_of_poses
 from solver.arrays import FloatArray
@@ -30,7 +30,9 @@ DIGITS = 4
 """Of nominal places in metres: more would be no nominal values."""
 
 
-def with_registered_instrument(arm: ArmModel, fixture: Fixture, poses: PoseSet) -> Fixture:
+def with_registered_instrument(
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet
+) -> EndpointConstraint:
     """Return the fixture with nominal places near the true ones, where its file states none to rely on."""
     if not isinstance(fixture, Measured) or poses.endpoint is None:
         return fixture
@@ -41,7 +43,7 @@ def with_registered_instrument(arm: ArmModel, fixture: Fixture, poses: PoseSet) 
     return _refined(arm, placed_by_poses(arm, fixture, poses, {}), poses)
 
 
-def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> Fixture:
+def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
     """Return base and target where they are when the arm's offsets are no longer those of its file."""
     model = loop_of_poses(arm, fixture, poses)
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
@@ -62,7 +64,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> Fixture:
     )
 
 
-def with_calibrated_places(fixture: Fixture, model: ClosureModel) -> Fixture:
+def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
     """Return the fixture with the nominal places that a calibration's parameters are counted from."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
@@ -31,7 +31,12 @@ class NoTestError(ValueError):
 
 
 def verify_new_poses(
-    arm: ArmModel, fixture: Fixture, solution: Solution, *, made_from: PoseSet, new: PoseSet
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    solution: Solution,
+    *,
+    made_from: PoseSet,
+    new: PoseSet,
 ) -> VerificationResult:
     """Judge a calibration by poses that took no part in it.
 
@@ -70,7 +75,7 @@ def verify_new_poses(
     return verify_poses(arm, fixture, new, fixed, made=made)
 
 
-def require_new(new: PoseSet, made_from: PoseSet, fixture: Fixture) -> None:
+def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
     """Refuse a set in which a calibration's own poses are: those it fits, whatever else is wrong with it.
 
     Of an instrument a pose is one reading with what was measured there: measured again it is another.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
+from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, second_solution
 from operator_app.calibration.calibrated_arm import (
@@ -50,7 +50,7 @@ K = FindingKind
 def with_notices(
     solution: Solution,
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     *,
     whole: Calibrated,
@@ -155,7 +155,7 @@ def _setup_findings(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
     )
 
 
-def _unused_endpoints(fixture: Fixture, poses: PoseSet) -> tuple[Finding, ...]:
+def _unused_endpoints(fixture: EndpointConstraint, poses: PoseSet) -> tuple[Finding, ...]:
     if poses.endpoint is None or fixture.kind == "measured":
         return ()
     return (Finding(kind=K.ENDPOINTS_UNUSED, names=(fixture.kind,)),)

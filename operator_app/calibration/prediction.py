@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import loop_of_poses, pick
 from operator_app.calibration.error_model import (
     distinct_poses,
@@ -91,7 +91,7 @@ class PredictedPoses:
 
 def predict_new_poses(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     made: MadeFrom,
     new: PoseSet,
     start: Mapping[str, float],
@@ -152,7 +152,7 @@ def predict_new_poses(
 
 def _errors(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     solution: Solution,
     model: ClosureModel,
     both: PoseSet,
@@ -232,7 +232,7 @@ def _used(made: MadeFrom) -> PoseSet:
 
 def _model(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     made: MadeFrom,
     old: PoseSet,
     both: PoseSet,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import ROUGH_PLACEMENT, Fixture
+from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance
@@ -67,7 +67,7 @@ class PlacementPrior:
 def placement_prior(
     model: ClosureModel,
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     stated: Mapping[str, float],
     known: KnownArm | None = None,
 ) -> PlacementPrior:
@@ -112,7 +112,11 @@ class StatedFit:
 
 
 def stated_fit(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
 ) -> StatedFit | None:
     """Fit poses by what their files state; None where they do not give a fit."""
     try:
@@ -134,7 +138,7 @@ def stated_fit(
 
 
 def noise_of(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, unsensed_joints: tuple[int, ...]
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed_joints: tuple[int, ...]
 ) -> NoiseModel:
     """What the files state of these readings, nothing having been found yet."""
     nothing = Fixed(
@@ -148,7 +152,11 @@ def noise_of(
 
 
 def known_arm(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
 ) -> KnownArm | None:
     """Return what the poses of earlier placements tell; None where they tell nothing yet."""
     by = stated_fit(arm, fixture, poses, unsensed_joints=unsensed_joints)
@@ -178,7 +186,7 @@ def known_arm(
 
 
 def _by_files(
-    model: ClosureModel, arm: ArmModel, fixture: Fixture, stated: Mapping[str, float]
+    model: ClosureModel, arm: ArmModel, fixture: EndpointConstraint, stated: Mapping[str, float]
 ) -> FloatArray:
     """Standard deviation (P,) of each unknown.
 

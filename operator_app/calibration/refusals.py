@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.base import EndpointConstraint, SetupCheck, Severity
 from fixtures.errors import FixtureError
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -46,7 +46,7 @@ def require_identifiable(
         raise UnidentifiableError(blind)
 
 
-def refuse_placement(fixture: Fixture, arm: ArmModel, model: ClosureModel) -> None:
+def refuse_placement(fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel) -> None:
     """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
     part, *_ = model.parts()[0]
     checks = fixture.placement_checks(arm, part, nominal_vector(part.parameters))
@@ -56,7 +56,7 @@ def refuse_placement(fixture: Fixture, arm: ArmModel, model: ClosureModel) -> No
 
 
 def placement_checks(
-    fixture: Fixture, arm: ArmModel, model: ClosureModel, x: FloatArray
+    fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel, x: FloatArray
 ) -> tuple[SetupCheck, ...]:
     """Judge the geometry of every placement at the identified parameters `x` of `model`."""
     found: dict[tuple[str, str], SetupCheck] = {}

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance, samples_of
 from operator_app.calibration.motion_during_sampling import moved_while_read
@@ -37,7 +37,7 @@ from solver.loops.closure import ClosureModel
 
 def check_rvdts(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     kept: BoolArray,
     distinct: IntArray,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import noise_model
 from operator_app.units import WHOLE_DEGREES
@@ -86,7 +86,7 @@ def _correction(
 
 
 def explained(
-    error: UnidentifiableError, arm: ArmModel, fixture: Fixture, poses: PoseSet
+    error: UnidentifiableError, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet
 ) -> UnidentifiableError:
     """Return the error with a stuck sensor named, where the loop shows that its joint moved."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
@@ -103,7 +103,7 @@ def explained(
     return error
 
 
-def _moved(arm: ArmModel, fixture: Fixture, poses: PoseSet, joint: int) -> float:
+def _moved(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, joint: int) -> float:
     """Range (rad) of a joint's angle as the loop determines it without its reading; 0 if the loop does not."""
     unsensed = tuple(sorted({*arm.unsensed_joints, joint}))
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import freed, noise_model
 from operator_app.calibration.prediction import MadeFrom, predict_new_poses, shift_in_words
@@ -141,7 +141,7 @@ def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
 
 def verify_poses(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     poses: PoseSet,
     fixed: Fixed,
     *,
@@ -202,7 +202,7 @@ def verify_poses(
 
 def _with_prediction(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     made: MadeFrom,
     poses: PoseSet,
     start: Mapping[str, float],
@@ -249,7 +249,9 @@ def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
     return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
 
-def stated_noise(arm: ArmModel, fixture: Fixture, poses: PoseSet, fixed: Fixed) -> NoiseModel:
+def stated_noise(
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, fixed: Fixed
+) -> NoiseModel:
     """Return what the files state of new readings, and less where the calibration found less.
 
     What a calibration found to be larger than stated is no excuse: a fixture that slipped while it

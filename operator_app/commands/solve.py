@@ -19,7 +19,7 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
-    from fixtures.base import Fixture
+    from fixtures.base import EndpointConstraint
     from operator_app.calibration.remedies import ReadingTable
     from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
@@ -167,7 +167,7 @@ def execute(args: argparse.Namespace) -> int:
     return ExitCode.ACCEPTED if solution.accepted and holds else ExitCode.NOT_ACCEPTED
 
 
-def _test_poses(args: argparse.Namespace, fixture: Fixture, poses: PoseSet) -> PoseSet:
+def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
     """Return the poses of ``--test``; UsageError if they are no independent test."""
     from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.new_poses import NoTestError, require_new
@@ -225,6 +225,6 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
         say(f"Readings of joint {table.joint} corrected by up to {largest}{outside}.", err=True)
 
 
-def _stays_on_hand(fixture: Fixture) -> bool:
+def _stays_on_hand(fixture: EndpointConstraint) -> bool:
     """Whether the calibration can be tested at another socket of the same ball."""
     return fixture.kind == "ball" and fixture.stays_on_hand

@@ -179,7 +179,7 @@ def _open_arm(
     from operator_app.headless.console import ConsoleListener
     from operator_app.session.store.folders import read_session
     from operator_app.session.workflow.capture import connect, take_poses
-    from operator_app.session.workflow.drive_joints import drives_of
+    from operator_app.session.workflow.drive_selection import drives_of
     from operator_app.session.workflow.opening import begin
 
     choices = replace(
@@ -229,7 +229,7 @@ def _on_the_arm(
     from operator_app.composition import unattended
     from operator_app.headless.console import ConsoleListener
     from operator_app.session.workflow.capture import connect, go_home_if_outside, verify
-    from operator_app.session.workflow.drive_joints import drives_of
+    from operator_app.session.workflow.drive_selection import drives_of
     from operator_app.session.workflow.listener import Listener
 
     if count < 1:

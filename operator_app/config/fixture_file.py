@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from fixtures.ball import Ball, KnownDistance
-from fixtures.base import Fixture, Tolerance
+from fixtures.base import EndpointConstraint, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
@@ -46,7 +46,7 @@ class FixtureSpec:
     """
 
     name: str
-    fixture: Fixture
+    fixture: EndpointConstraint
     checklist: tuple[str, ...]
 
     @property
@@ -124,7 +124,7 @@ class CommonFields(StrictModel, ABC):
             report(info, ("placement",), doubt, "write millimetres")
         return value
 
-    def fixture(self) -> Fixture:
+    def fixture(self) -> EndpointConstraint:
         """Domain object."""
         placed = in_si(self.placement.model_dump(exclude_none=True))
         return self.makes(

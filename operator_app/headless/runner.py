@@ -19,7 +19,7 @@ from operator_app.headless.console import ConsoleListener
 from operator_app.planning.advice import QUICK_TRIES, advise, hint
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.workflow.capture import connect, take_poses
-from operator_app.session.workflow.drive_joints import drives_of
+from operator_app.session.workflow.drive_selection import drives_of
 from operator_app.session.workflow.export import Exported, export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Opening, resume

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import Fixture, SetupCheck, Severity
+from fixtures.base import EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
@@ -74,7 +74,7 @@ class Outlook:
 
 def outlook(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     *,
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
@@ -122,7 +122,11 @@ def outlook(
 
 
 def seen_by(
-    arm: ArmModel, fixture: Fixture, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    poses: PoseSet,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
 ) -> Identifiability:
     """Return the identifiability by captured poses.
 
@@ -141,7 +145,7 @@ def _seen(model: ClosureModel, q_rad: FloatArray) -> Identifiability:
     return identifiability(model, nominal_vector(model.parameters), q_rad)
 
 
-def from_home_rad(arm: ArmModel, fixture: Fixture) -> FloatArray | None:
+def from_home_rad(arm: ArmModel, fixture: EndpointConstraint) -> FloatArray | None:
     """Return the distance (n,) of the closed pose nearest to the arm's home; None if none closes."""
     model = fixture.model(arm)
     home = close_loops(model, nominal_vector(model.parameters), arm.home_rad[None])

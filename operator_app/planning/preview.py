@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import Fixture, SetupCheck
+from fixtures.base import EndpointConstraint, SetupCheck
 from operator_app.errors import SessionError
 from operator_app.planning.drives import (
     DriveChoice,
@@ -109,7 +109,7 @@ class Preview:
 
 def preview(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     *,
     poses: int,
     position_joints: tuple[int, ...] | None = None,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
 from operator_app.planning.outlook import Outlook, from_home_rad, outlook
 from solver.arrays import BoolArray, FloatArray, frozen
@@ -55,7 +55,7 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 
 
 def closing_home(
-    arm: ArmModel, fixture: Fixture, from_home: Outlook
+    arm: ArmModel, fixture: EndpointConstraint, from_home: Outlook
 ) -> tuple[FloatArray, Outlook] | None:
     """Return a home pose (n,) for the fixture and its outlook: within a degree of a closed pose, near home.
 
@@ -176,7 +176,7 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     return min(ways, key=lambda hinge: _distance(arm, hinge))
 
 
-def _distance(arm: ArmModel, fixture: Fixture) -> float:
+def _distance(arm: ArmModel, fixture: EndpointConstraint) -> float:
     off = from_home_rad(arm, fixture)
     return np.inf if off is None else float(np.abs(off).max())
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fixtures.base import CheckKind, Fixture, SetupCheck, Severity
+from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.errors import SessionError
@@ -47,7 +47,7 @@ def margin_rad(arm: ArmModel) -> FloatArray:
     return MARGIN_RAD + arm.linearity_rad()
 
 
-def require_closed_chain(fixture: Fixture) -> None:
+def require_closed_chain(fixture: EndpointConstraint) -> None:
     """Raise SessionError for an open chain."""
     if isinstance(fixture, Measured):
         raise SessionError(
@@ -56,7 +56,7 @@ def require_closed_chain(fixture: Fixture) -> None:
         )
 
 
-def without_hidden(arm: ArmModel, fixture: Fixture, model: ClosureModel) -> ClosureModel:
+def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
     """Return the loop with parameters that the fixture's placement hides fixed at their nominal value."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
@@ -67,7 +67,7 @@ def without_hidden(arm: ArmModel, fixture: Fixture, model: ClosureModel) -> Clos
 
 def planning_task(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     *,
     drive_sets: tuple[tuple[int, ...], ...] | None,
     unsensed_joints: tuple[int, ...] = (),
@@ -129,7 +129,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
     return tuple(checks)
 
 
-def entries_to_fix(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
+def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, str]:
     """Return the free entries of an arm that a fixture cannot identify, with the reason: for a new procedure."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
@@ -140,7 +140,7 @@ def entries_to_fix(arm: ArmModel, fixture: Fixture) -> Mapping[str, str]:
 
 def _stated_errors(
     arm: ArmModel,
-    fixture: Fixture,
+    fixture: EndpointConstraint,
     model: ClosureModel,
     unsensed_joints: tuple[int, ...],
     samples: int,

@@ -29,7 +29,7 @@ from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.runner import RunResult, run
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.capture import verify
-from operator_app.session.workflow.drive_joints import drives_of
+from operator_app.session.workflow.drive_selection import drives_of
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session

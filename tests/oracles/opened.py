@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from hardware.arm import Arm
+from hardware.arm import ArmInterface
 from operator_app.config.procedure import Procedure
 from operator_app.session.store.journal import Clock, utc_now
 from operator_app.session.workflow.opening import Choices, Opening, Rig, open_session
@@ -16,7 +16,12 @@ MakeSession = Callable[..., Session]
 
 
 def opened(
-    folder: Path, arm: Arm, procedure: Procedure, *, resumed: bool = False, clock: Clock = utc_now
+    folder: Path,
+    arm: ArmInterface,
+    procedure: Procedure,
+    *,
+    resumed: bool = False,
+    clock: Clock = utc_now,
 ) -> Session:
     """Begin a session in `folder`, or go on with the one in it."""
     opening = Opening(

@@ -1,4 +1,4 @@
-"""A fake arm at the lowest seam: the real plant under the `Arm` protocol, without a bus."""
+"""A fake arm at the lowest seam: the real plant under the `ArmInterface` protocol, without a bus."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SERIAL = "SDA-0001"
 
 
 class PlantArm:
-    """An `Arm` whose every SYNC is a plant step. Counts what it was asked.
+    """An `ArmInterface` whose every SYNC is a plant step. Counts what it was asked.
 
     Readings are off by `off_rad`; `reads_rad` is what joints read wherever they are.
     """

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from hardware.arm import Arm, ArmIdentity, ArmSnapshot, JointMode
+from hardware.arm import ArmIdentity, ArmInterface, ArmSnapshot, JointMode
 from hardware.commissioning import checks, clauses
 from hardware.commissioning.finding import Bounds, Clause
 from operator_app.composition import open_arm
@@ -39,7 +39,7 @@ BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0
 class ConnectedArm:
     """A connected arm, what it said of itself, and the procedure it is used by."""
 
-    def __init__(self, arm: Arm, procedure: Procedure, identity: ArmIdentity) -> None:
+    def __init__(self, arm: ArmInterface, procedure: Procedure, identity: ArmIdentity) -> None:
         self.arm, self.procedure, self.identity = arm, procedure, identity
         self.n = procedure.arm.joint_count
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from hardware.arm import (
     SIMULATED_NAME,
-    Arm,
     ArmIdentity,
     ArmSnapshot,
     DriveState,
@@ -30,6 +29,9 @@ from hardware.arm import (
     Reading,
     UploadReceipt,
     Watch,
+)
+from hardware.arm import (
+    ArmInterface as Arm,
 )
 from hardware.arm_description import ArmDescription, JointDescription
 from hardware.arm_plugins import GROUP, ArmOffer, ArmOrder

@@ -5,7 +5,7 @@ Host latency is distinguished from silence of the arm, because the remedy differ
 
 from __future__ import annotations
 
-from hardware.arm import NO_LATENCY, Arm, HostLatency
+from hardware.arm import NO_LATENCY, ArmInterface, HostLatency
 from operator_app.session.store.logbook import Logbook
 
 MIN_INTERVAL_S = 30.0
@@ -41,7 +41,7 @@ class LatenessReporter:
 class LatenessRecorder:
     """Records new delays of one connection in the journal."""
 
-    def __init__(self, logbook: Logbook, arm: Arm) -> None:
+    def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
         self._logbook, self._arm = logbook, arm
         self._recorded = NO_LATENCY
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, Reading
 from operator_app.calibration.closed_loops import loop_of_poses
@@ -283,7 +283,7 @@ def _cause_text(near: Innovation | None) -> str:
     return "a joint's zero or the fixture has changed"
 
 
-def fixture_in_place(state: SessionState, procedure: Procedure) -> Fixture:
+def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConstraint:
     """The fixture whose nominal placement `parameters_from_poses` refers to."""
     known = journal_calibration(state)
     fixture = procedure.fixture.fixture

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from hardware.arm import Arm, Reading
+from hardware.arm import ArmInterface, Reading
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveDiverged, DriveFault, SensorFault
 from operator_app.calibration.stuck_joint import turned_unread
@@ -32,7 +32,7 @@ class SensorFaults:
         SYNC at the end of the last capture, -1 before the first one: a fault that began earlier affects that pose.
     """
 
-    def __init__(self, logbook: Logbook, arm: Arm) -> None:
+    def __init__(self, logbook: Logbook, arm: ArmInterface) -> None:
         self._logbook, self._arm = logbook, arm
         self._recorded: tuple[str, int | None] = ("", None)
         self.read_until = -1

@@ -26,7 +26,7 @@ from operator_app.session.store.stored_calibration import (
 )
 
 if TYPE_CHECKING:
-    from fixtures.base import Fixture
+    from fixtures.base import EndpointConstraint
     from operator_app.calibration.result import Solution
     from operator_app.calibration.truth import Truths
     from operator_app.config.parameters import ParametersDocument
@@ -52,7 +52,7 @@ class Logbook:
 
     def __init__(self, *, journal: Journal, procedure: Procedure, clock: Clock) -> None:
         self.model: ArmModel = procedure.arm
-        self.fixture: Fixture = procedure.fixture.fixture
+        self.fixture: EndpointConstraint = procedure.fixture.fixture
         self.procedure = procedure
         self.journal = journal
         self.truths: Truths | None = None

@@ -15,7 +15,7 @@ from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
 from operator_app.session.workflow.capture import outlier_warning, take_poses
-from operator_app.session.workflow.drive_joints import (
+from operator_app.session.workflow.drive_selection import (
     choose_by_prediction,
     go_home,
     visit,

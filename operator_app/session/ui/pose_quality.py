@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.planning.live import (
@@ -50,7 +50,7 @@ class PoseQuality:
         self._session = session
         self.plan: tuple[Mapping[int, float], ...] = ()
         self.forecast: Forecast | None = None
-        self._placed: Fixture | None = None
+        self._placed: EndpointConstraint | None = None
         self._live: LiveQuality | None = None
 
     def set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from operator_app.planning.task import planning_task
 from operator_app.session.store.state import SessionState
 from solver.arrays import FloatArray
@@ -25,7 +25,7 @@ class ReplayDivergedError(Exception):
     """The policy decides otherwise than recorded in the journal."""
 
 
-def campaign_from_log(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
+def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
     """Return the campaign at its start."""
     begun = state.campaign.begun
     known = {p.number: p for p in state.used_poses}
@@ -58,7 +58,7 @@ def log_is_current(state: SessionState, wanted: Mapping[str, Any]) -> bool:
     return started == counting and all(log.begun.get(key) == value for key, value in wanted.items())
 
 
-def replay_campaign(arm: ArmModel, fixture: Fixture, state: SessionState) -> Campaign:
+def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
     """Return a campaign after all recorded steps.
 
     Raises

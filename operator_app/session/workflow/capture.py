@@ -27,7 +27,7 @@ from operator_app.planning.live import is_path_clear
 from operator_app.session.safety.resume_checks import SHIFT_RAD
 from operator_app.session.safety.return_check import check_repeat, repeat_text
 from operator_app.session.store.state import CapturedPose, SessionState, pose_set_of
-from operator_app.session.workflow.drive_joints import (
+from operator_app.session.workflow.drive_selection import (
     HOMING_SPEED_RAD_PER_S,
     explore,
     go_home,

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from hardware.arm import Arm, UploadReceipt
+from hardware.arm import ArmInterface, UploadReceipt
 from hardware.errors import HardwareError, UploadUnknown
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
@@ -93,7 +93,9 @@ def _keep(session: Session, exported: Mapping[str, Any], *, report: str) -> None
         raise
 
 
-def _upload(arm: Arm, document: bytes, expected_counts: tuple[int | None, ...]) -> UploadReceipt:
+def _upload(
+    arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
+) -> UploadReceipt:
     """Upload a document and compare what the controller holds, byte for byte.
 
     Raises

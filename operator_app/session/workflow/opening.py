@@ -26,7 +26,7 @@ from operator_app.session.workflow.placements import next_due, require_mountable
 from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
-    from hardware.arm import Arm
+    from hardware.arm import ArmInterface
     from operator_app.calibration.truth import Truths
     from operator_app.config.procedure import CapturePlan, Procedure
     from operator_app.session.workflow.pose_reading import Instrument
@@ -118,7 +118,7 @@ class Rig:
         Returns why a recording of the bus ended early, "" otherwise; callable from any thread.
     """
 
-    arm: Arm
+    arm: ArmInterface
     opening: Opening
     simulated: bool
     instrument: Instrument | None = None

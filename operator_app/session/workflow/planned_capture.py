@@ -24,7 +24,7 @@ from operator_app.session.workflow.campaign_replay import (
     log_is_current,
     replay_campaign,
 )
-from operator_app.session.workflow.drive_joints import require_in_box
+from operator_app.session.workflow.drive_selection import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named

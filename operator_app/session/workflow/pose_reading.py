@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hardware.arm import Arm, Reading
+from hardware.arm import ArmInterface, Reading
 from hardware.errors import HardwareError, InstrumentError
 from hardware.line_port import GrowingFile, LinePort, StdinLines, TcpLines
 from operator_app.config.measured_endpoints import (
@@ -161,7 +161,7 @@ class PoseReader:
     def __init__(
         self,
         logbook: Logbook,
-        arm: Arm,
+        arm: ArmInterface,
         *,
         sensor_faults: SensorFaults,
         lateness: LatenessRecorder,

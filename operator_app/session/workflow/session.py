@@ -14,8 +14,8 @@ from typing import Any
 
 from fixtures.base import SetupCheck, Severity
 from hardware.arm import (
-    Arm,
     ArmIdentity,
+    ArmInterface,
     ArmSnapshot,
     HostLatency,
     JointMode,
@@ -69,7 +69,7 @@ class Session(Logbook):
         self,
         *,
         journal: Journal,
-        arm: Arm,
+        arm: ArmInterface,
         procedure: Procedure,
         instrument: Instrument | None = None,
         clock: Clock = utc_now,
@@ -290,7 +290,7 @@ class Session(Logbook):
         JournalError
             The journal cannot be written: nothing was cleared.
         Stopped, DriveFault, BusError
-            As `Arm.reset_stop`.
+            As `ArmInterface.reset_stop`.
         """
         with suppress(HardwareError):
             self._sensor_faults.record_stop_cause()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from fixtures.base import Fixture
+from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
 from operator_app.calibration.stuck_joint import turned_unread
 from operator_app.config.arm_file import load_arm
@@ -21,14 +21,14 @@ from solver.closing import close_loops
 from solver.errors import UnidentifiableError
 
 
-def set_up(kind: str) -> tuple[ArmModel, Fixture]:
+def set_up(kind: str) -> tuple[ArmModel, EndpointConstraint]:
     if kind == "hinge":
         return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     return load_arm("franka_panda"), Ball.example(load_arm("franka_panda"))
 
 
 def moved(
-    arm: ArmModel, fixture: Fixture, drives: dict[int, float]
+    arm: ArmModel, fixture: EndpointConstraint, drives: dict[int, float]
 ) -> tuple[FloatArray, FloatArray]:
     """Closed poses at home and after drives have gone by some degrees each; drives stand where told."""
     model = fixture.model(arm)

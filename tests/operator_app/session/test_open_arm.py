@@ -18,7 +18,7 @@ from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_joints import visit
+from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
 from operator_app.session.workflow.pose_reading import Instrument

@@ -15,7 +15,7 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_joints import HOMING_SPEED_RAD_PER_S
+from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened

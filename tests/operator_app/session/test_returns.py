@@ -19,7 +19,7 @@ from operator_app.messages.finding import FindingKind as Kind
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.stored_calibration import NO_WAY_BACK, missing_repeat_notices
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_joints import visit
+from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session

@@ -19,7 +19,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.workflow.capture import take_poses
-from operator_app.session.workflow.drive_joints import visit
+from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from solver.chain.poses import PoseSet

@@ -8,7 +8,7 @@ from dataclasses import replace
 import can
 import pytest
 
-from hardware.arm import Arm, DriveState
+from hardware.arm import ArmInterface, DriveState
 from hardware.arm_description import EncoderDescription
 from hardware.errors import BusError, ControlDenied, NodeMissing, OtherMaster, WrongArm
 from tests.hardware.fake_arm import FakeArmBus
@@ -16,7 +16,7 @@ from tests.hardware.on_fake_bus import PER_RAD, describe, hasty, make
 
 
 def test_it_is_an_arm(bus: FakeArmBus) -> None:
-    arm: Arm = make(bus)
+    arm: ArmInterface = make(bus)
     assert callable(arm.connect)
 
 

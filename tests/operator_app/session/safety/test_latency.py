@@ -21,7 +21,7 @@ from operator_app.session.safety.latency import MIN_INTERVAL_S, LatenessReporter
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.ui.operations import Operations
-from operator_app.session.workflow.drive_joints import visit
+from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.session import Session
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.opened import opened

@@ -15,7 +15,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.supervisor import UNWATCHED_S
-from operator_app.session.workflow.drive_joints import waypoints_of
+from operator_app.session.workflow.drive_selection import waypoints_of
 from tests.oracles.live_source import FakeSource
 from tests.oracles.short_procedure import short_procedure
 

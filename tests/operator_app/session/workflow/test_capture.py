@@ -19,7 +19,7 @@ from operator_app.headless.runner import run
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import verify
-from operator_app.session.workflow.drive_joints import waypoints_of
+from operator_app.session.workflow.drive_selection import waypoints_of
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from solver.errors import TooFewPosesError

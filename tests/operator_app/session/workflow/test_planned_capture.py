@@ -18,7 +18,7 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent, read_journal
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.campaign_replay import is_same_action
-from operator_app.session.workflow.drive_joints import choose
+from operator_app.session.workflow.drive_selection import choose
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session

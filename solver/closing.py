@@ -1,12 +1,12 @@
-"""Closed loops, and what is left of a loop's equations once the unsensed angles are gone.
+"""Closes loops, and reduces a loop's equations by eliminating the unsensed angles.
 
 Every loop error is linear in small changes of parameters, joint angles and unsensed angles,
 
     c + C dphi + J_q dq + N du = 0,
 
 with the paper's unknowns phi and their Jacobian C (eqs. 5 and 6); `LoopError` calls c ``residual``, C
-``jac_x``, J_q ``jac_q`` and N ``jac_u``. Nobody reads u, so only what does not ask for it says anything:
-with E an orthonormal basis of the left null space of N,
+``jac_x``, J_q ``jac_q`` and N ``jac_u``. u is not measured, so it is eliminated: with E an orthonormal basis of the
+left null space of N,
 
     E' c + E' C dphi + E' J_q dq = 0,     and afterwards     du = -N+ (c + C dphi + J_q dq).
 
@@ -29,10 +29,10 @@ SINGULAR = 1e-7
 """Singular values below this share of the largest belong to directions that no free joint moves."""
 
 TINY = 1e-200
-"""Keeps a pose whose joints are all held from dividing by zero."""
+"""Prevents a division by zero for a pose whose joints are all fixed."""
 
 STALLED_RAD = 1e-14
-"""A step as short as rounding: as near to closed as this pose comes."""
+"""A step as short as rounding: the pose cannot be closed any further."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,12 +72,12 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """How the unsensed angles of linearised poses follow from all else.
+    """Rates of the unsensed angles of linearised poses with parameters, joint angles and displacements.
 
     Attributes
     ----------
     closed
-        ``N+ (c - J_q e)`` (m, U), e the joint corrections at which loops were linearised.
+        ``N+ (c - J_q e)`` (m, U), e being the joint corrections at which loops were linearised.
     by_x, by_q
         ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n).
     down
@@ -91,7 +91,7 @@ class Rates:
 
     @classmethod
     def of(cls, error: LoopError, misclosure: FloatArray) -> Rates:
-        """Those of loops with `misclosure` (m, k): what they are open by with no correction, ``c - J_q e``."""
+        """Return the rates for loops of `misclosure` (m, k) without corrections, ``c - J_q e``."""
         down = left_inverse(error.jac_u)
         return cls(
             closed=(down @ misclosure[..., None])[..., 0],
@@ -101,7 +101,7 @@ class Rates:
         )
 
     def unsensed_step(self, dx: FloatArray, e: FloatArray, give: FloatArray) -> FloatArray:
-        """Change of the unsensed angles (m, U) with steps dx (P,), corrections e (m, n), give (m, k)."""
+        """Change of the unsensed angles (m, U) for steps dx (P,), corrections e (m, n) and deflections (m, k)."""
         moved = self.closed + self.by_x @ dx + (self.by_q @ e[..., None])[..., 0]
         return np.asarray(-moved - (self.down @ give[..., None])[..., 0])
 
@@ -139,14 +139,14 @@ def close_loops(
         Joint angles (m, n), rad.
     sigma_rad
         Standard deviation of each joint (n,): the correction is the smallest in this measure
-        (default: all joints alike). A joint with 0 stays where it is.
+        (default: all joints alike). A joint with 0 does not move.
     u
-        First values of the unsensed angles (m, U); by default the model's own. They move freely.
+        Initial unsensed angles (m, U), by default the model's; they are not constrained.
     max_step_rad
         Longest correction of a joint in one iteration.
     """
     if len(q) > BLOCK_POSES:
-        # Every pose is closed for itself: never the Jacobians of all at once.
+        # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
         blocks = [slice(k, k + BLOCK_POSES) for k in range(0, len(q), BLOCK_POSES)]
         found = [
             close_loops(
@@ -169,7 +169,7 @@ def close_loops(
     for iteration in range(max_iterations + 1):
         error = here.loop(x, q[going], u[going])
         size[going] = np.abs(error.residual).max(-1, initial=0.0)
-        # What does not close any further stays as near as it came.
+        # A pose that does not close any further keeps its nearest state.
         open_still = (size[going] >= tolerance) & (moved[going] > STALLED_RAD)
         if iteration == max_iterations or not open_still.any():
             break
@@ -186,7 +186,7 @@ def close_loops(
 
 
 def held_still(joints: Sequence[int], joint_count: int) -> FloatArray:
-    """Measure (n,) in which all joints move alike, and `joints` (1-based) not at all."""
+    """Measure (n,) that weights all joints equally but keeps `joints` (1-based) fixed."""
     return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 
 
@@ -194,17 +194,17 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
     """Smallest joint corrections (m, n) in the measure `sigma` (n,) that close linearised loops.
 
     With ``B = E' J_q S`` the weighted correction is ``-B' (B B')^-1 E' c``, and the unsensed angles
-    (m, U) follow. Where B has not full rank, what no free joint can close is left open.
+    (m, U) follow. Where B is rank-deficient, the part that no free joint can close is left open.
     """
     reduced = reduced_equations(error)
     w, B = reduced.w[..., None], reduced.B * sigma
     Bt = np.swapaxes(B, -1, -2)
     V, unit = B @ Bt, np.eye(B.shape[-2])
     largest = np.diagonal(V, axis1=-2, axis2=-1).max(-1, initial=0.0)
-    # Pivots no larger than a ridge at the size of rounding say that the rank is short.
+    # Pivots no larger than a ridge of rounding size show a rank deficiency.
     ridge = SINGULAR**2 * largest + TINY
     pivots = np.diagonal(np.linalg.cholesky(V + ridge[..., None, None] * unit), axis1=-2, axis2=-1)
-    # Rounding grows on the way to the last one: of an arm stretched out exactly it leaves 20 ridges.
+    # Rounding grows towards the last pivot: an exactly stretched arm leaves 20 ridges.
     weak = (pivots**2).min(-1, initial=np.inf) < 1000.0 * ridge
     dq = -(Bt @ np.linalg.solve(V + (ridge * weak)[..., None, None] * unit, w))[..., 0]
     if weak.any() and sigma.any():
@@ -214,7 +214,7 @@ def newton_step(error: LoopError, sigma: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def unsensed_step(error: LoopError, moved: FloatArray | None = None) -> FloatArray:
-    """Change of the unsensed angles (..., m, U) when all else moves the loops by `moved` (..., m, k)."""
+    """Change of the unsensed angles (..., m, U) that compensates a loop displacement `moved` (..., m, k)."""
     rest = error.residual if moved is None else error.residual + moved
     return -(left_inverse(error.jac_u) @ rest[..., None])[..., 0]
 
@@ -243,7 +243,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
         return np.asarray(np.linalg.qr(N, mode="complete")[0][..., unsensed:])
     column = N[..., 0]
     length = np.sqrt((column * column).sum(-1, keepdims=True))
-    # A column of zeros asks for no direction; the first axis is as good as any.
+    # A column of zeros has no direction; the first axis is as good as any.
     unit = np.where(length > 0.0, column / np.where(length > 0.0, length, 1.0), np.eye(k)[0])
     a, b = unit[..., :1], unit[..., 1:]
     E = np.empty((*unit.shape, k - 1))
@@ -253,7 +253,7 @@ def left_null_space(N: FloatArray) -> FloatArray:
 
 
 def left_inverse(N: FloatArray) -> FloatArray:
-    """Return ``N+`` (..., U, k): the least-squares answer of the unsensed angles; none along what moves nothing."""
+    """Return ``N+`` (..., U, k): least-squares response of the unsensed angles; zero where they move nothing."""
     Nt = np.swapaxes(N, -1, -2)
     if N.shape[-1] == 1:
         length = (N * N).sum(-2, keepdims=True)

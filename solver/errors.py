@@ -1,4 +1,4 @@
-"""What the solver refuses, with the facts a caller needs to explain it. Knows no screen and no file."""
+"""Errors of the solver, with the facts that a caller needs to explain them. Knows no screen and no file."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 
 class SolverError(Exception):
-    """Base of everything the solver refuses. Not converging is a result, not one of these."""
+    """Base of the solver's errors. A fit that does not converge is a result, not an error."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Made again from its attributes, whatever its constructor asks: it may come from another process."""
+        """Rebuild from the attributes, without the constructor's arguments: the error may come from another process."""
         return _again, (type(self), self.args, dict(self.__dict__))
 
 
@@ -24,7 +24,7 @@ def _again(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnidentifiableDirection:
-    """A direction in parameter space that the pose set cannot see.
+    """A direction in parameter space that the pose set does not determine.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class UnidentifiableDirection:
     weights
         Their components in the column-scaled unit vector, same order.
     reason
-        Why, in words, where the poses tell ("joint 4 does not move"); empty otherwise.
+        Reason as text, where it is known ("joint 4 does not move"); empty otherwise.
     immobile_joints
         Joints (1-based) of this direction whose readings hardly change over the pose set.
     """
@@ -54,8 +54,8 @@ class UnidentifiableDirection:
 class UnidentifiableError(SolverError):
     """The pose set leaves some parameters undetermined; `directions` names them.
 
-    `code` and `note` say why where more is known than that: too few poses, a sensor that is stuck, that of
-    `stuck_joint` (1-based, 0 if none is).
+    `code` and `note` are the reason where it is known: too few poses, or a stuck sensor, that of `stuck_joint`
+    (1-based, 0 if none).
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class UnidentifiableError(SolverError):
 class PosesDoNotFitError(SolverError):
     """The readings are so far from closing that the loop cannot even be linearised about them.
 
-    `codes` name the mistakes that would explain it, the most probable first; `reasons` say them.
+    `codes` name the mistakes that would explain it, the most probable first; `reasons` are their texts.
     """
 
     def __init__(self, reasons: tuple[str, ...] = (), *, codes: tuple[str, ...] = ()) -> None:
@@ -93,7 +93,7 @@ class PosesDoNotFitError(SolverError):
 
 
 class TooFewPosesError(SolverError):
-    """Fewer equations than unknowns, or no degree of freedom left to judge the fit by."""
+    """Fewer equations than unknowns, or no degree of freedom left to test the fit."""
 
     code = "TOO_FEW_POSES"
 

@@ -20,7 +20,7 @@ class Joint:
     Attributes
     ----------
     name
-        What the operator calls it.
+        Name shown to the operator.
     lower_rad, upper_rad
         Range in sensor coordinates (the measured angle theta, without the offset).
     sensor
@@ -50,7 +50,7 @@ class Joint:
 class RowTolerance:
     """How well the maker's table states one D-H row: standard deviation of s and a, of alpha and beta.
 
-    0 is exact. It matters for entries that are not identified, only held.
+    0 is exact. It matters for entries that are fixed and not identified.
     """
 
     length_m: float = 0.0
@@ -66,24 +66,24 @@ class ArmModel:
     name
         Model name, e.g. ``sarcos_dextrous``.
     table
-        Nominal D-H rows 1..n (`links` == n). Entries a fixture determines (s_1, a_n, s_n, alpha_n)
-        may be any value here: the fixture's nominal placement replaces them.
+        Nominal D-H rows 1..n (`links` == n). Entries that a fixture determines (s_1, a_n, s_n, alpha_n) may have any
+        value here: the fixture's nominal placement replaces them.
     joints
         Joints 1..n.
     free
-        Entries that calibration identifies by default, beside the fixture's.
+        Entries that calibration identifies by default, in addition to the fixture's.
     home_rad
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
         Of rows 1..n; empty where the whole table is exact.
     offset_tolerance_rad
-        How well the nominal offsets are known beforehand; None where nothing is known of them.
+        Standard uncertainty of the nominal offsets; None where it is not known.
     masses
-        What its links weigh; None where nobody states it.
+        Masses of its links; None where they are not stated.
     hayati_rows
-        Rows that join parallel axes: beta_j in place of s_j, which there has no value of its own.
+        Rows that join parallel axes: they have beta_j in place of s_j, which is not unique there.
     assumed
-        Which figures of its error model nobody stated, as ``key: value`` in the words of its file.
+        Figures of its error model that are defaults, as ``key: value`` of its file.
     """
 
     name: str
@@ -151,7 +151,7 @@ class ArmModel:
         )
 
     def gain_rad(self) -> FloatArray:
-        """What an error of each sensor's gain brings, rms over full scale, shape (n,)."""
+        """Deviation caused by each sensor's gain error, rms over full scale, shape (n,)."""
         return np.array(
             [j.sensor.gain_rad if isinstance(j.sensor, Rvdt) else 0.0 for j in self.joints]
         )

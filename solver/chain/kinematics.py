@@ -1,8 +1,8 @@
 """Kinematics of a Denavit-Hartenberg chain and its exact Jacobians, for all poses at once.
 
 Distal convention (paper, Figure 1): ``A_j = Rz(theta_j) Tz(s_j) Tx(a_j) Rx(alpha_j) Ry(beta_j)`` takes
-frame j-1 to frame j. beta is zero but where z_{j-1} and z_j are parallel: there their common normal, and s_j
-with it, has no place of its own, and Hayati's beta_j [9] says what s_j cannot.
+frame j-1 to frame j. beta is zero unless z_{j-1} and z_j are parallel: then their common normal and s_j are not unique,
+and Hayati's beta_j [9] takes the place of s_j.
 
 A chain of L links has L+1 frames; frame 0 of the arrays below is the frame in which the chain starts (the
 paper's frame -1 for a hinge loop, whose first link is link 0).
@@ -71,18 +71,18 @@ class DhTable:
 class Frames:
     """All frames of a chain seen in its first frame.
 
-    Poses are last in memory: every step along a chain is then one pass over contiguous numbers, several
-    times as fast as over (..., 3, 3). The properties are views of that with the poses first.
+    Poses are last in memory: every step along a chain is then one pass over contiguous numbers, several times as fast
+    as over (..., 3, 3). The properties are views with the poses first.
 
     Attributes
     ----------
     axes_of
-        (links + 1, 3, 3, ...): of every frame x, y and z, each by its three components.
+        (links + 1, 3, 3, ...): x, y and z of every frame, each by its three components.
     origin_of
         (links + 1, 3, ...), m.
     normal_of
-        (links + 1, 3, ...): what a_j goes along and alpha_j turns about, x_j before beta_j turns it; None
-        where no link has a beta, and x_j is that.
+        (links + 1, 3, ...): axis of a_j and alpha_j, which is x_j before the rotation by beta_j; None where no link has
+        a beta.
     """
 
     axes_of: FloatArray
@@ -130,7 +130,7 @@ def forward(
     *lead, links = np.broadcast(theta, s, a, alpha).shape
     theta, s, a, alpha = (_links_first(v, len(lead)) for v in (theta, s, a, alpha))
     c_theta, s_theta, c_alpha, s_alpha = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    # What each link makes of the axes before it, all links at once: x, then y and z, row by row.
+    # Rotation of each link, all links at once: x, then y and z, row by row.
     turn = np.zeros((links, 3, 3, *lead))
     turn[:, 0, 0], turn[:, 0, 1] = c_theta, s_theta
     turn[:, 1, 0], turn[:, 1, 1], turn[:, 1, 2] = -c_alpha * s_theta, c_alpha * c_theta, s_alpha
@@ -165,18 +165,18 @@ def forward(
 
 _AXIS = np.array([{DhKind.A: 0, DhKind.ALPHA: 0, DhKind.BETA: 1}.get(kind, 2) for kind in DhKind])
 _TURNS = np.array([kind.is_angle for kind in DhKind])
-"""Along or about which axis each kind (5,) of entry moves what follows (z is the frame's before), and which
+"""Axis along or about which each kind (5,) of entry moves the links after it (z is that of the frame before), and which
 are angles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """D-H entries whose screws are wanted, in their order, sorted once by where they act.
+    """D-H entries whose screws are needed, in their order, sorted once by where they act.
 
     Attributes
     ----------
     frame, axis
-        Frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves what follows.
+        Frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves the links after it.
     turning, sliding
         Which of them are angles, and which are lengths.
     """
@@ -218,8 +218,8 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
     Notes
     -----
     theta_j: (z_{j-1}, z_{j-1} x (p_e - p_{j-1})); s_j: (0, z_{j-1}); a_j: (0, x_j);
-    alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). The x_j of a_j and alpha_j is that
-    before beta_j.
+    alpha_j: (x_j, x_j x (p_e - p_j)); beta_j: (y_j, y_j x (p_e - p_j)). The x_j of a_j and alpha_j is the axis before
+    the rotation by beta_j.
     """
     p, turning, sliding = frames.origin_of, entries.turning, entries.sliding
     axis = frames.axes_of[entries.frame, entries.axis]

@@ -1,4 +1,4 @@
-"""Names, quantities and nominal values of what is estimated.
+"""Names, quantities and nominal values of the estimated parameters.
 
 Names are the paper's: ``theta_off_1``, ``s_1``, ``a_0``, ``alpha_7``; the number is the D-H row. ``beta_2`` is
 Hayati's [9], in place of ``s_2`` where row 2 joins parallel axes.
@@ -57,7 +57,7 @@ class DhEntry:
     @classmethod
     @lru_cache(maxsize=1024)
     def parse(cls, name: str) -> DhEntry:
-        """Read ``theta_off_4``, ``a_0``, ...; ValueError if it is no such name."""
+        """Read ``theta_off_4``, ``a_0``, ...; ValueError for any other name."""
         match = _NAME.fullmatch(name)
         if match is None:
             raise ValueError(
@@ -87,7 +87,7 @@ class Parameter:
 
 
 def is_entry(name: str) -> bool:
-    """Whether `name` is that of an entry of a D-H table."""
+    """Whether `name` is the name of a D-H table entry."""
     return _NAME.fullmatch(name) is not None
 
 

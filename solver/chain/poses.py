@@ -19,7 +19,7 @@ class PoseSet:
     placement
         Placement of the fixture each pose belongs to, shape (m,), from 1.
     label
-        What the pose is called, unique within its placement, length m.
+        Name of each pose, unique within its placement, length m.
     q_rad
         Sensor angles as read, continuous and never wrapped, shape (m, n).
     sd_rad
@@ -103,15 +103,14 @@ class PoseSet:
 
     @property
     def placements(self) -> tuple[int, ...]:
-        """The placements there are, ascending."""
+        """Numbers of the placements, ascending."""
         return tuple(sorted({int(p) for p in self.placement}))
 
     def sha256(self) -> str:
-        """SHA-256 of what a calibration uses: keys, angles, spreads, samples, endpoints.
+        """SHA-256 of the data that a calibration uses: keys, angles, spreads, samples, endpoints.
 
-        Independent of the order of the poses and of how a file was formatted; times and notes do
-        not take part. Two sets with the same digest have bit-for-bit the same numbers (but for the
-        sign of zero).
+        Independent of the order of the poses and of how a file was formatted; times and notes are not included. Two
+        sets with the same digest have bit-for-bit the same numbers (except for the sign of zero).
         """
         digest = hashlib.sha256(b"sarcal/poses/1\n")
         columns = [self.q_rad, self.sd_rad, self.endpoint]

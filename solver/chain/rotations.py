@@ -48,7 +48,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
 
 
 def _largest_row(R: FloatArray, w: FloatArray) -> FloatArray:
-    """Of the rows x, y and z of 4 q q' (m, 4) that of the largest; `w` is the first row."""
+    """Return the largest of the rows x, y and z of 4 q q', (m, 4); `w` is the first row."""
     d = np.diagonal(R, axis1=-2, axis2=-1)
     k, every = np.argmax(d, axis=-1), np.arange(len(R))
     row = np.empty_like(w)

@@ -18,7 +18,7 @@ DITHER = 0.5
 
 
 def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
-    """Without dither every reading of a still joint is rounded alike, and stays so on average."""
+    """Without dither every reading of a still joint has the same rounding error, which averaging does not reduce."""
     rounding = 1.0 / 12.0 / (samples if noise_counts >= DITHER else 1)
     return resolution_rad**2 * (rounding + noise_counts**2 / samples)
 
@@ -27,8 +27,8 @@ def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) 
 class Encoder:
     """Incremental encoder: `counts_per_rev` counts, noise in counts (rms).
 
-    `accuracy_rad` is how far its scale is off once and twice per turn (an eccentric or oval disc):
-    one standard deviation of each; systematic, so not part of `sigma_rad`.
+    `accuracy_rad` is the error of its scale once and twice per turn (an eccentric or oval disc): one standard deviation
+    of each; systematic, so not part of `sigma_rad`.
     """
 
     counts_per_rev: int
@@ -55,8 +55,8 @@ class Rvdt:
     """Rotary variable differential transformer read by an ADC of `bits` over `full_scale_rad`.
 
     `linearity` is the largest deviation from the best-fit straight line, as a fraction of full
-    scale; `gain` is how far the slope of that line is off 1, one standard deviation. Data sheets
-    state the two apart. Both are systematic and not part of `sigma_rad`.
+    scale; `gain` is the deviation of that line's slope from 1, one standard deviation. Data sheets state the two
+    separately. Both are systematic and not part of `sigma_rad`.
     """
 
     bits: int
@@ -72,7 +72,7 @@ class Rvdt:
 
     @property
     def sigma_rad(self) -> float:
-        """Standard deviation of one reading: LSB^2/12 and the stated noise, without the curve."""
+        """Standard deviation of one reading: LSB^2/12 and the stated noise, without the linearity deviation."""
         return self.resolution_rad * math.sqrt(1.0 / 12.0 + self.noise_lsb**2)
 
     def variance_of_mean_rad2(self, samples: int) -> float:
@@ -86,7 +86,7 @@ class Rvdt:
 
     @property
     def gain_rad(self) -> float:
-        """What an error of the gain brings, rms over full scale: one standard deviation."""
+        """Deviation caused by a gain error, rms over full scale: one standard deviation."""
         return self.gain * self.full_scale_rad / math.sqrt(12.0)
 
 
@@ -99,11 +99,11 @@ Sensor = Encoder | Rvdt | NoSensor
 
 
 SHAPE_WEIGHTS = (1.0, 1.0, 0.5, 0.35, 0.25, 0.18, 0.14, 0.11, 0.09)
-"""Prior sizes of Legendre P2..P10: a transformer's curve is mostly a bow and an S, and what is left falls
-with the square of the order, so that a bend or a bump is no surprise."""
+"""Prior sizes of Legendre P2..P10: a transformer's linearity deviation is mostly a bow and an S, and higher terms fall
+with the square of the order."""
 
 LOWEST = 2
-"""Degree of the first of them: all are orthogonal to every straight line, as a linearity is."""
+"""Degree of the first of them: all are orthogonal to every straight line, as a linearity deviation is."""
 
 
 def _power_series() -> FloatArray:
@@ -116,16 +116,15 @@ def _power_series() -> FloatArray:
 
 
 _POWERS = _power_series()
-"""Of so low a degree powers lose three digits of sixteen, and all shapes are one matrix product."""
+"""At this low degree, powers lose three of sixteen digits, and all shapes are one matrix product."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCurve:
     """Deviation of one sensor from the true angle: a line, and ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
-    x is the angle from `middle_rad` over `half_scale_rad`. The line is an error of the gain, the
-    polynomials are what a specification calls linearity; without P_0 the deviation's mean over full
-    scale is zero: that is the joint's offset.
+    x is the angle from `middle_rad` over `half_scale_rad`. The line is an error of the gain, the polynomials are the
+    linearity deviation of a specification. P_0 is left out because the joint's offset covers it.
 
     Attributes
     ----------
@@ -136,7 +135,7 @@ class SensorCurve:
     half_scale_rad
         Half of full scale.
     gain
-        Standard deviation of its gain's error; there is no line where it is 0.
+        Standard deviation of its gain error; 0 leaves the line out.
     bent
         Whether there are polynomials.
     """
@@ -159,11 +158,11 @@ class SensorCurve:
 
     @property
     def width(self) -> int:
-        """Number of shapes; 0 of a sensor that is exact but for its noise."""
+        """Number of shapes; 0 for a sensor without systematic errors."""
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Sensor angles (m,) from the middle in units of half of full scale."""
+        """Sensor angles (m,) from the middle, in units of half the full scale."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would run away there.
         return np.asarray(np.clip(x, -1.2, 1.2))
@@ -178,7 +177,7 @@ class SensorCurve:
 
 
 def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
-    """Coefficients (11,), rad, of 1, x, ..., x^10 of the deviation with `coefficients` (width,) of its shapes."""
+    """Coefficients (11,), rad, of 1, x, ..., x^10, for the deviation whose shapes have `coefficients` (width,)."""
     powers = np.zeros(len(_POWERS))
     if curve.bent:
         powers += _POWERS @ coefficients[curve.lines :]

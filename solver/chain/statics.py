@@ -1,17 +1,16 @@
-"""Gravity in a serial arm: torque about every joint, linear in what each link weighs and where.
+"""Gravity in a serial arm: torque about every joint, linear in the mass and first moment of each link.
 
 A link's weight enters only by its mass m and its first moment h = m c (mass times centre), and both
 enter linearly (Khalil & Dombre, *Modeling, Identification and Control of Robots*, 2002, section 9.4:
-the gravity part of the dynamic model). The generalised force of gravity on joint j, from all links
-k >= j that hang on it, is
+the gravity part of the dynamic model). The generalised force of gravity on joint j, from all links k >= j, is
 
     tau_j = sum_k  z_{j-1} . ((p_{k-1} - p_{j-1}) m_k + R_k h_k) x g,
 
-with z_{j-1} and p_{j-1} the joint's axis and a point of it, and g the field's vector. A link's centre is
+with z_{j-1} and p_{j-1} the joint's axis and a point on it, and g the gravity vector. A link's centre is
 seen from its own joint: from p_{k-1}, in axes R_k with z along the joint's axis and x where ``theta +
 theta_off`` turns it (frame k-1 turned with the joint). So it depends on no length or twist of the link
-itself, which on the first and last link belong to the fixture.
-What holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
+itself, which for the first and last link belong to the fixture.
+The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
 ``computeGeneralizedGravity``.
 """
 
@@ -30,7 +29,7 @@ STANDARD_GRAVITY_M_PER_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LinkMasses:
-    """What the links 1..n of an arm weigh, how well that is known, and which way is down.
+    """Masses of links 1..n of an arm, their uncertainty, and the direction of gravity.
 
     Attributes
     ----------
@@ -45,7 +44,7 @@ class LinkMasses:
     down
         (3,): unit vector along gravity in frame 0, the arm's base.
     down_sd_rad
-        How far the base may be tilted about each level axis.
+        Standard deviation of the base's tilt about each horizontal axis.
     """
 
     mass_kg: FloatArray
@@ -85,17 +84,18 @@ class LinkMasses:
 
     @property
     def tilted(self) -> FloatArray:
-        """Change of `down` (2, 3) by one standard deviation of tilt about each level axis."""
+        """Change of `down` (2, 3) for one standard deviation of tilt about each horizontal axis."""
         across = np.linalg.svd(self.down[None])[2][1:]
         return self.down_sd_rad * across
 
 
 UNSTATED_KG, UNSTATED_CENTRE_M = 1.0, 0.1
-"""Mass of each link and spread of its centre where no file states any: shapes of a sag, whose size is stated apart."""
+"""Mass of each link and spread of its centre where no file states them; they give the shapes of sag, whose size is
+stated separately."""
 
 
 def unstated_masses(links: int) -> LinkMasses:
-    """Masses of an upright arm of which nothing is stated: all alike and known to 100 %, centred at the joints."""
+    """Default masses for an upright arm: equal, with 100 % uncertainty, centred at the joints."""
     each = np.full(links, UNSTATED_KG)
     return LinkMasses(
         mass_kg=each,
@@ -127,12 +127,12 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
     link_axes = np.stack((x, (skew(z) @ x[..., None])[..., 0], z), axis=-2)
     weight = STANDARD_GRAVITY_M_PER_S2 * skew(np.asarray(down))
     weight = weight.reshape(*weight.shape[:-2], *(1 for _ in z.shape[:-2]), 3, 3)
-    # z . (r x g) = (g x z) . r: one vector a joint, then a scalar product with each lever.
+    # z . (r x g) = (g x z) . r: one vector for each joint, then a scalar product with each lever.
     by_lever = z @ np.swapaxes(weight, -1, -2)
     rates = np.empty((*by_lever.shape[:-1], n, 4))
     of_moment = by_lever @ np.swapaxes(link_axes.reshape(*z.shape[:-2], 3 * n, 3), -1, -2)
     rates[..., 1:] = of_moment.reshape(*by_lever.shape[:-1], n, 3)
-    # A joint's lever to its own link is none, to the last digit.
+    # A joint's lever to its own link is exactly zero.
     levers = by_lever @ np.swapaxes(p, -1, -2)
     rates[..., 0] = levers - np.diagonal(levers, axis1=-2, axis2=-1)[..., None]
     rates *= np.triu(np.ones((n, n)))[..., None]
@@ -140,5 +140,5 @@ def torque_rates(arm: Frames, down: FloatArray) -> FloatArray:
 
 
 def gravity_torque(arm: Frames, masses: LinkMasses) -> FloatArray:
-    """Generalised force of gravity on every joint (..., n), N m; what holds the arm is its opposite."""
+    """Generalised force of gravity on every joint (..., n), N m; the torque that holds the arm is its opposite."""
     return np.asarray(np.einsum("...jka,ka->...j", torque_rates(arm, masses.down), masses.moments))

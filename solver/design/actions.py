@@ -15,23 +15,23 @@ from solver.design.paths import Route
 from solver.design.stop_rule import StopDecision
 
 NOISE_RAD = float(np.deg2rad(0.3))
-"""What a resting joint's reading may wander."""
+"""Allowed drift of a resting joint's reading."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoTo:
-    """Move the drives straight, in step.
+    """Move the drive joints in a straight line, all finishing together.
 
     Attributes
     ----------
     targets_rad
         Drive joints (1-based) and where they should go.
     trace_rad
-        (t, n) predicted readings of all joints on the way; None while nothing can be predicted.
+        (t, n) predicted readings of all joints on the way; None where no prediction exists.
     tolerance_rad
-        How far readings may stray from the trace.
+        Largest deviation of readings from the trace.
     why
-        In words.
+        Reason, as text.
     """
 
     targets_rad: Mapping[int, float]
@@ -42,7 +42,7 @@ class GoTo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Capture:
-    """Settle and read a pose."""
+    """Wait for standstill and measure a pose."""
 
     planned: bool
     why: str
@@ -65,7 +65,7 @@ class Finished:
     complete
         Whether all planned poses were taken or the precision asked for was reached.
     decision
-        Of the stop rule; None when no precision was asked for or nothing could be estimated.
+        Decision of the stop rule; None without a requested precision or an estimate.
     text
         Why it ended.
     """
@@ -81,14 +81,14 @@ Action = GoTo | Capture | ChangeDrives | Finished
 def path_watch(
     trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
 ) -> Callable[[FloatArray], str | None]:
-    """Judge readings (n,) during one move: a sentence when the move should end, else None.
+    """Check readings (n,) during one move: a sentence when the move should end, else None.
 
     Parameters
     ----------
     trace_rad
         Predicted readings (t, n); None to watch the ranges only.
     ranges
-        Narrowed by what is needed to come to rest.
+        Joint ranges, narrowed by the stopping distance.
     """
     worst: list[FloatArray] = []
 
@@ -135,7 +135,7 @@ def moves_along(
 
 
 def straight_to(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
-    """Return the straight move of the drives to where they are in `q_rad` (n,); nothing is predicted on the way."""
+    """Return the straight move of the drives to their angles in `q_rad` (n,), without a prediction on the way."""
     return GoTo(
         targets_rad={j: float(q_rad[j - 1]) for j in drives},
         trace_rad=None,
@@ -145,7 +145,7 @@ def straight_to(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
 
 
 class Phase(Enum):
-    """What the campaign is at."""
+    """Phase of the campaign."""
 
     EXPLORING = "exploring"
     PLANNED = "visiting planned poses"
@@ -154,20 +154,20 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CampaignSettings:
-    """How a campaign goes.
+    """Settings of a campaign.
 
     Attributes
     ----------
     poses
-        Planned poses to take, beside those of the exploration.
+        Number of planned poses, in addition to those of the exploration.
     requested
         Standard deviations to reach by parameter name (rad, m); empty for none.
     exploration
-        How boldly to explore.
+        Limits of the exploration.
     tolerance_rad
-        How far readings may stray from the predicted trace of a planned move.
+        Largest deviation of readings from the predicted trace of a planned move.
     most_blocked
-        Planned moves that may be stopped short before the campaign gives up.
+        Planned moves that may be stopped early before the campaign ends.
     """
 
     poses: int = 12

@@ -1,7 +1,7 @@
-"""A whole planned calibration as a policy: explore, calibrate in between, plan on that, visit, stop.
+"""A planned calibration as a policy: explore, calibrate, plan with the estimate, visit poses, stop.
 
-`propose` says what to do next, `observe` takes how a move ended, `captured` a pose as read. It never
-touches an arm: the session feeds it and keeps the journal; the same readings give the same proposals.
+`propose` returns the next action, `observe` takes the end of a move, `captured` a measured pose. It never touches an
+arm: the session feeds it and keeps the journal; the same readings lead to the same proposals.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 
 SPARE_POSES = 4
-"""Poses beyond the fewest possible before an interim calibration is tried."""
+"""Poses in addition to the minimum before an interim calibration is tried."""
 MOST_UNREACHED = 12
 """Chosen poses in a row to which no path is found before the campaign ends."""
 EASIER = 0.7
@@ -41,7 +41,7 @@ EASIER = 0.7
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""From a candidate this near a captured pose the drives go there straight (all joints together)."""
+"""From a candidate this near to a captured pose the drives go straight to it (distance over all joints)."""
 
 BACK = "to a captured pose"
 
@@ -56,7 +56,7 @@ class Campaign:
     start_rad
         Readings at the start (n,).
     settings
-        How it goes.
+        Settings of the campaign.
     calibrate
         Interim calibration; the implicit estimator from nominal values by default.
     captured, taken
@@ -116,7 +116,7 @@ class Campaign:
         return np.array(self._readings).reshape(-1, len(self._q))
 
     def propose(self) -> Action:
-        """What to do next; the same answer until it is reported done."""
+        """Return the next action; the same one until its end is reported."""
         while not self._queue:
             match self.phase:
                 case Phase.EXPLORING:
@@ -128,7 +128,7 @@ class Campaign:
         return self._queue[0]
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
-        """A proposed move or change of drives ended with readings `q_rad` (n,); `stopped` says why early."""
+        """Take the end of a proposed move or change of drives at `q_rad` (n,); `stopped` is why it ended early."""
         action = self._queue[0] if self._queue else None
         if not isinstance(action, GoTo | ChangeDrives):
             raise ValueError("no move was proposed")  # noqa: TRY004 - a wrong call, not a wrong type
@@ -147,7 +147,7 @@ class Campaign:
             self._backing = 0
 
     def captured(self, q_rad: FloatArray) -> None:
-        """A proposed capture gave the mean readings `q_rad` (n,)."""
+        """Report the mean readings `q_rad` (n,) of a proposed capture."""
         action = self._queue[0] if self._queue else None
         if not isinstance(action, Capture):
             raise ValueError("no capture was proposed")  # noqa: TRY004 - a wrong call, not a wrong type
@@ -198,13 +198,13 @@ class Campaign:
         try:
             self.estimate = self._calibrate(self.readings_rad)
         except SolverError:
-            # Too few poses, or poses too alike: go on with what there was, and take more.
+            # Too few poses, or too similar ones: keep the previous estimate, and take more.
             return
         if self.phase is Phase.PLANNED and self._shift() > REPLAN_SHIFT_RAD:
             self.plan = None
 
     def _shift(self) -> float:
-        """How far the estimate has moved the rest of the plan's poses, rad."""
+        """Largest change of the plan's remaining poses with the present estimate, rad."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)
@@ -226,7 +226,7 @@ class Campaign:
         task = replace(self.task, drive_sets=ordered, noise=self.estimate.noise)
         plan = self._plan_with(task, left)
         if plan is None and self._taken:
-            # Rather a little nearer to a fold, or fewer poses, than none.
+            # A pose a little nearer to a fold, or fewer poses, are better than none.
             plan = self._plan_with(
                 replace(
                     task,
@@ -310,7 +310,7 @@ class Campaign:
         self._node = target
 
     def _route(self, plan: PosePlan, target: int) -> Route | None:
-        """Way from where the arm stands to a candidate of `plan`; None where none is known to be safe.
+        """Return a path from the present pose to a candidate of `plan`; None where none is known to be safe.
 
         Four fifths of the planning margin: between two candidates that keep the margin a path may bulge.
         """
@@ -327,10 +327,10 @@ class Campaign:
         return moves_along(route, self.drives, self.settings.tolerance_rad, goal, of=of)
 
     def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
-        """Moves from where the arm stands to a captured pose (n,); None where no safe way is known.
+        """Return moves from the present pose to a captured pose (n,); None where no safe path is known.
 
-        No proposal: nothing is to be reported, and the arm comes back by the same moves reversed
-        before the campaign goes on. While exploring, the drives go back straight, as they came.
+        This is no proposal: its end is not reported, and the same moves in reverse bring the arm back before the
+        campaign continues. During exploration the drives go straight back.
         """
         if self.phase is Phase.EXPLORING:
             return (straight_to(captured_rad, self.drives, BACK),)
@@ -365,7 +365,7 @@ class Campaign:
         )
 
     def _stopped_short(self, action: GoTo, stopped: str) -> None:
-        """Go back the way the drives came; then plan round the place."""
+        """Go back along the same path; then plan around the place."""
         self._queue.clear()
         self._blocked.append(self._q.copy())
         self.plan = None

@@ -3,9 +3,8 @@
 Greedy addition, then exchange of chosen poses for better candidates until no exchange helps
 (Fedorov 1972). With M the information so far and F the r rows of a candidate,
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
-size r each, so a whole round costs milliseconds. Where candidates tell of effects too, which nobody asked
-for, the determinant is that of the parameters' own information (D_s-optimality): what the effects gain is
-taken off.
+size r each, so a whole round costs milliseconds. Where the unknowns include effects (nuisance parameters), the
+determinant is that of the parameters' information alone (D_s-optimality).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from solver.design.pose_information import about_parameters
 from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
-"""Weight of the prior that makes the first choices comparable, against one average candidate."""
+"""Weight of the prior that makes the first choices comparable, relative to one average candidate."""
 MOST_RESTARTS = 24
 RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
@@ -30,7 +29,7 @@ WORTHWHILE = 1e-9
 
 
 class TooFewCandidatesError(ValueError):
-    """Not as many poses can be chosen as were asked for."""
+    """Fewer poses can be chosen than were requested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,20 +96,19 @@ def choose_poses(
     root
         (m, r, N) of all candidates.
     parameters
-        How many of the N unknowns are asked for; all by default. The others are effects.
+        Number of the N unknowns to be determined; all by default. The others are effects.
     fixed
         Information (N, N) of poses captured already.
     allowed
         (m,): which candidates may be chosen; all by default.
     q, apart_rad
-        Joint angles (m, n) of the candidates and how far apart (Euclidean, rad) chosen ones have to
-        be. Without it the best set repeats a few poses, which averages sensor noise but never a
-        sensor's curve.
+        Joint angles (m, n) of the candidates and the least distance (Euclidean, rad) between chosen ones. Without it
+        the best set repeats a few poses, which averages sensor noise but not a sensor's linearity deviation.
 
     Raises
     ------
     TooFewCandidatesError
-        If fewer than `count` candidates are allowed, or keep apart.
+        If fewer than `count` candidates are allowed, or are far enough apart.
     """
     m, _, N = root.shape
     P = N if parameters is None else parameters
@@ -124,7 +122,7 @@ def choose_poses(
     for start in range(1 + min(MOST_RESTARTS, RESTART_WORK // (m * count * N))):
         chosen, current = [], M.copy()
         if start > 0:
-            # Half at random, the rest by greed: another basin, yet not a bad one.
+            # Half at random, the rest greedily: another local optimum, and a good one.
             chosen = search.random_start(count // 2, rng)
             current += search.information(chosen)
         search.fill(current, chosen, count)
@@ -144,7 +142,7 @@ def choose_poses(
 def _comparable(
     root: FloatArray, parameters: int, information: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Scale (N,) of the unknowns, and the information so far in it: regular, with the effects' own prior.
+    """Return the scale (N,) of the unknowns, and the scaled information so far, made regular, with the effects' prior.
 
     With unit columns over all candidates the average candidate has information 1/m on the diagonal.
     """
@@ -158,7 +156,7 @@ def _comparable(
 
 @dataclass(frozen=True, slots=True)
 class _Search:
-    """Candidates `root` (m, r, N) in comparable units, of which `parameters` unknowns count."""
+    """Search over candidates `root` (m, r, N) in comparable units; the first `parameters` unknowns count."""
 
     root: FloatArray
     parameters: int
@@ -169,7 +167,7 @@ class _Search:
         return np.asarray(rows.T @ rows)
 
     def gains(self, M: FloatArray, beside: Sequence[int]) -> FloatArray:
-        """What each candidate adds; -inf where it may not be chosen beside those."""
+        """Gain of each candidate; -inf where it is too near to a chosen one."""
         return np.where(self.pool.open(beside), gains(self.root, M, self.parameters), -np.inf)
 
     def random_start(self, count: int, rng: np.random.Generator) -> list[int]:
@@ -212,7 +210,7 @@ class _Search:
 
 @dataclass(frozen=True, slots=True)
 class _Pool:
-    """Which candidates may still be chosen beside those that are."""
+    """Candidates that may still be chosen."""
 
     usable: BoolArray
     q: FloatArray | None

@@ -1,8 +1,8 @@
-"""Which joints should drive a closed chain: ranking of drive sets, predicted or from trial wiggles.
+"""Which joints should drive a closed chain: ranking of drive sets, predicted or measured by trial motions.
 
 Predicted at one pose or over a region from the conditioning of the passive joints' Jacobian and from
-what the drives reach; by trial, as the paper did, from the measured motion of the other joints.
-Every verdict comes with its reasons in words.
+the poses that the drives reach; by trial, as in the paper, from the measured motion of the other joints. Every ranking
+has its reasons as text.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from solver.loops.closure import ClosureModel
 
 SAMPLE = 200
 FOLDED = 0.02
-"""Leverage below this is a fold: the free joints may go either way."""
+"""Leverage below this is a fold: the free joints may move either way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankedDrives:
-    """One set of drive joints and how it does.
+    """One set of drive joints with its figures of merit.
 
     Attributes
     ----------
     drives
         Joints (1-based) to be put into position mode.
     score
-        What the ranking sorts by, in [0, 1].
+        Value by which sets are ranked, in [0, 1].
     usable
         Whether the set may be used at all.
     leverage
-        Smallest singular value of the drives' share in the self-motion: 1 when the drives see all
-        motion, 0 at a fold. Over a region: the median of what the set reaches.
+        Smallest singular value of the drives' share in the self-motion: 1 when the drives see all motion, 0 at a fold.
+        Over a region: the median of the poses that the set reaches.
     passive_conditioning
         Smallest singular value of the passive joints' closure Jacobian, likewise.
     fastest_passive, fastest_joint
@@ -49,7 +49,7 @@ class RankedDrives:
     reach
         Share of the region that can be reached from its first pose; None at a single pose.
     reasons
-        Why, in words, most important first.
+        Reasons as text, the most important first.
     """
 
     drives: tuple[int, ...]
@@ -101,18 +101,18 @@ def rank_over_region(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialWiggles:
-    """Small wiggles of one set of drive joints, as measured.
+    """Measured trial motions of one set of drive joints.
 
     Attributes
     ----------
     drives
         Joints (1-based) in position mode.
     commanded_rad
-        (w, d): displacement asked of the drives in each wiggle.
+        (w, d): commanded displacement of the drives in each trial motion.
     moved_rad
         (w, n): measured displacement of every joint.
     stopped
-        Why the trial ended early, in words; empty when it did not.
+        Why the trial ended early, as text; empty when it did not.
     """
 
     drives: tuple[int, ...]
@@ -128,14 +128,12 @@ class TrialWiggles:
 def rank_by_trial(
     trials: Sequence[TrialWiggles], *, limits: MotionLimits | None = None
 ) -> tuple[RankedDrives, ...]:
-    """Rank drive sets by the internal motion they were seen to cause (paper, section 3), best first.
-
-    Uses no model: what joins the drives to the rest is what was measured.
+    """Rank drive sets by the measured internal motion (paper, section 3), best first. Uses no model.
 
     Raises
     ------
     ValueError
-        If a trial has too few wiggles to tell its drives apart.
+        If a trial has too few motions to separate its drives.
     """
     limits = MotionLimits() if limits is None else limits
     return _sorted([_judge_trial(trial, limits) for trial in trials])
@@ -225,7 +223,7 @@ def _verdict(
         if passive
         else "no passive joint"
     )
-    # The paper's criterion is the motion of the remaining joints; runaway is not motion worth having.
+    # The paper's criterion is the motion of the remaining joints; motion near a fold does not count.
     moved = float(np.mean(np.minimum([rates[j - 1] for j in passive], 1.0))) if passive else 0.0
     score = (leverage * moved) ** 0.5 if reach is None else reach * (0.5 + 0.5 * leverage)
     return RankedDrives(

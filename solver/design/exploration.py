@@ -1,10 +1,9 @@
-"""Exploring with drive joints by measured readings alone, before any model can be trusted.
+"""Explores with the drive joints by measured readings alone, before any model can be trusted.
 
-A policy without an arm: `propose` says where the drives should go next, `observe` takes what the
-sensors then read and why a move stopped short, if it did. Small steps go out from the start along
-rays in drive space and back the way they came. The rate of every joint per drive is learnt from the
-steps themselves (Broyden's secant update) and says whether the next step would meet a range or a
-fold.
+A policy without an arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of a
+move and why it ended early, if it did. Small steps go out from the start along rays in drive space and back along them.
+The rate of every joint per drive is learnt from the steps themselves (Broyden's secant update) and predicts whether the
+next step would reach the end of a range or a fold.
 """
 
 from __future__ import annotations
@@ -21,23 +20,23 @@ from solver.design.manifold import Ranges
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplorationLimits:
-    """How bold to be.
+    """Limits of the exploration.
 
     Attributes
     ----------
     wiggle_rad
-        First steps, which teach the rates.
+        Length of the first steps, from which rates are learnt.
     step_rad
         Length of a step of the drives.
     reach_rad
-        How far a ray goes.
+        Length of a ray.
     capture_every
-        Steps between poses worth capturing, of two drives or more.
+        Steps between captured poses, with two drives or more.
     margin_rad
-        What every joint keeps from the ends of its range.
+        Distance of every joint from the ends of its range.
     most_rate
-        Largest motion of a passive joint over that of the drives; more means a fold is near. Where
-        it is exceeded at the start already, up to twice as much is let through.
+        Largest motion of a passive joint over that of the drives; more means a fold is near. Where the start already
+        exceeds it, up to twice as much is allowed.
     """
 
     wiggle_rad: float = float(np.deg2rad(1.5))
@@ -61,11 +60,11 @@ class ExplorationStep:
     Attributes
     ----------
     targets_rad
-        Drive joints (1-based) and where they should go, straight and in step.
+        Drive joints (1-based) and their targets, reached in a straight line.
     capture
         Whether the pose at its end is worth capturing.
     why
-        In words.
+        Reason, as text.
     """
 
     targets_rad: Mapping[int, float]
@@ -75,7 +74,7 @@ class ExplorationStep:
 
 @dataclass(slots=True)
 class _Ray:
-    """A direction in drive space and how it went."""
+    """A direction in drive space and its progress."""
 
     direction: FloatArray
     steps: int
@@ -96,18 +95,18 @@ class _Here:
 
 
 class Explorer:
-    """The policy. Alternate `propose` and `observe` until `propose` gives None.
+    """The policy. Alternate `propose` and `observe` until `propose` returns None.
 
     Parameters
     ----------
     start_rad
-        Readings at the start (n,), which every ray comes back to.
+        Readings at the start (n,), to which every ray returns.
     drives
         Joints (1-based) in position mode.
     ranges
-        Of all joints, sensor coordinates.
+        Ranges of all joints, sensor coordinates.
     limits
-        How bold to be.
+        Limits of the exploration.
     """
 
     def __init__(
@@ -126,7 +125,7 @@ class Explorer:
         self._start_rates = np.zeros((len(start_rad), len(drives)))
         self._start_rates[self._columns, range(len(drives))] = 1.0
         self._here = _Here(q=np.array(start_rad), rates=self._start_rates.copy())
-        # One drive has two rays and no diagonals: every step of them is worth a pose.
+        # One drive has two rays and no diagonals: every step is captured.
         self._every = 1 if len(drives) == 1 else self.limits.capture_every
         self._rays = self._plan_rays()
         self._ray = 0
@@ -135,7 +134,7 @@ class Explorer:
         self.ended: dict[tuple[float, ...], str] = {}
 
     def propose(self) -> ExplorationStep | None:
-        """Return the next move, or None when exploration is over (`failure` says if it went wrong)."""
+        """Return the next move, or None when exploration is over (`failure` is the reason if it failed)."""
         if self.failure:
             return None
         while self._ray < len(self._rays):
@@ -197,11 +196,11 @@ class Explorer:
 
     @property
     def rates(self) -> FloatArray:
-        """Learnt motion of every joint per motion of each drive (n, d), where the arm is now."""
+        """Learnt motion of every joint per motion of each drive (n, d), at the present pose."""
         return self._here.rates.copy()
 
     def _plan_rays(self) -> list[_Ray]:
-        """Wiggles there and back of each drive, then rays: single drives first, diagonals after."""
+        """Plan trial motions of each drive, then rays: single drives first, then diagonals."""
         count = len(self.drives)
         unit = np.eye(count)
         wiggles = [_Ray(direction=s * e, steps=1) for e in unit for s in (1.0, -1.0)]
@@ -213,10 +212,10 @@ class Explorer:
         return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
 
     def _ahead(self, move: FloatArray, *, trusted: bool) -> str:
-        """Why the next step should not be taken; empty if nothing speaks against it."""
+        """Reason not to take the next step; empty if there is none."""
         here = self._here
         change = here.rates @ move
-        # Until the rates are learnt, allow for joints that run as fast as may be.
+        # Until the rates are learnt, assume the largest allowed rate.
         slack = self.limits.margin_rad + 0.3 * np.abs(change)
         if not trusted:
             slack = np.full(len(change), 2.0 * self.limits.most_rate * np.abs(move).max())
@@ -229,14 +228,14 @@ class Explorer:
         if np.any(outward):
             joint = int(np.flatnonzero(outward)[0]) + 1
             return f"joint {joint} would come close to the end of its range"
-        # Towards a fold rates grow faster and faster: expect the next step to grow as the last did.
+        # Towards a fold rates grow faster and faster: the last growth is expected for the next step too.
         rate = np.abs(change) / np.abs(move).max() * here.growth
         if trusted and float(rate.max()) > self._most_rate(move):
             return f"joint {int(np.argmax(rate)) + 1} would run ahead: a fold is near"
         return ""
 
     def _most_rate(self, direction: FloatArray) -> float:
-        """How fast joints may run along a ray, given how fast they run on it at the start."""
+        """Largest rate allowed along a ray with the given rate at its start."""
         there = np.abs(self._start_rates @ direction).max() / np.abs(direction).max()
         least = self.limits.most_rate
         return float(np.clip(1.3 * there, least, 2.0 * least))
@@ -262,7 +261,7 @@ class Explorer:
         self._finish(self._rays[self._ray])
 
     def _finish(self, ray: _Ray) -> None:
-        """Close the ray; at the start the rates learnt from the wiggles hold again."""
+        """Close the ray; at the start the rates of the first steps apply again."""
         if ray.ended:
             self.ended[tuple(ray.direction.tolist())] = ray.ended
         if self._ray < 2 * len(self.drives):

@@ -1,4 +1,4 @@
-"""Calibration in the middle of a session: good enough to plan on, and honest when it is not."""
+"""Calibrates in the middle of a session, and reports whether the estimate can be planned with."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.loops.closure import ClosureModel
 
 UNEXPLAINED = 3.0
-"""chi2 per degree of freedom above which the sensors' noise alone is not believed."""
+"""chi2 per degree of freedom above which sensor noise alone does not explain the closures."""
 GIVE_ROUNDS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InterimEstimate:
-    """What planning needs of a calibration.
+    """Part of a calibration that planning needs.
 
     Attributes
     ----------
@@ -29,9 +29,9 @@ class InterimEstimate:
     noise
         The noise that explains the closures; plans are made with it.
     trusted
-        Whether to plan on it at all.
+        Whether planning may use it.
     text
-        How it went, in words.
+        Outcome, as text.
     """
 
     x: FloatArray
@@ -42,15 +42,15 @@ class InterimEstimate:
 
 
 Calibrate = Callable[[FloatArray], InterimEstimate]
-"""Readings (m, n) of the poses so far to an estimate; SolverError when they do not suffice."""
+"""Estimates from the readings (m, n) of the poses so far; raises SolverError when they do not suffice."""
 
 
 def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     """Interim calibration by the implicit estimator, from nominal values or the last good estimate.
 
-    When the joint sensors' noise explains the closures by far not, the rest is put down to the
-    fixture's give, sized by the closures themselves, and the poses are fitted again: a flexing
-    fixture must not make a short pose set look certain.
+    When the closures are far larger than the joint sensors' noise, the rest is attributed to the fixture's compliance,
+    estimated from the closures, and the poses are fitted again: a compliant fixture must not make a short pose set look
+    certain.
     """
     last: list[FloatArray] = []
     explained = [noise]
@@ -91,7 +91,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
 
 
 def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseModel:
-    """Noise with fixture give: the size of the closures first, then scaled by what stays unexplained."""
+    """Noise with fixture compliance: first as large as the closures, then scaled by the unexplained part."""
     if used.fixture_variance is not None:
         scale = found.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)

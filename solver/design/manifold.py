@@ -1,9 +1,8 @@
-"""The self-motion manifold inside joint ranges: closed poses that cover it and which of them touch.
+"""The self-motion manifold inside joint ranges: closed poses that cover it, and pairs of neighbours.
 
-The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from
-a present pose in waves: each new pose puts out tangent steps, all of a wave are closed in one batch,
-and those that come too near an older pose are dropped. What is left covers the part of the manifold
-that can be reached inside the ranges at nearly even spacing.
+The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from the present pose
+in waves: each new pose sends out tangent steps, all of a wave are closed in one batch, and those too near to an older
+pose are dropped. The rest covers the part of the manifold that can be reached inside the ranges at nearly even spacing.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 SPACING = 0.75
-"""New poses keep this share of a step from all others, as a disc packing leaves few gaps there."""
+"""New poses are at least this share of a step from all others; a disc packing at this distance leaves few gaps."""
 SHORT = 0.8
 """Steps of the second ring; just longer than the spacing."""
 TOUCHING = 1.7
@@ -36,7 +35,7 @@ COARSE_STEP_RAD = 0.15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ranges:
-    """Where the measured joint angles may be: (n,) rad each, sensor coordinates."""
+    """Allowed measured joint angles: (n,) rad each, sensor coordinates."""
 
     lower_rad: FloatArray
     upper_rad: FloatArray
@@ -56,7 +55,7 @@ class Ranges:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Manifold:
-    """Closed poses that cover what can be reached from the first of them inside the ranges.
+    """Closed poses that cover the region reachable from the first of them inside the ranges.
 
     Attributes
     ----------
@@ -65,11 +64,11 @@ class Manifold:
     motion
         Tangents at all poses.
     neighbours
-        (E, 2) pairs of poses that touch, lower index first, sorted.
+        (E, 2) pairs of neighbouring poses, lower index first, sorted.
     step_rad
         Length of a growing step in the space of all joints.
     complete
-        False when growth ended at its limit of poses and not at the ends of the ranges.
+        False when growth ended at the limit on poses and not at the ends of the ranges.
     """
 
     q: FloatArray
@@ -100,11 +99,11 @@ def grow_manifold(
     Parameters
     ----------
     ranges
-        Poses outside are not taken; the start is, wherever it is.
+        Poses outside are dropped, except the start.
     most
         Growth stops at this many poses.
     seed
-        Of the directions; the result is the same for the same seed.
+        Seed of the directions; the same seed gives the same result.
 
     Raises
     ------
@@ -124,13 +123,13 @@ def grow_manifold(
         wave_q, wave_u = wave_q[inside], wave_u[inside]
         new = _far_from(_tree(_place(q, u, d)), _place(wave_q, wave_u, d), 0.6 * step_rad)
         wave_q, wave_u = wave_q[new], wave_u[new]
-        # Twins of another pose's step need not be closed to be dropped.
+        # Near duplicates of another step are dropped before they are closed.
         alone = _spread(_place(wave_q, wave_u, d), LEAST_SPACING_SHARE * step_rad)
         wave_q, wave_u = wave_q[alone], wave_u[alone]
         if len(wave_q) == 0:
             break
         closed = close_loops(model, x, wave_q, u=wave_u, max_iterations=6, tolerance=1e-11)
-        # A correction as long as the step itself has landed somewhere else.
+        # A correction as long as the step itself has reached another sheet.
         moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
         keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
         wave_q, wave_u = closed.q[keep], closed.u[keep]
@@ -164,7 +163,7 @@ def candidate_poses(
 ) -> Manifold:
     """Cover the reachable manifold with about `count` poses, whatever its size.
 
-    A coarse growth measures it; the step of the fine one follows.
+    A coarse growth measures its size, from which the step of the fine one follows.
     """
     first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
     coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)
@@ -183,7 +182,7 @@ def candidate_poses(
 def _wave(
     q: FloatArray, u: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Tangent steps from every pose of the front, (f * directions, n) and (..., U)."""
+    """Return tangent steps from every pose of the front, (f * directions, n) and (..., U)."""
     poses, joints, degrees = tangent.shape
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
@@ -208,11 +207,7 @@ def _wave(
 
 
 def _place(q: FloatArray, u: FloatArray, degrees: int) -> FloatArray:
-    """Where poses are that are kept apart: by their joints, whose ranges they are to fill.
-
-    On a curve by all angles: where it is the fixture that turns, a step moves the joints by less than poses are
-    kept apart, and there is no other way on.
-    """
+    """Coordinates in which poses are kept apart: joint angles, or all angles on a curve."""
     return q if degrees > 1 else np.concatenate((q, u), axis=-1)
 
 
@@ -223,7 +218,7 @@ def _tree(points: FloatArray) -> cKDTree:
 
 
 def _far_from(tree: cKDTree, points: FloatArray, distance: float) -> FloatArray:
-    """Boolean (m,): no point of the tree is nearer than `distance`."""
+    """Whether no point of the tree is nearer than `distance` (m,)."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.bool_)
     nearest, _ = tree.query(points, distance_upper_bound=distance)
@@ -243,7 +238,7 @@ def _spread(points: FloatArray, distance: float) -> IntArray:
 
 
 def _touching(q: FloatArray, u: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
-    """Pairs of poses that touch along the manifold (E, 2)."""
+    """Pairs of poses that are neighbours along the manifold (E, 2)."""
     points = np.concatenate((q, u), axis=-1)
     pairs = _tree(points).query_pairs(TOUCHING * step_rad, output_type="ndarray")
     if len(pairs) == 0:

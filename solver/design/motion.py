@@ -65,7 +65,7 @@ class ChainMotion:
     def rates(self, drives: Sequence[int]) -> FloatArray:
         """Rate of every arm joint per rate of each drive joint, (m, n, d); huge near a fold."""
         rows = self.tangent[:, [j - 1 for j in drives], :]
-        # The ridge keeps an exact fold from raising: its rates are as huge as they should be.
+        # The ridge keeps an exact fold from raising: its rates are then very large, as they should be.
         inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
@@ -85,7 +85,7 @@ class ChainMotion:
 def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> ChainMotion:
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).
 
-    Poses whose closure Jacobian loses rank there get arbitrary extra directions: judge mobility with
+    Poses whose closure Jacobian loses rank there get arbitrary extra directions: check mobility with
     `fixtures.setup_checks` at the poses where it matters.
     """
     error = model.loop(x, q, u)
@@ -106,14 +106,14 @@ LOST_RAD = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DriveTraces:
-    """What b straight drive moves do, sampled at s + 1 points each.
+    """Predicted motion of b straight drive moves, sampled at s + 1 points each.
 
     Attributes
     ----------
     q, u
         (b, s + 1, n) and (b, s + 1, U), rad.
     leverage
-        (b, s + 1) of the drive joints; 0 at a fold.
+        (b, s + 1): leverage of the drive joints; 0 at a fold.
     rate
         (b,): largest motion of any arm joint per motion of the faster drive joint.
     closed

@@ -1,8 +1,8 @@
 """Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
 
-A graph over the manifold's poses, one layer per set of drive joints. Two touching poses are joined in
-a layer when its drives can carry the chain between them: leverage at both ends and no fold between.
-Routes found in it are followed exactly before they are believed, and an edge that fails is closed.
+A graph over the manifold's poses, one layer per set of drive joints. Two neighbouring poses are joined in a layer when
+its drives can move the chain between them: leverage at both ends and no fold between. A route is followed exactly
+before it is accepted, and an edge that fails is closed.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 AT_START = 0.6
-"""Where the arm stands already this share of the least leverage will do: it must be able to leave."""
+"""At the present pose this share of the least leverage suffices: the arm must be able to leave."""
 BETWEEN = 0.8
-"""Likewise on a straight line between two good poses."""
+"""The same share applies on a straight line between two good poses."""
 CHANGE_COST_RAD = 0.5
-"""What a change of drive joints costs, as motion: stopping, switching and settling again."""
+"""Cost of a change of drive joints, as motion: stopping, switching and settling again."""
 LINE_STEP_RAD = 0.03
 """Spacing at which straight drive moves are followed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionLimits:
-    """What a path must keep to.
+    """Limits of a path.
 
     Attributes
     ----------
     least_leverage
-        Of the drive joints, everywhere on the path.
+        Least leverage of the drive joints, anywhere on the path.
     most_rate
         Largest speed of a passive joint over that of the faster drive joint.
     """
@@ -57,7 +57,7 @@ class Leg:
     drives
         Joints (1-based) in position mode; all others are free.
     waypoints_rad
-        (k, n): where each straight move should end, all joints; only the drives are commanded.
+        (k, n): end of each straight move, all joints; only the drives are commanded.
     trace_rad
         (t, n): all joints along the leg, start included, closely spaced.
     """
@@ -67,13 +67,13 @@ class Leg:
     trace_rad: FloatArray
 
     def targets(self, waypoint: int) -> dict[int, float]:
-        """Drive angles of one waypoint: what `Arm.move` takes."""
+        """Drive angles of one waypoint, as `Arm.move` takes them."""
         return {j: float(self.waypoints_rad[waypoint, j - 1]) for j in self.drives}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Route:
-    """A followed path from one pose of the manifold to another; no legs when they are the same."""
+    """A checked path from one pose of the manifold to another; no legs when they are the same."""
 
     legs: tuple[Leg, ...]
 
@@ -84,13 +84,13 @@ class PathGraph:
     Parameters
     ----------
     manifold
-        Poses and who touches whom.
+        Poses and their neighbours.
     drive_sets
-        Sets of drive joints that may be used, as many joints each as the mobility.
+        Usable sets of drive joints, each of as many joints as the mobility.
     limits
-        What every path keeps to.
+        Limits of every path.
     allowed
-        (m,): poses a path may pass; all by default.
+        (m,): poses that a path may pass; all by default.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class PathGraph:
         size, layers, count = self.manifold.size, len(self.drive_sets), len(sources)
         nodes = np.concatenate([np.asarray(sources) + k * size for k in range(layers)])
         between = dijkstra(self._graph, directed=False, indices=nodes)[:, nodes]
-        # Whichever drives suit: changing them in place has its cost where the path needs it.
+        # Any drives may start; the graph adds the cost of a change where the path needs one.
         return np.asarray(between.reshape(layers, count, layers, count).min(axis=(0, 2)))
 
     def route(
@@ -153,11 +153,11 @@ class PathGraph:
         Parameters
         ----------
         model, x, ranges
-            Loops, parameters (P,) and ranges the trace is checked against.
+            Loops, parameters (P,) and ranges against which the trace is checked.
         drives
             The drive joints in position mode at the source.
         attempts
-            How often a path with an edge that fails on the way may be replaced.
+            How often a path may be replaced after one of its edges fails.
         """
         for _ in range(attempts):
             nodes = self._search(source, target, drives)
@@ -190,7 +190,7 @@ class PathGraph:
         return least, most
 
     def _costs(self, drives: tuple[int, ...]) -> FloatArray:
-        """Length of each edge, dearer where the drives have little leverage."""
+        """Length of each edge, increased where the drives have little leverage."""
         i, j = self.manifold.neighbours.T
         leverage = self.manifold.motion.leverage(drives)
         near = self.limits.least_leverage / np.maximum(np.minimum(leverage[i], leverage[j]), 1e-3)

@@ -1,7 +1,7 @@
 """From an estimate to a plan: which poses to visit, in which order, with which drive joints.
 
-Puts manifold, drive ranking, paths and D-optimal choice together, inside the region in which the
-estimate can be trusted to predict where free joints will be.
+Combines manifold, drive ranking, paths and D-optimal choice, inside the region where the estimate predicts the free
+joints reliably.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from solver.loops.closure import ClosureModel
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedErrors:
-    """What arm and fixture state about the errors of poses.
+    """Errors of poses as stated by arm and fixture.
 
     Attributes
     ----------
     toleranced
         Entries of the arm's table that are corrected within their tolerances.
     at_readings
-        Errors of poses by their readings (m, n).
+        Function from readings (m, n) to the errors of these poses.
     """
 
     toleranced: tuple[DhEntry, ...]
@@ -55,37 +55,37 @@ class StatedErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningTask:
-    """What stays the same from plan to plan.
+    """Inputs that are the same for every plan.
 
     Attributes
     ----------
     model
         The loop with all joints sensed.
     ranges
-        Of the joints, sensor coordinates, as the arm's own.
+        Ranges of the arm's joints, sensor coordinates.
     margin_rad
-        What planned poses and paths keep from the ends of the ranges, scalar or (n,).
+        Distance of planned poses and paths from the ends of the ranges, scalar or (n,).
     noise
-        Of the readings, for estimates in between; and for the information of a pose where `errors` is None.
+        Noise of the readings, for interim estimates, and for the information of a pose where `errors` is None.
     errors
-        What a pose tells is counted under these, as the final calibration will.
+        Error model under which the information of a pose is computed, as in the final calibration.
     parameters
-        Names the design is for; the others count as known. None takes all.
+        Names of the parameters to be determined; the others count as known. None takes all.
     drive_sets
         Sets of drive joints to plan with, the present one first; None ranks all and takes the best.
     limits
-        Leverage and rates of every path.
+        Limits of leverage and rates of every path.
     pose_leverage
-        Leverage of the drives at a planned pose: more than on the way, for there the free joints'
-        weight must not bend the fixture.
+        Leverage of the drives at a planned pose: more than on the way, because the weight of the free joints must not
+        deflect the fixture there.
     candidates
-        How many poses to choose from.
+        Number of poses to choose from.
     apart_rad
-        How far apart chosen poses have to be.
+        Least distance between chosen poses.
     most_uncertain_rad
         A pose is planned only where the free joints' predicted angles are this certain (sigma).
     seed
-        Of the candidates.
+        Seed of the candidates.
     """
 
     model: ClosureModel
@@ -105,14 +105,14 @@ class PlanningTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosePlan:
-    """Poses to visit, and everything to go on planning with.
+    """Poses to visit, with all that later plans need.
 
     Attributes
     ----------
     x
-        Parameters (P,) the plan was made with.
+        Parameters (P,) with which the plan was made.
     manifold, information, graph
-        Candidates, what each would tell, and how to get there.
+        Candidates, their information, and the paths between them.
     allowed
         (m,): candidates that can be reached and whose prediction is trusted.
     visits
@@ -120,9 +120,9 @@ class PosePlan:
     ranked
         Drive sets over the region, best first; empty when the task named them.
     predicted_sigma
-        Standard deviations (P,) with all chosen poses and what was fixed before; inf if undetermined.
+        Standard deviations (P,) with all chosen and captured poses; inf if undetermined.
     log_det
-        Of that information, about the parameters.
+        Log determinant of that information about the parameters.
     design
         Condition, rank and weakest direction of the chosen poses under the paper's Jacobian.
     """
@@ -169,7 +169,7 @@ def make_plan(
     Raises
     ------
     ValueError
-        If the loop does not close near the start, or fewer than `count` poses can be reached.
+        The loop does not close near the start, or fewer than `count` poses can be reached.
     """
     manifold = candidate_poses(
         task.model,
@@ -181,7 +181,7 @@ def make_plan(
     )
     trusted = _trusted(task, x, manifold, covariance)
     for pose in () if avoid_rad is None else avoid_rad:
-        # Where the arm stands close by, it must still be able to leave.
+        # The arm must be able to leave a pose near its present one.
         radius = min(avoid_radius_rad, 0.5 * float(np.linalg.norm(q_start - pose)))
         trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
     # The arm is where it is.
@@ -235,7 +235,7 @@ def _choose(
     allowed: BoolArray,
     count: int,
 ) -> PoseSelection:
-    """D-optimal choice, with the poses closer together where the room is short."""
+    """D-optimal choice; poses are closer together where space is short."""
     for share in (1.0, 0.5):
         try:
             return choose_poses(
@@ -267,10 +267,10 @@ def information_of(
     manifold: Manifold | None = None,
     drives: tuple[int, ...] = (),
 ) -> PoseInformation:
-    """What captured readings (c, n) tell, and after them every pose of a manifold.
+    """Information of captured readings (c, n), then of every pose of a manifold.
 
-    Captured poses are taken on the closed loops next to them. Where they scatter by more than is stated, so
-    will the others.
+    Captured poses are evaluated on the nearest closed loops. Where they scatter more than stated, the same is assumed
+    for the others.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
@@ -294,10 +294,10 @@ def information_of(
 def _noise_by_pose(
     noise: NoiseModel, manifold: Manifold | None, drives: tuple[int, ...], captured: int
 ) -> NoiseModel:
-    """Give of the fixture, where there is any, larger where the passive joints hold the hand badly.
+    """Deflection of the fixture, larger where the passive joints are badly conditioned.
 
-    Free joints bear no torque: what loads them goes through the passive Jacobian into the fixture,
-    ``w = J_p^-T tau``. The size of ``J_p^-1`` relative to the start's scales the give.
+    Free joints bear no torque: loads on them act through the passive Jacobian on the fixture, ``w = J_p^-T tau``. The
+    size of ``J_p^-1`` relative to the start's scales the deflection.
     """
     if noise.fixture_variance is None or manifold is None:
         return noise
@@ -314,9 +314,9 @@ def prediction_sigma(
     covariance: FloatArray,
     drives: tuple[int, ...],
 ) -> FloatArray:
-    """How uncertain free joints' readings are at given drive angles: largest sigma a pose (m,), rad.
+    """Largest sigma of the free joints' readings at given drive angles, for each pose (m,), rad.
 
-    With the drives held, the loop gives ``dq = -(E' J_p)^+ E' C dphi`` of the free joints.
+    With the drives fixed, the loop leads to ``dq = -(E' J_p)^+ E' C dphi`` of the free joints.
     """
     A, B = reduced_jacobian(model, x, q, u)
     free = [j for j in range(q.shape[-1]) if j + 1 not in drives]
@@ -347,9 +347,9 @@ def _trusted(
 
 
 FAR_RAD = 1e3
-"""Stands for a distance that does not exist: far, yet not so far that rounding hides the rest."""
+"""Stands for a missing distance: large, yet small enough that rounding does not hide the others."""
 MOST_ROUNDS = 50
-"""Of 2-opt; ten are many."""
+"""Most sweeps of 2-opt; ten are many."""
 
 
 def visiting_order(distances: FloatArray) -> tuple[int, ...]:

@@ -1,9 +1,9 @@
-"""What one pose would tell about the parameters, for thousands of candidate poses at once.
+"""Information of a pose about the parameters, for thousands of candidate poses at once.
 
 The same linearisation as the estimators', at closed poses: a pose adds ``A' V^-1 A`` to the Fisher
 information (method, section 3). Under stated errors the same rows have columns for the effects as well
-(lengths, twists, encoders, play, sag, give), which a thousand poses of one kind leave as unknown as one
-does (section 10).
+(lengths, twists, encoders, play, sag, compliance), which a thousand similar poses determine no better than one (section
+10).
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from solver.loops.closure import ClosureModel
 CURVE_SHARE = 0.5
 """Share of a sensor's linearity that is allowed for as if it were noise."""
 UNSENSED_SIGMA_RAD = 1.0
-"""Noise that stands for no sensor at all: a joint read this badly tells nothing about an offset."""
+"""Noise that stands for no sensor at all: readings this noisy have no information about an offset."""
 
 EFFECTS = 40
-"""Combinations of effects that planning counts with, those that poses show best: on the packaged arms they have
-99.9 % of what all have, and a choice among 3,000 poses takes one second."""
+"""Combinations of effects used in planning, those that poses determine best: on the packaged arms they carry 99.9 % of
+the information, and a choice among 3,000 poses takes one second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,7 +40,7 @@ class PoseInformation:
         Names, in column order.
     root
         (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information is ``root' root``. The last K
-        columns are effects, standard normal before any pose.
+        columns are effects, with a standard normal prior.
     misclosure
         (m, r): by how much the loops fail to close, in units of their noise.
     """
@@ -61,11 +61,11 @@ class PoseInformation:
         return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
 
     def at_poses(self, poses: slice) -> PoseInformation:
-        """Return that of some poses in a row."""
+        """Return the information of a slice of the poses."""
         return replace(self, root=self.root[poses], misclosure=self.misclosure[poses])
 
     def with_errors_scaled(self, factor: float) -> PoseInformation:
-        """Return what is left where all errors, noise and effects, are `factor` times as large."""
+        """Return the information if all errors, noise and effects, are `factor` times as large."""
         root = self.root.copy()
         root[..., : len(self.parameters)] /= factor
         return replace(self, root=root, misclosure=self.misclosure / factor)
@@ -77,7 +77,7 @@ class PoseInformation:
         if dof <= 0:
             return 1.0
         rows = self.root.reshape(len(w), -1)
-        # Effects as observations of zero: one least squares for all.
+        # Effects enter as observations of zero, so that one least-squares problem covers all.
         prior = np.eye(rows.shape[-1])[P:]
         left = np.concatenate((w, np.zeros(len(prior))))
         columns = np.concatenate((rows, prior))
@@ -86,7 +86,7 @@ class PoseInformation:
 
 
 def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
-    """Information (P, P) about the first P of P + K unknowns, the others standard normal before."""
+    """Information (P, P) about the first P of P + K unknowns, the others having a standard normal prior."""
     pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
     ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
     return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))
@@ -107,9 +107,9 @@ def information_under(
     x
         Parameters (P + T,) of `model`, toleranced ones among them.
     q
-        Readings (m, n) of poses captured or to be.
+        Readings (m, n) of captured or planned poses.
     closed_q, closed_u
-        Where the loops close at `x` next to the readings: (m, n), (m, U).
+        Closed poses at `x` nearest to the readings: (m, n), (m, U).
 
     Raises
     ------
@@ -173,13 +173,13 @@ def planning_noise(
     unsensed_joints: Sequence[int] = (),
     wrist_curve_rad: FloatArray | None = None,
 ) -> NoiseModel:
-    """Noise to plan with: one reading's standard deviations (n,), joints not to be relied upon apart.
+    """Noise to plan with: standard deviations of one reading (n,), larger for joints not to be relied upon.
 
     Parameters
     ----------
     unsensed_joints
-        Joints (1-based) whose reading will not be used. They stay in the model, for their angle can
-        be predicted, with a noise that tells nothing.
+        Joints (1-based) whose reading will not be used. They stay in the model, because their angle can be predicted,
+        with noise so large that it carries no information.
     wrist_curve_rad
         Systematic deviation of each sensor (n,) to be allowed for as if it were noise (an RVDT's
         linearity); None for none.

@@ -1,8 +1,7 @@
-"""When to stop taking poses: precision reached, or nothing left that helps.
+"""Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-A pose always averages some noise, so "no pose helps" is judged by a forecast: the poses that may
-still be afforded, each the best for the worst parameter, would neither meet the request nor come
-noticeably nearer to it.
+A pose always averages some noise, so "no pose helps" is decided by a forecast: the remaining poses, each the best for
+the worst parameter, would neither reach the requested precision nor come noticeably nearer to it.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ from solver.design.pose_information import PoseInformation, about_parameters
 from solver.estimators.least_squares import column_scale
 
 BLIND = 1e-12
-"""Directions whose scaled information is below this share of the largest are not determined. Taking off what effects
-explain leaves rounding of some 1e-13."""
+"""Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
+part leaves rounding of some 1e-13."""
 
 
 class PrecisionStatus(Enum):
-    """Where a pose set stands against the precision asked for."""
+    """Status of a pose set against the requested precision."""
 
     REACHED = "reached"
     GOING_ON = "going on"
@@ -39,7 +38,7 @@ class WeakParameter:
     name
         Paper notation.
     sigma, requested
-        Standard deviation now and wanted, rad or m; inf when not determined at all.
+        Standard deviation now and requested, rad or m; inf when not determined at all.
     forecast
         Standard deviation after the remaining poses, were they all spent on it.
     """
@@ -52,16 +51,16 @@ class WeakParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopDecision:
-    """Whether to stop, why, and what stays weak.
+    """Whether to stop, why, and which parameters stay weak.
 
     Attributes
     ----------
     standing
-        Where it stands.
+        Status against the requested precision.
     weak
         Parameters short of the request, the worst (largest sigma over request) first.
     poses_needed
-        How many more poses the forecast needs; None when they do not suffice.
+        Further poses that the forecast needs; None when the remaining ones do not suffice.
     text
         One sentence.
     """
@@ -80,7 +79,7 @@ class StopDecision:
 def standard_deviations(information: FloatArray, parameters: int | None = None) -> FloatArray:
     """Standard deviations (P,) from an information matrix (N, N); inf where undetermined.
 
-    Of its N unknowns the first `parameters` are asked for, all by default; the others are effects.
+    The first `parameters` of its N unknowns are to be determined, all by default; the others are effects.
     """
     if parameters is not None:
         information = about_parameters(information, parameters)
@@ -102,16 +101,16 @@ def stop_decision(
     allowed: BoolArray | None = None,
     worthwhile: float = 0.05,
 ) -> StopDecision:
-    """Compare the information so far (N, N) with standard deviations asked for, rad and m by name.
+    """Compare the information so far (N, N) with requested standard deviations, rad and m by name.
 
     Parameters
     ----------
     candidates
-        What poses could still tell; same unknowns as `information`.
+        Information of the candidate poses; same unknowns as `information`.
     requested
-        Parameters not named are not judged.
+        Standard deviations by name; other parameters are not checked.
     poses_left
-        How many more poses may be taken.
+        Number of poses that may still be taken.
     allowed
         (m,): candidates that can be reached.
     worthwhile

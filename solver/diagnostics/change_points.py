@@ -21,18 +21,18 @@ AT_POSES = 0.4
 """Share of the continuous statistic's alarms that steps at poses show, by simulation of 10 to 300 poses."""
 
 AT_ONCE = 400_000
-"""Numbers of what a fit absorbs of steps that are looked at side by side: memory stays flat."""
+"""Steps that are evaluated at once, in numbers of the matrix of their fitted part: memory stays bounded."""
 
 FREE = 1e-7
-"""Share of a column's weight that the fit must have left for a step along it to be seen."""
+"""Share of a column's weight that the fit must leave for a step along it to be detectable."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspect:
     """Something that may have changed: `columns` (m, r, d) are the misclosure's rates with it.
 
-    `share` of the false alarms that it may raise, in those of the others. `of_reading`: a reading may
-    have shifted, and nothing that is in the loop.
+    `share` is its part of the false alarms, relative to the other suspects. `of_reading`: only a reading may have
+    shifted, not the geometry of the loop.
     """
 
     name: str
@@ -52,13 +52,13 @@ class ChangePoint:
     pose
         First pose after the step, index in time order.
     size
-        What was added from there on (d,), in the columns' units.
+        Size of the step (d,), in the columns' units.
     sd
         Standard deviation of the size (d,).
     chi2, dof
-        How far chi2 falls when the step is fitted, and with how many unknowns.
+        Reduction of chi2 when the step is fitted, and its number of unknowns.
     threshold
-        What `chi2` exceeds in `FALSE_ALARM_PROBABILITY` of sound pose sets, over all poses and suspects.
+        Value that `chi2` exceeds in `FALSE_ALARM_PROBABILITY` of sound pose sets, over all poses and suspects.
     """
 
     suspect: str
@@ -71,7 +71,7 @@ class ChangePoint:
 
     @property
     def significant(self) -> bool:
-        """Whether a sound pose set would show this."""
+        """Whether the step exceeds the threshold."""
         return self.chi2 > self.threshold
 
 
@@ -88,11 +88,11 @@ def steps(
     Parameters
     ----------
     left
-        What the fit left over, its poses in the order in which they were taken.
+        Whitened residuals of the fit, poses in the order in which they were taken.
     quiet
-        The same with other noise, for suspects that are of a reading.
+        The same with other noise, for suspects that are readings.
     scale
-        By how much variances are smaller than those of the fit.
+        Factor of the variances relative to those of the fit.
     """
     m = len(left.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -113,9 +113,9 @@ def steps(
 def _largest(
     left: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
 ) -> Iterator[ChangePoint]:
-    """Largest step of each of some suspects (S) with as many columns (d) each.
+    """Largest step of each of several suspects (S) with the same number of columns (d).
 
-    `level` is the chance of a false alarm of a suspect whose share is 1.
+    `level` is the false-alarm probability of a suspect whose share is 1.
     """
     m, r, K = left.U.shape
     S, d = len(suspects), suspects[0].columns.shape[-1]
@@ -126,7 +126,7 @@ def _largest(
     own = _from_here_on(Gt @ np.swapaxes(Gt, -1, -2))
     inside = _from_here_on(across @ left.U).reshape(m, S, d, K)
     C = own - inside @ np.swapaxes(inside, -1, -2)
-    # Scaled, so that metres and radians are seen alike.
+    # Scaled, so that metres and radians count equally.
     size = np.sqrt(np.diagonal(own, axis1=-2, axis2=-1).max(axis=0))
     unit = np.where(size > 0.0, size, 1.0)
     places = slice(STEP_EDGE_POSES, m - STEP_EDGE_POSES + 1)
@@ -163,15 +163,15 @@ def _from_here_on(values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
-    """Return what the largest chi2 over all k exceeds with probability `false_alarm`.
+    """Return the value that the largest chi2 over all k exceeds with probability `false_alarm`.
 
-    The statistic is the square of a standardised Brownian bridge in `dof` dimensions, seen between
-    the shares h and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
+    The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
+    and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
 
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    It counts steps between poses too, which halves and more of its alarms are not: `AT_POSES`.
+    It includes steps between poses, which are more than half of its alarms: `AT_POSES` corrects this.
     """
     from scipy.special import chdtri, gammaln
 
@@ -183,7 +183,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         head = half * math.log(x) - 0.5 * x - half * math.log(2.0) - float(gammaln(half))
         return head + math.log(max((1.0 - dof / x) * span + 4.0 / x, 1e-300))
 
-    # The same statistic at one pose, and at every pose as if they were independent, enclose it.
+    # The thresholds for one pose, and for all poses if they were independent, enclose it.
     low = float(chdtri(dof, false_alarm))
     high = float(chdtri(dof, false_alarm / poses))
     target = math.log(false_alarm / AT_POSES)

@@ -1,13 +1,13 @@
 """Control charts of several quantities that are measured again and again: Shewhart and EWMA, with change points.
 
 NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
-process by a check standard: within- and between-session standard deviations). Here there is no long history
-to fix limits from: each session is judged by those before it, without the `RECENT` ones, so that a shift does not
-hide in its own baseline. The scatter between sessions is the history's own, not what was stated: systematic parts
-that are the same in all sessions do not scatter. With few sessions one quantity's own variance says little: it is
-drawn towards the common ratio of observed to stated variance, as of `PRIOR_DOF` degrees of freedom (Smyth 2004,
-"moderated t"). Sessions do not all scatter alike, and one that scatters more is no shift: nearly all of the chance
-of a false alarm is the EWMA's, which weighs several sessions.
+process by a check standard: within- and between-session standard deviations). There is no long history here from which
+to fix limits: each session is compared with those before it, without the `RECENT` ones, so that a shift does not hide
+in its own baseline. The scatter between sessions is that of the history, not the stated one: systematic parts that are
+the same in all sessions do not scatter. With few sessions the variance of one quantity is uncertain: it is shrunk
+towards the common ratio of observed to stated variance, as of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated
+t"). Sessions do not all scatter equally, and larger scatter in one is no shift: nearly all of the false-alarm
+probability belongs to the EWMA, which averages several sessions.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from solver.arrays import FloatArray, IntArray
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 BASELINE = 4
-"""Sessions before the first that is judged."""
+"""Sessions before the first that is tested."""
 
 RECENT = 3
-"""Sessions, the one judged among them, that the EWMA weighs and the baseline leaves out where it can."""
+"""Sessions, including the tested one, that the EWMA averages and the baseline leaves out where possible."""
 
 LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
@@ -32,7 +32,7 @@ PRIOR_DOF = 8.0
 """Entries' ratios of observed to stated scatter differ by about 25 %."""
 
 SHEWHART_SHARE = 0.1
-"""Of the chance of a false alarm, what a single session may take: a shift of six times the scatter shows in both."""
+"""Part of the false-alarm probability for single sessions: a shift of six times the scatter shows in both charts."""
 
 LEAST_RATIO = 0.1
 """Scatter between sessions is never taken to be less than this share of the stated repeatability."""
@@ -55,7 +55,7 @@ class ChartSignal:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ControlChart:
-    """What each session was judged by, arrays (sessions, quantities); NaN where nothing was judged.
+    """Limits of each session, arrays (sessions, quantities); NaN where nothing was tested.
 
     Attributes
     ----------
@@ -64,11 +64,11 @@ class ControlChart:
     between
         Standard deviation between sessions.
     shewhart, ewma_limit
-        Half widths of the limits: of a single value, and of the weighted mean of recent ones.
+        Half widths of the limits: for a single value, and for the weighted mean of recent ones.
     ewma
         That weighted mean.
     changes
-        In the order in which they were seen; a quantity's baseline begins anew with each.
+        In the order in which they were detected; a quantity's baseline restarts at each.
     """
 
     centre: FloatArray
@@ -80,7 +80,7 @@ class ControlChart:
 
 
 def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
-    """Judge sessions one after the other.
+    """Test sessions one after the other.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
 
 
 def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> FloatArray:
-    """Return the shift that `RECENT` further sessions show with a chance of 90 %, after so many sessions."""
+    """Return the shift that `RECENT` further sessions detect with a probability of 90 %."""
     from scipy.special import stdtrit
 
     weights = LAMBDA * (1.0 - LAMBDA) ** np.arange(RECENT)
@@ -153,14 +153,14 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, judged: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Moderated variances between sessions of the judged quantities and their degrees of freedom."""
+    """Moderated variances between sessions of the tested quantities, and their degrees of freedom."""
     own, stated, nu = np.zeros(len(judged)), np.zeros(len(judged)), np.zeros(len(judged))
     for k, j in enumerate(judged.tolist()):
         rows = slice(int(begin[j]), int(ends[j]))
         own[k] = values[rows, j].var(ddof=1)
         stated[k] = np.mean(within[rows, j] ** 2)
         nu[k] = rows.stop - rows.start - 1
-    # A value that is stated to repeat exactly scatters by rounding.
+    # A value stated to repeat exactly still scatters by rounding.
     stated = np.maximum(stated, 1e-24)
     ratio = max(float(np.sum(nu * own / stated) / nu.sum()), LEAST_RATIO**2)
     prior = np.minimum(PRIOR_DOF, nu.sum())

@@ -22,7 +22,7 @@ Estimator = Callable[[IntArray], Estimate]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutPoses:
-    """Poses judged by parameters fixed before they were taken.
+    """Poses tested with parameters that were fixed before they were taken.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class HeldOutPoses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """One part of a pose set judged by an estimate from the rest.
+    """One part of a pose set tested with an estimate from the rest.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class HeldOut:
     estimate
         Estimate from the others.
     verification
-        What it says of the poses held out.
+        Test of the held-out poses with that estimate.
     """
 
     poses: IntArray
@@ -76,8 +76,7 @@ class HoldOut:
     sigmas
         sigma_pos and sigma_ori over all poses held out, each closed with the parameters of the rest.
     inside_sigmas
-        The same figures of the poses that took part, as a mean over the parts (rms): the two should
-        be alike.
+        The same figures for the fitted poses, as a mean over the parts (rms): the two should be similar.
     """
 
     parts: tuple[HeldOut, ...]
@@ -92,16 +91,15 @@ def verify(
     q: FloatArray,
     noise: NoiseModel,
 ) -> HeldOutPoses:
-    """Judge poses `q` (m, n), rad, by parameters `x` (P,) of covariance (P, P).
+    """Test poses `q` (m, n), rad, with parameters `x` (P,) of covariance (P, P).
 
-    With w_i the misclosure of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as
-    many degrees of freedom as a pose has equations. Together the poses share the error of `x`, so
-    the common test is not their sum.
+    For the misclosure w_i of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as many degrees of
+    freedom as a pose has equations. Together the poses share the error of `x`, so the common test is not their sum.
 
     Raises
     ------
     ValueError
-        If there is no pose.
+        There is no pose.
     """
     from scipy.special import chdtrc
 
@@ -131,12 +129,12 @@ def verify(
 
 
 def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
-    """Split poses (m, n) into `folds` parts alike; the same whatever order the poses are in.
+    """Split poses (m, n) into `folds` similar parts, independent of the order of the poses.
 
     Raises
     ------
     ValueError
-        If there are fewer than two folds or fewer poses than folds.
+        There are fewer than two folds, or fewer poses than folds.
     """
     if not 2 <= folds <= len(q):
         raise ValueError(f"{len(q)} poses cannot be split into {folds} folds")
@@ -153,7 +151,7 @@ def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
     Raises
     ------
     ValueError
-        If `share` leaves no pose on one side.
+        `share` leaves no pose on one side.
     """
     count = round(share * len(q))
     if not 0 < count < len(q):
@@ -173,12 +171,12 @@ def hold_out(
     noise: NoiseModel,
     parts: tuple[IntArray, ...],
 ) -> HoldOut:
-    """Estimate without each part in turn and verify the part by that estimate.
+    """Estimate without each part in turn and verify the part with that estimate.
 
     Raises
     ------
     TooFewPosesError
-        If the rest is too small to be estimated from.
+        The rest is too small for an estimate.
     """
     everything = np.arange(len(q))
     variance = np.broadcast_to(noise.joint_variance, q.shape)

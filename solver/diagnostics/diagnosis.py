@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed one.
 
 All from one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted, and
-so on until the residuals are as stated.
+this is repeated until the residuals are as stated.
 """
 
 from __future__ import annotations
@@ -63,15 +63,15 @@ PRIORS = {
     Cause.SCALE: 0.003,
     Cause.LENGTH_CHANGED: 2e-5,
 }
-"""How often each happens, before anything is looked at; what is named here shares it among its subjects."""
+"""Prior probability of each cause, shared among its subjects."""
 
 UNNAMED = 0.002
-"""How often something happens that is none of these."""
+"""Prior probability of any other cause."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation:
-    """A cause with what it is worth; `candidate` None stands for something that has no name here."""
+    """A cause with its evidence; `candidate` None stands for an unknown cause."""
 
     candidate: Candidate | None
     evidence: Evidence | None
@@ -80,28 +80,28 @@ class Explanation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosis:
-    """What the tests say.
+    """Results of the tests.
 
     Attributes
     ----------
     tests
         All of them.
     rounds
-        For each cause taken in, the explanations that competed, the most probable first.
+        For each accepted cause, the explanations that were compared, the most probable first.
     doubts
-        Lengths and twists that may be off their file although no test fires, the most probable first.
+        Lengths and twists that may differ from their file although no test fires, the most probable first.
     odd
         Poses that do not fit the others, indices in time order.
     step
-        The most significant step of anything.
+        The most significant step of any suspect.
     left
-        Whitened residuals at the believed noise, poses in time order.
+        Whitened residuals at the noise of the fit, poses in time order.
     stated_chi2_per_dof
-        At stated variances.
+        chi2/dof at the stated variances.
     apart
-        How far the estimate at stated variances lies from the one that was judged (P,), rad and m.
+        Difference (P,) of the estimate at stated variances from the tested one, rad and m.
     scene
-        The system the tests were made on.
+        The system that was tested.
     """
 
     tests: tuple[HypothesisTest, ...]
@@ -116,7 +116,7 @@ class Diagnosis:
 
     @property
     def fires(self) -> bool:
-        """Whether any test does."""
+        """Whether any test fires."""
         return any(test.fires for test in self.tests)
 
 
@@ -132,12 +132,12 @@ def diagnose(
     Parameters
     ----------
     fit
-        The mixed model at its solution; it is judged at its *stated* variances, single readings by
-        noise as found where that is less.
+        The mixed model at its solution; it is tested at its *stated* variances, single readings at the estimated noise
+        where that is less.
     taken
-        (m,): when each pose of the fit was taken, its place among the others.
+        (m,): rank in time of each pose of the fit.
     measured
-        How far sensors stray from their best lines, by joint (1-based), where the loop measured it.
+        Linearity deviations of sensors, by joint (1-based), where the loop measured them.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -169,7 +169,7 @@ def diagnose(
 
 
 def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
-    """Estimate at stated variances less the estimate (P,)."""
+    """Estimate at stated variances minus the estimate (P,)."""
     design = fit.design
     out = np.zeros(len(design.nominal))
     out[design.hard_index] = stated.step - fit.step
@@ -181,11 +181,11 @@ def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
 def _residual_tests(
     scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
 ) -> tuple[Outliers, ChangePoint | None, list[HypothesisTest]]:
-    """Look for outliers and for steps, both against the noise model; for steps of a reading against `quiet` noise.
+    """Search outliers and steps, both with the noise model; steps of a reading with `quiet` noise.
 
-    The noise is not scaled down where the residuals are small: most of it may be below its statement and that of one
-    sensor not. `quiet` noise is used for readings only, since deflections that the smooth model describes badly look
-    like a change of the geometry and hardly like one of a single reading.
+    The noise is not scaled down where the residuals are small: most sources may be below their statement, and one
+    sensor not. `quiet` noise is used for readings only, since deflections that the smooth model describes badly
+    resemble a change of the geometry, hardly a step of a single reading.
     """
     odd = find_outliers(left)
     tests = [HypothesisTest(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]
@@ -212,7 +212,7 @@ def _explanations(
         if best.candidate is None or best.evidence is None:
             return
         if best.evidence.chi2 > CHI2_PER_DOF_GROSS * max(best.evidence.dof, 1):
-            # Nothing linear explains this.
+            # No linear cause explains this.
             return
         size = best.evidence.size * best.candidate.natural
         left = _with_cause(left, best.candidate, size)
@@ -238,7 +238,7 @@ def _suspected_entries(
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
 ) -> tuple[Explanation, ...]:
-    """Toleranced entries that may be off their file although no test fires."""
+    """Toleranced entries that may differ from their file although no test fires."""
     found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))
     return tuple(
         x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
@@ -246,7 +246,7 @@ def _suspected_entries(
 
 
 def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
-    """Candidates that are searched in the residuals: steps, and outliers (`odd` are those at the believed noise)."""
+    """Candidates found in the residuals: steps, and outliers (`odd`: those at the noise of the fit)."""
     scale = noise_scale(left.chi2, left.dof)
     suspects = {s.name: s for s in scene.suspects()}
     for step in steps(left, tuple(suspects.values()), scale=scale):
@@ -290,7 +290,7 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[E
         e.log_likelihood
         + np.log(PRIORS[c.cause] / counts[c.cause])
         - log(c.places)
-        # What leaves the rest larger than stated needs a second cause, and that one has no name.
+        # A cause that leaves the rest larger than stated needs a second, unknown one.
         + (np.log(UNNAMED) if e.chi2 > CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
         for c, e in listed
     ]
@@ -313,7 +313,7 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[E
 
 
 def residuals_of_fit(fit: LinearFit, order: IntArray) -> WhitenedResiduals:
-    """Return what a mixed model left over, its poses in the `order` (m,) given."""
+    """Return the whitened residuals of a mixed model, poses in the given `order` (m,)."""
     design, half = fit.design, fit.half
     size = np.ones(design.hard + len(design.soft_index))
     size[design.hard :] = design.soft_sd * fit.root[: len(design.soft_index)]

@@ -34,14 +34,14 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is from."""
+    """Largest deviation of a sensor over the poses, rad, its standard deviation, and its reference."""
 
     peak: float
     sd: float
     from_line: bool
 
     def beyond(self, stated: float) -> bool:
-        """Whether it exceeds what is stated, and not by chance."""
+        """Whether it exceeds the stated value by more than chance."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
@@ -55,31 +55,31 @@ class Candidate:
     Attributes
     ----------
     cause, subject
-        What and of which joint, entry or side.
+        Kind of cause, and its joint, entry or side.
     columns, natural
         Rates (m, r, c) of the misclosures and the natural size (c,) of each coefficient.
     own
-        Poses (p,) that have columns of their own: then `columns` are theirs (p, r, c), a coefficient for each
-        of each, and `natural` is (p * c,).
+        Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and `natural` is
+        (p * c,).
     places
-        How many like it were looked through to find it (poses, say).
+        Number of alternatives searched to find it (poses, for instance).
     poses
-        Poses it is about, indices in the order of the fit; empty when about all.
+        Poses concerned, indices in the order of the fit; empty for all.
     most
-        Largest size, in units of the natural one, at which it is still this cause.
+        Largest size of this cause, in units of the natural one.
     shapes, least
-        What it deviates by in every pose is ``shapes @ b`` (m,), or b itself; a cause is only what is
-        larger (rms) than `least`.
+        The deviation in every pose is ``shapes @ b`` (m,), or b itself; it counts as a cause only if larger (rms) than
+        `least`.
     most_stated
-        Where the files state the largest deviation of all: a cause is only what exceeds that by
-        `CERTAIN_SIGMAS` of its own sigmas.
+        Largest deviation that the files state, where they do: only what exceeds it by `CERTAIN_SIGMAS` of its own
+        sigmas counts as a cause.
     measured
-        Its stray from the best line as the loop measures it without these readings, which knows it better
-        than they do; None where it cannot.
+        Its linearity deviation as the loop measures it without these readings, which is more accurate; None where it
+        cannot.
     lines
-        (m, 2), orthonormal: the straight lines that a sensor's offset and gain are.
+        (m, 2), orthonormal: the straight lines of a sensor's offset and gain.
     entries
-        Names of the parameters that had another value before, one per column; empty where none had.
+        Names of the parameters that changed their value, one per column; empty where none did.
     """
 
     cause: Cause
@@ -98,14 +98,14 @@ class Candidate:
     entries: tuple[str, ...] = ()
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
-        """Whether coefficients b (c,) amount to no more than what the files state anyway."""
+        """Whether coefficients b (c,) are within what the files state."""
         size = b if self.shapes is None else self.shapes @ b
         if self.most_stated:
             return not self.deviation(b, covariance).beyond(self.most_stated)
         return float(np.sqrt(np.mean(size**2))) < self.least
 
     def moves(self, b: FloatArray, poses: int) -> FloatArray:
-        """How much the misclosures (m, r) of so many poses are by coefficients b."""
+        """Change of the misclosures (m, r) by coefficients b."""
         if self.own is None:
             return np.asarray(self.columns @ b)
         out = np.zeros((poses, self.columns.shape[1]))
@@ -113,9 +113,9 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, gain and all or from its best line: the more certain one.
+        """Largest deviation over the poses, either including the gain or from the best line: the more certain one.
 
-        The loop sees how a sensor bends far better than its gain.
+        The loop determines a sensor's linearity deviation far better than its gain.
         """
         if self.measured is not None and self.measured.beyond(self.most_stated):
             return self.measured

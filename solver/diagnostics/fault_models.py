@@ -1,7 +1,7 @@
 """Models of all faults of arm, fixture and readings, as columns of the linear fit.
 
-A column is the rate of the misclosures with a quantity that the fit took as exact, so that comparing faults needs
-no refit.
+A column is the rate of the misclosures with a quantity that the fit took as exact, so faults are compared without a
+refit.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
 from solver.estimators.effects import LinearModel, System
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
-"""Natural size of what nobody stated a size of."""
+"""Natural size of faults without a stated size."""
 
 SCALE = 1e-2
-"""Natural size of what a scale is off by."""
+"""Natural size of a scale error."""
 
 
 LENGTHS_SHARE = 0.1
-"""Of the false alarms: a metal link hardly ever changes its length in mid-session."""
+"""Share of the false alarms: a metal link hardly ever changes its length in mid-session."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FaultModels:
-    """A fit as the candidates see it: its system with poses in the order in which they were taken.
+    """A fit's system with poses in the order in which they were taken.
 
-    `readings` (m, n) are in that order too.
+    `readings` (m, n) are in the same order.
     """
 
     arm: ArmModel
@@ -47,7 +47,7 @@ class FaultModels:
     def in_time(
         cls, arm: ArmModel, design: LinearModel, system: System, order: IntArray
     ) -> FaultModels:
-        """Return the scene with row k the pose that was taken k-th; `order` (m,) picks it."""
+        """Return the system in time order: row k is the k-th pose taken; `order` (m,) are its indices."""
         return cls(
             arm=arm,
             design=design,
@@ -63,10 +63,10 @@ class FaultModels:
         return tuple(j for j in range(1, self.arm.joint_count + 1) if j not in unsensed)
 
     def sides(self) -> Iterator[tuple[str, IntArray]]:
-        """Sides of the fixture with the indices of the parameters that a slip there changes."""
+        """Sides of the fixture, with the indices of the parameters that a slip changes there."""
         model = self.design.model
         names = [p.name for p in model.parameters]
-        # Along the fixture's own axis either half may slip: one entry, of which the table's are one.
+        # # A slip along the fixture's axis is the same entry for both halves.
         along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
         for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
             if len(own) > len(along):
@@ -77,7 +77,7 @@ class FaultModels:
         return self.system.B[:, :, j - 1, None]
 
     def suspects(self) -> tuple[Suspect, ...]:
-        """What may have changed in mid-session."""
+        """Suspects of a change in mid-session."""
         names = [p.name for p in self.design.model.parameters]
         found = [
             Suspect(name=f"joint {j}", columns=self.joint(j), of_reading=True) for j in self.sensed
@@ -121,10 +121,9 @@ class FaultModels:
     def persistent_faults(
         self, measured: Mapping[int, PeakDeviation] = NO_DEVIATIONS
     ) -> Iterator[Candidate]:
-        """Causes that are there in all poses, or in a run of them.
+        """Causes that act in all poses, or in a run of them.
 
-        `measured` is how far sensors stray from their best lines, by joint (1-based), where the loop
-        itself measured it.
+        `measured` are linearity deviations of sensors, by joint (1-based), where the loop measured them.
         """
         yield from self._readings()
         yield self._scatter()
@@ -136,7 +135,7 @@ class FaultModels:
         yield from self._fixture()
 
     def _readings(self) -> Iterator[Candidate]:
-        """Every joint's reading wrong in every pose in its own way: noise, or no sensor at all."""
+        """Every joint's reading wrong in every pose, independently: noise, or no sensor at all."""
         stated = self.design.joint_variance(self.design.stated_variances())
         for j in self.sensed:
             yield Candidate(
@@ -149,7 +148,7 @@ class FaultModels:
             )
 
     def _scatter(self) -> Candidate:
-        """Every reading of every joint wrong in its own way and by one size: an arm that was not still."""
+        """Every reading of every joint wrong, independently and by one size: an arm that was not at rest."""
         sensed = np.array(self.sensed) - 1
         stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
@@ -163,7 +162,7 @@ class FaultModels:
         )
 
     def _drifts(self) -> Iterator[Candidate]:
-        """Every joint's reading off by a ramp, from half of it below at the first pose to half above."""
+        """Every joint's reading with a linear drift over the poses, of mean zero."""
         ramp = np.linspace(-0.5, 0.5, len(self.readings))
         for j in self.sensed:
             yield Candidate(
@@ -174,7 +173,7 @@ class FaultModels:
             )
 
     def scales(self) -> Iterator[Candidate]:
-        """Every encoder's counts per turn wrong: nothing states how well these are known."""
+        """Every encoder's counts per turn wrong: no file states their uncertainty."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
@@ -223,7 +222,7 @@ class FaultModels:
         )
 
     def _smooth(self, measured: Mapping[int, PeakDeviation]) -> Iterator[Candidate]:
-        """Every joint's reading off by a function of its angle, or of the pose."""
+        """Every joint's reading with an error that is a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
             B = self.joint(j)
@@ -253,7 +252,7 @@ class FaultModels:
                 )
 
     def _entries(self) -> Iterator[Candidate]:
-        """Every entry of the maker's table off by more than its tolerance."""
+        """Every entry of the maker's table with an error beyond its tolerance."""
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
@@ -269,7 +268,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """A fixture that gives: independently in every pose, or smoothly with it."""
+        """A compliant fixture: independent deflections in every pose, or a smooth function of it."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

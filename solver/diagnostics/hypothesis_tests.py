@@ -1,6 +1,6 @@
 """Tests of a fit against the stated error model, each with its threshold and false-alarm probability.
 
-All tests use one linear fit; none refits.
+All tests use one linear fit, without a refit.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ ENTRIES = ("lengths", "twists")
 """Sources that are entries of the maker's table."""
 
 FOLDS, FAR_SHARE = 5, 0.2
-"""Parts that are predicted by the rest, and the share of a block far from it."""
+"""Number of parts predicted by the rest, and the share of a block far from it."""
 
 SEEN = 1e-6
-"""Share of a column's square that has to be left for it to be tested."""
+"""Share of a column's square that the fit must leave for it to be tested."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test: it fires when `statistic` exceeds `threshold`, on sound sets with `false_alarm`."""
+    """One test: it fires when `statistic` exceeds `threshold`, for sound sets with probability `false_alarm`."""
 
     code: str
     statistic: float
@@ -54,7 +54,7 @@ class HypothesisTest:
         false_alarm: float = FALSE_ALARM_PROBABILITY,
         among: int = 1,
     ) -> HypothesisTest:
-        """Test a chi2, the largest `among` so many, by its degrees of freedom."""
+        """Test a chi2 by its degrees of freedom; it is the largest of `among` values."""
         from scipy.special import chdtri
 
         return cls(
@@ -68,7 +68,7 @@ class HypothesisTest:
     def of_sigmas(
         cls, code: str, z: FloatArray, *, false_alarm: float = FALSE_ALARM_PROBABILITY
     ) -> HypothesisTest:
-        """Test the largest of normal deviations z (k,), in sigmas without sign."""
+        """Test the largest absolute value of normal deviations z (k,), in sigmas."""
         return cls(
             code=code,
             statistic=float(z.max()),
@@ -94,11 +94,11 @@ def pull_tests(
 
 
 def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[HypothesisTest]:
-    """Test the scale of every encoder: the loops see a hundredth of it, and no other test asks."""
+    """Test the scale of every encoder: the loops show 1 % of it, and no other test covers it."""
     z = []
     for candidate in scene.scales():
         s, C = left.score(candidate.columns)
-        # What the parameters take up but for a rounding error is not seen at all.
+        # A column that the parameters absorb except for rounding is not observable.
         whole = float((left.whiten(candidate.columns) ** 2).sum())
         z.append(abs(float(s[0])) / np.sqrt(C[0, 0]) if C[0, 0] > SEEN * whole else 0.0)
     return [HypothesisTest.of_sigmas("SCALE", np.array(z))] if z else []
@@ -118,11 +118,10 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 
 
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
-    """Test every variance: is the likelihood steeper at what is stated than chance makes it.
+    """Test every variance: whether the slope of the likelihood at the stated one exceeds chance.
 
-    The slope is a square of few directions (a sensor's gain and bow, say) less its expectation: in its
-    standard deviations it is distributed as chi2 is, with as many degrees of freedom as its mean and
-    variance say (Satterthwaite), and not as a normal variable.
+    The slope is a square of few directions (a sensor's gain and bow, for instance) minus its expectation: it is
+    distributed as chi2 with degrees of freedom from its mean and variance (Satterthwaite), not as a normal variable.
     """
     from scipy.special import chdtri
 
@@ -145,9 +144,10 @@ def without_curves_in_specification(
     left: WhitenedResiduals,
     measured: Mapping[int, PeakDeviation],
 ) -> Iterable[HypothesisTest]:
-    """Tests but for those of curves that stray no further than stated: that bound is all that is stated.
+    """Return the tests without those of linearity deviations within their specification.
 
-    How large a curve is as a whole within it is believed by habit, and one that ripples is larger.
+    A specification bounds the largest deviation only; the size of the whole curve is an assumption, which one with
+    ripples exceeds.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
@@ -158,7 +158,7 @@ def without_curves_in_specification(
 def _as_stated(
     j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, PeakDeviation]
 ) -> bool:
-    """Whether the curve of joint j is within its linearity but for chance, by the loop if that measured it."""
+    """Whether the curve of joint j is within its linearity except by chance, as the loop measured it if it did."""
     linearity_curve = scene.linearity_curve(j)
     if linearity_curve is None:
         return False

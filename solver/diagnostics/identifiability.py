@@ -26,21 +26,21 @@ RANK_TOLERANCE = 1e-7
 out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 
 CLOSED = 1e-9
-"""Closure (rad, m) at which a loop is judged: what is left of a zero is far below the tolerance still."""
+"""Closure (rad, m) at which a loop counts as closed: what remains of a zero is far below the tolerance."""
 
 
 NOT_AT_ALL_DEG = 0.05
-"""Less than this is noise and what gives way, and no motion to be told."""
+"""A smaller change of a reading is noise and deflection, not motion."""
 
 
 TREND_POINTS = 10
 TREND_FLOOR = 1e-12
-"""Of eigenvalues: a condition number of 1e6."""
+"""Ratio of eigenvalues: a condition number of 1e6."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identifiability:
-    """Facts about one Jacobian.
+    """Figures of one Jacobian.
 
     Attributes
     ----------
@@ -52,14 +52,14 @@ class Identifiability:
     condition_number
         The same without column scaling (1 m : 1 rad).
     observability
-        O1..O5 of the literature, of the scaled Jacobian with `m` poses.
+        Indices O1..O5 of the literature, for the scaled Jacobian with `m` poses.
     directions
         The unidentifiable directions, by name. Empty when the rank is full.
     weakest
         The weakest direction that is still determined, by name.
     trend
-        (poses, scaled condition number) of the first so many poses, at the same parameters; only where the
-        rank is full.
+        Pairs of a number of poses and the scaled condition number of the first so many, at the same parameters; only
+        where the rank is full.
     """
 
     rank: int
@@ -78,9 +78,9 @@ def identifiability(
     *,
     sigma_rad: FloatArray | None = None,
 ) -> Identifiability:
-    """Judge the pose set `q` (m, n) at the parameters `x` (P,), on the closed loops next to it.
+    """Compute the figures of the pose set `q` (m, n) at the parameters `x` (P,), on the nearest closed loops.
 
-    Poses that cannot be closed with these parameters are judged where they are.
+    Poses that cannot be closed with these parameters are used as they are.
     """
     A = np.concatenate(
         [_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
@@ -92,14 +92,14 @@ def identifiability(
 
 
 def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
-    """Scaled condition number of the first poses of `J` (m, r, P), at about `TREND_POINTS` numbers of them."""
+    """Scaled condition number of the first poses of `J` (m, r, P), at about `TREND_POINTS` pose counts."""
     m, r, P = J.shape
     fewest = -(-P // max(r, 1))
     if m < fewest or not r:
         return ()
     ratios = (m / fewest) ** np.linspace(0.0, 1.0, TREND_POINTS)
     counts = np.unique((fewest * ratios).round().astype(int))
-    # Of normal equations: they square the condition, which is as good as infinite long before that matters.
+    # Normal equations square the condition number, which is practically infinite long before that matters.
     parts = [rows.reshape(-1, P) for rows in np.split(J, counts)[:-1]]
     N = np.cumsum([rows.T @ rows for rows in parts], axis=0)
     size = np.sqrt(np.diagonal(N, axis1=-2, axis2=-1))
@@ -113,10 +113,10 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
 
 
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
-    """Scaled condition number at the joints `q` (m, n) as read, where no loop quite closes.
+    """Scaled condition number at the readings `q` (m, n), without closing the loops.
 
-    The paper's: of the C that eq. 6 inverts, at parameters `x` (P,). None where joints are unsensed, of
-    which the paper knows nothing; inf when the rank is short.
+    It is that of the paper's C (eq. 6) at parameters `x` (P,). None where joints are unsensed, which the paper does not
+    treat; inf when the rank is deficient.
     """
     if model.unsensed_joints:
         return None
@@ -126,9 +126,9 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 
 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
-    """Whether the readings `q` (m, n) as they are show that nothing is blind, with no loop closed.
+    """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    By the paper's estimate from them: its covariance is the inverse of the normal equations, but for a factor.
+    It uses the paper's estimate: up to a factor, its covariance is the inverse of the normal equations.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -142,7 +142,7 @@ def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
 def _at_closed(
     model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
 ) -> FloatArray:
-    """Reduced Jacobian (m, r, P) on the closed loops next to `q` (m, n)."""
+    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n)."""
     poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
     judged, u = poses.q, poses.u
     if not poses.closed.all():
@@ -158,7 +158,7 @@ def identifiability_of_jacobian(
     poses: int,
     spans_rad: FloatArray | None = None,
 ) -> Identifiability:
-    """Judge a stacked Jacobian (R, P) whose columns are the parameters `names`."""
+    """Compute the figures of a stacked Jacobian (R, P) whose columns are the parameters `names`."""
     # The R factor has the same singular values and is P x P however many poses there are.
     R = stacked_triangle([J])
     scale = column_scale(R)
@@ -197,7 +197,7 @@ def _observability(s: FloatArray, poses: int) -> tuple[float, float, float, floa
 
 
 def _sparse_basis(null: FloatArray) -> FloatArray:
-    """Basis of the row space of `null` (k, P) with as few entries as elimination gives.
+    """Basis of the row space of `null` (k, P) with as few entries as elimination leaves.
 
     A raw null vector mixes every unidentifiable direction with every other; pivoting separates
     those that share no parameter, so that each can be named.
@@ -229,7 +229,7 @@ def _immobile_offsets(
 
     Such a joint is one more constant of the geometry. With the link lengths taken as exact the
     equations still have full rank (rigid fixture, full turn of the elbow: scaled condition 9.6), but
-    a millimetre in a length then passes for an offset. That is no calibration of the joint: refuse.
+    a millimetre in a length then passes for an offset. That is no calibration of the joint: it is refused.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(
@@ -250,7 +250,7 @@ def _direction(
     size = np.abs(vector)
     # Either sign is the same direction: its largest part is positive, on every machine.
     vector = vector * np.sign(vector[np.argmax(np.round(size, 6))])
-    # Parts that are alike stay in the order of the parameters, whatever their last digits.
+    # Equal parts stay in the order of the parameters, whatever their last digits.
     share = np.round(size / size.max(), 6)
     order = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > 0.05]
     parameters = tuple(names[k] for k in order)
@@ -271,7 +271,7 @@ def _direction(
 
 
 def _immobile_words(joints: tuple[int, ...], spans_rad: FloatArray) -> str:
-    """Say that joints stand, or by how little they move."""
+    """State that joints do not move, or how little they move."""
     several = len(joints) > 1
     which = f"joint{'s' * several} {' and '.join(map(str, joints))}"
     most = float(np.rad2deg(max(spans_rad[j - 1] for j in joints)))
@@ -287,14 +287,14 @@ def identifiability_of_fit(
     taken: IntArray,
     without: Collection[int] = (),
 ) -> Identifiability:
-    """Judge what the poses of `fit` see of the unknowns `names`, all others being known.
+    """Compute the identifiability of the unknowns `names` from the poses of `fit`, all others being known.
 
     Parameters
     ----------
     taken
         (m,): when each pose of the fit was taken, its place among the others.
     without
-        Joints (1-based) whose readings are taken out.
+        Joints (1-based) whose readings are not used.
     """
     system, model, q = fit.whole, fit.design.model, fit.design.q
     lost = [j - 1 for j in without if j not in model.unsensed_joints]

@@ -1,6 +1,6 @@
-"""Every constant by which a calibration is judged, with its reason: probabilities, misfits, sigmas, poses, readings.
+"""Every limit for a calibration, with its reason: probabilities, misfits, sigmas, poses, readings.
 
-Names say quantity and unit; angles in rad, lengths in m, shares of 1.
+Names state quantity and unit; angles in rad, lengths in m, shares as fractions of 1.
 """
 
 from __future__ import annotations
@@ -10,11 +10,11 @@ import numpy as np
 # Probabilities of a false alarm, per test or family of tests
 
 FALSE_ALARM_PROBABILITY = 1e-3
-"""Chance that a test fires on a sound pose set; of a family of tests (all poses, joints, entries), of any of them."""
+"""Probability that a test, or any of a family (all poses, joints, entries), fires on a sound pose set."""
 
 ENTRY_SUSPICION_PROBABILITY = 0.1
-"""The same for lengths and twists that are reported and refuse nothing: an entry that is off by a few tolerances
-spoils a calibration before any test is sure of it."""
+"""The same for lengths and twists that are only reported: an error of a few tolerances spoils a calibration before any
+test is certain of it."""
 
 CHI2_BAND_PROBABILITY = 0.99
 """chi2/dof outside this central band contradicts the noise model."""
@@ -38,37 +38,37 @@ CURVATURE_FALSE_ALARM_PROBABILITY = 0.01
 """Chance of reporting a straight RVDT as curved."""
 
 REMOUNT_FALSE_ALARM_PROBABILITY = 1e-6
-"""Placements of an untouched fixture differ by more than this level with this chance: beyond, it was remounted."""
+"""Probability that placements of an untouched fixture differ by more: beyond this level it was remounted."""
 
 REPEAT_REFUSAL_PROBABILITY = 1e-4
-"""A repeated pose that is less likely than this refuses the calibration however wide its sigmas are: the slip itself
-may have widened them."""
+"""A repeated pose less likely than this refuses the calibration, however wide the sigmas are: the slip itself may have
+widened them."""
 
 # Probabilities of a cause
 
 LEAST_REPORTED_CAUSE_PROBABILITY = 0.02
-"""Causes that are less likely are not reported."""
+"""Less likely causes are not reported."""
 
 POSSIBLE_CAUSE_PROBABILITY = 0.1
-"""Causes at least this likely have to be covered by the sigmas, and not only the likeliest: their truths differ."""
+"""The sigmas have to cover every cause at least this likely, not only the most likely one."""
 
 # Misfit: chi2/dof at stated variances, and ratios of it
 
 CHI2_PER_DOF_SECOND_START = 2.0
-"""Beyond this a fit is started once more elsewhere: where poses differ little, a local optimum leaves no more."""
+"""Beyond this a fit is restarted elsewhere: where poses differ little, even a local optimum leaves no more."""
 
 CHI2_PER_DOF_EXPLAINED = 2.0
-"""A cause that leaves no more is the whole explanation."""
+"""A cause that leaves at most this is the whole explanation."""
 
 CHI2_PER_DOF_ALTERNATIVE = 3.0
-"""An alternative model that leaves no more is an explanation of a gross misfit."""
+"""An alternative model that leaves at most this explains a gross misfit."""
 
 CHI2_PER_DOF_REFUSED = 4.0
-"""Beyond this no sigma holds: readings that scatter twice as much as stated give another calibration once their
-fault is mended, reported or not."""
+"""Beyond this no sigma is valid: readings with twice the stated scatter lead to another calibration once the fault is
+repaired, reported or not."""
 
 CHI2_PER_DOF_GROSS = 30.0
-"""Beyond this a fit says nothing about its readings, and no second cause is looked for."""
+"""Beyond this a fit has no information about its readings, and no second cause is searched."""
 
 ALTERNATIVE_CHI2_RATIO = 10.0
 """An alternative model has to reduce chi2/dof by at least this factor."""
@@ -86,25 +86,25 @@ POSE_CHI2_UNPREDICTED = 20.0
 """chi2 of a new pose beyond which the poses before it do not predict it: the largest of 3,000 sound ones was 10."""
 
 POSE_CHI2_RATIO_UNPREDICTED = 6.0
-"""A new pose is unpredicted only if its chi2 is also this many times the largest of the poses before, which is large
-where errors exceed their statement. With errors three times as large as stated 4 sound planned sessions in 100 repeat
-their first pose; as stated, none."""
+"""A new pose counts as unpredicted only if its chi2 is also this many times the largest of the poses before, which is
+large where errors exceed their statement. With errors three times as large as stated, 4 of 100 sound planned sessions
+repeat their first pose; as stated, none."""
 
 # Sigmas and ratios of standard deviations
 
 CERTAIN_SIGMAS = 3.0
-"""A deviation exceeds a specification when it does so by more than this many of its own sigmas."""
+"""A deviation exceeds a specification if it does so by more than this many of its own sigmas."""
 
 REFUSING_SHIFT_SIGMAS = 2.0
-"""A cause that moves a parameter by more than this many of its sigmas shows that these do not hold."""
+"""A cause that moves a parameter by more than this many of its sigmas shows that the sigmas are not valid."""
 
 MOST_COMPLIANCE_RAD = np.deg2rad(1.0)
 MOST_COMPLIANCE_M = 0.01
-"""A fixture that gives by more (rms) is none that anybody would use: as a cause it explains anything."""
+"""Nobody would use a fixture with a larger deflection (rms): as a cause it would explain anything."""
 
 USELESS_SIGMA_RAD = np.deg2rad(10.0)
 USELESS_SIGMA_M = 0.03
-"""How well a protractor and a tape measure give a parameter: a wider sigma refuses."""
+"""Uncertainty of a parameter measured by protractor and tape measure: a wider sigma refuses."""
 
 COARSE_SIGMA_RAD = np.deg2rad(1.0)
 COARSE_SIGMA_M = 0.01
@@ -112,38 +112,37 @@ COARSE_SIGMA_M = 0.01
 
 MOTION_NOISE_LEAST_SHARE = 0.2
 """Motion noise of fixture and joints is taken to be at least this share of its statement (standard deviation): poses
-tell no better, and what repeats so well is hardly stated to move five times as much."""
+determine it no better, and a statement is hardly ever five times too large."""
 
 STATED_VARIANCE_SHARE = 0.1
-"""Share of a stated variance that stays where the poses found less: they tell little of places where no pose was
-taken."""
+"""Share of a stated variance that remains where the poses show less: other places may differ."""
 
 LEARNED_VARIANCE_FACTOR = 2.0
-"""Variances that were learned in other poses are known to this factor."""
+"""Variances estimated from other poses are known to this factor."""
 
 # Parameters
 
 FAR_FROM_NOMINAL_RAD = np.deg2rad(20.0)
 FAR_FROM_NOMINAL_M = 0.06
-"""Nobody mounts a fixture, or notes an offset, so far from what the files state."""
+"""Nobody mounts a fixture, or notes an offset, this far from the file's value."""
 
 LEAST_INFORMATION_SHARE = 0.5
-"""A parameter of which the poses bring a smaller share of the information is known by the files."""
+"""A parameter counts as known from the files if the poses contribute a smaller share of its information."""
 
 WELL_CONDITIONED = 100.0
 """Scaled condition number at the readings (the paper: acceptable below) with which no direction is unidentifiable:
-noise does not make up a hundredth of a direction that no pose sees."""
+noise does not imitate 1 % of a direction that no pose determines."""
 
 # Poses
 
 FEW_DOF = 30
-"""With fewer degrees of freedom no test can tell much."""
+"""With fewer degrees of freedom no test has power."""
 
 REFUSED_DOF = 10
-"""With fewer not even the sigmas hold: 82 % of the 95 % intervals of four poses, measured on sound arms."""
+"""With fewer even the sigmas are wrong: with four poses, 95 % intervals held the true value in 82 %."""
 
 FLIPPED_SHARE_REFUSED = 0.25
-"""With more of the poses on the other branch nobody knows which branch is meant."""
+"""With more of the poses on the other branch it is unknown which branch is meant."""
 
 OUTLIER_LARGEST_SHARE = 0.3
 """Largest share of the poses that can be outliers; beyond it the poses are not the cause."""
@@ -155,24 +154,24 @@ FROZEN_POSES = 4
 """So many consecutive readings that agree within noise, while other joints move, may be a frozen sensor."""
 
 OTHERS_MOVED_RAD = np.deg2rad(1.0)
-"""Spans of the other joints by which they have moved."""
+"""Least span of the other joints that counts as motion."""
 
 IMMOBILE_RAD = np.deg2rad(1.0)
-"""A joint whose readings span less over the whole pose set does not move."""
+"""A joint whose readings span less over the whole pose set counts as immobile."""
 
 MOST_CAUSES_FITTED = 4
-"""Causes fitted one after the other; a pose set with more is no calibration."""
+"""Most causes fitted one after the other; a pose set with more is not usable."""
 
 MOST_CAUSES_REPORTED = 5
-"""Causes reported at once; one that refuses is reported beyond them as well."""
+"""Most causes reported at once; one that refuses is reported in any case."""
 
 MOST_SOURCES_REPORTED = 3
-"""Sources that exceed their specification, reported at once."""
+"""Most sources reported at once that exceed their specification."""
 
 # Readings
 
 RANGE_SLACK_RAD = np.deg2rad(1.0)
-"""How well the stops of an arm are known: readings may lie outside their range by this"""
+"""Uncertainty of an arm's stops: readings may lie outside their range by this"""
 
 RANGE_SLACK_SIGMAS = 6.0
 """and by this many sigmas of the sensor."""
@@ -182,35 +181,35 @@ FAR_OUT_OF_RANGE_SHARE = 0.1
 
 SATURATED_SIGMAS = 3.0
 SATURATED_POSES = 3
-"""So many readings within so many sigmas of one end of full scale are saturated."""
+"""This many readings within this many sigmas of one end of full scale are saturated."""
 
 RADIANS_SPAN_RAD = np.deg2rad(5.0)
 """A joint whose readings, taken as radians, would span less does not move in either unit."""
 
 MOTION_SPREAD_SIGMAS = 6.0
 MOTION_SPREAD_RAD = np.deg2rad(0.05)
-"""Samples of one pose that spread by more than both moved; less averages out below what encoders err anyway."""
+"""Samples of one pose that spread by more than both show motion; less averages out below the encoder errors."""
 
 SAME_READING_RAD = 1e-5
-"""Readings that differ by less in every joint are one reading, written with three decimals of a degree."""
+"""Readings that differ by less in every joint count as the same, written with three decimals of a degree."""
 
 SAME_POINT_M = 1e-6
-"""Measured points that differ by less in every coordinate are one, written with three decimals of a mm."""
+"""Measured points that differ by less in every coordinate count as the same, written with three decimals of a mm."""
 
 # RVDTs
 
 RVDT_LEAST_POSES = 15
 RVDT_LEAST_SPAN = 0.15
-"""Poses, and share of full scale that they have to cover, that tell a curve from a line."""
+"""Least number of poses, and share of full scale that they have to cover, to distinguish a curve from a line."""
 
 RVDT_NOISE_RATIO = 1.25
-"""Noise certainly above this many times its specification exceeds it: a specification in whole LSB says no more."""
+"""Noise exceeds its specification if certainly this many times larger: whole LSB are no more precise."""
 
 RVDT_HARMFUL_RATIO = 3.0
-"""Deviations (rms) of this many times the sensor's noise spoil what the other encoders tell."""
+"""Deviations (rms) of this many times the sensor's noise impair the calibration."""
 
 NOISE_INTERVAL_RATIO = 4.0
-"""A 95 % interval whose ends differ by more than this factor is a bound and no figure."""
+"""A 95 % interval whose ends differ by more than this factor is reported as a bound."""
 
 # Loops that do not close
 
@@ -220,7 +219,7 @@ NO_CLOSURE_RAD = 0.03
 
 ALTERNATIVE_FIXTURE_POSES = 20
 ALTERNATIVE_CLOSURE_M = 2e-3
-"""So many poses that close to this (rms) in another fixture close in it,"""
+"""This many poses that close to this (rms) in another fixture count as closed in it,"""
 
 ALTERNATIVE_CLOSURE_RATIO = 30.0
 """if the closure error (rms, m and rad alike) in the stated fixture is this many times as large."""

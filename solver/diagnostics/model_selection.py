@@ -1,11 +1,11 @@
-"""Which unknowns a model has: model evidence of faults, all on one scale, and parameters to fix.
+"""Selects the unknowns of a model: model evidence of faults, all on one scale, and parameters to fix.
 
-A fault is some columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely
-v rewards what it explains and charges for what it could have explained (Occam's factor). The scale of the noise is
-free above a floor, so that unexplained residuals blur the choice instead of deciding it.
+A fault is some columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely v
+rises with what it explains and falls with what it could have explained (Occam's factor). The scale of the noise is free
+above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
 
-Of the parameters of an unidentifiable direction any one may be fixed, and the loop described is the same. An entry of
-the arm's table is fixed before a parameter of the fixture: a wrong s_1 would be taken for the arm's.
+Any one parameter of an unidentifiable direction may be fixed without changing the loop. An entry of
+the arm's table is fixed before a parameter of the fixture: a wrong s_1 would look like an error of the arm.
 """
 
 from __future__ import annotations
@@ -27,28 +27,28 @@ from solver.estimators.paper import ClosureProblem
 from solver.loops.closure import ClosureModel
 
 SIZES = np.logspace(-2.0, 3.0, 21)
-"""Sizes of an explanation that are tried, in units of its natural one."""
+"""Tried sizes of an explanation, in units of its natural one."""
 
 STRIDE = 4
-"""Where every size costs much the likeliest is sought by steps of so many first: it has one top."""
+"""Where every size is expensive, a first search for the maximum uses every so many sizes: there is one maximum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evidence:
-    """Evidence of one explanation.
+    """Model evidence of one explanation.
 
     Attributes
     ----------
     log_likelihood
         Up to a constant that is the same for all explanations of one pose set.
     chi2, dof
-        What it leaves unexplained, at stated variances.
+        Remaining chi2 and its degrees of freedom, at stated variances.
     size
         Standard deviation of the coefficients, in units of the natural one.
     b, covariance
-        Coefficients (c,) and their covariance (c, c); of columns of poses of their own only the variances (c,).
+        Coefficients (c,) and their covariance (c, c); for columns of single poses only the variances (c,).
     moved
-        Change of the parameters (P,) when it is fitted (rad, m).
+        Change of the parameters (P,) when the explanation is fitted (rad, m).
     """
 
     log_likelihood: float
@@ -61,12 +61,12 @@ class Evidence:
 
     @property
     def scale(self) -> float:
-        """Scale of the variances it leaves."""
+        """Scale of the remaining variances."""
         return noise_scale(self.chi2, self.dof)
 
 
 def noise_scale(chi2: float, dof: int) -> float:
-    """By how much variances are smaller than stated, 1 where they are not."""
+    """Scale of the variances relative to the stated ones, at most 1."""
     return min(1.0, max(SMALLEST_NOISE_SCALE, chi2 / max(dof, 1)))
 
 
@@ -85,7 +85,7 @@ def unexplained_log_likelihood(left: WhitenedResiduals) -> float:
 def evidence(
     left: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
-    """Weigh columns G (m, r, c) whose coefficients have natural sizes (c,), up to `most` times these.
+    """Compute the evidence of columns G (m, r, c) whose coefficients have natural sizes (c,), up to `most` times these.
 
     None if all of them are fitted already.
     """
@@ -126,7 +126,7 @@ def evidence_of_own(
     *,
     most: float = np.inf,
 ) -> Evidence | None:
-    """Weigh columns G (p, r, c) that poses (p,) have each of their own; otherwise as `evidence`."""
+    """Compute the evidence of separate columns G (p, r, c) for each of the poses (p,); otherwise as `evidence`."""
     p, _, c = G.shape
     columns = OwnColumns.of(left, own, G * natural.reshape(p, 1, c))
     if not (columns.own > 0.0).any():
@@ -178,16 +178,16 @@ def drop_unidentifiable(
     *,
     sigma_rad: FloatArray | None = None,
 ) -> tuple[ClosureModel, tuple[str, ...]]:
-    """Hold what the poses cannot see.
+    """Fix the parameters that the poses do not determine.
 
     Parameters
     ----------
     model
-        The loop with every unknown one would like.
+        The loop with all unknowns.
     x
-        Where to judge (P,): parameters that nearly close the loops, because beside closed loops
-        nothing looks unidentifiable. None: offsets and fixture fitted with the arm's lengths and
-        twists at their nominal values (with all of those unknown a fit may shrink to nothing).
+        Parameters (P,) that nearly close the loops; elsewhere no direction looks unidentifiable. None: offsets and
+        fixture are fitted with the arm's lengths and twists at their nominal values (with all of those unknown a fit
+        may shrink the arm to zero).
     q
         Joint angles (m, n), rad.
     sigma_rad
@@ -195,8 +195,8 @@ def drop_unidentifiable(
 
     Returns
     -------
-    The loop with fewer unknowns, and the names of those now held at their nominal values. The others
-    have to be estimated again: `x` belongs to other values of the held ones.
+    The loop with fewer unknowns, and the names of those now fixed at their nominal values. The others have to be
+    estimated again: `x` belongs to other values of the fixed ones.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
     poses = close_loops(model, x, q, sigma_rad=sigma_rad)
@@ -237,13 +237,13 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the column to hold: a still joint's offset, else the arm's entry seen least."""
+    """Index of the parameter to fix: the offset of an immobile joint, else the arm's least determined entry."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:
                 return names.index(f"theta_off_{joint}")
     named = {name for direction in directions for name in direction.parameters}
-    # Share of each parameter in the null space: what least squares cannot give it, of a unit wish.
+    # Share of each parameter in the null space: the part of it that least squares cannot determine.
     scaled = J / column_scale(J)
     share = 1.0 - np.diagonal(np.linalg.pinv(scaled, rcond=1e-7) @ scaled)
     order = sorted(

@@ -15,26 +15,26 @@ from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_S
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 
 ROUNDS = 100
-"""Of setting aside, at most about so many."""
+"""Most rounds of setting poses aside, approximately."""
 
 ALIKE = 0.5
-"""What is set aside with the worst pose is beyond its own threshold by at least this share of that one's excess."""
+"""Poses set aside with the worst one exceed the threshold by at least this share of its excess."""
 
 FREE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlier:
-    """One pose against the prediction from the poses that are not named.
+    """One pose against the prediction from the poses that are no outliers.
 
     Attributes
     ----------
     pose
         Index, in the order of the fit.
     chi2, dof
-        Its misfit.
+        Misfit of the pose.
     threshold
-        What the largest of all poses exceeds in `FALSE_ALARM_PROBABILITY` of sound sets.
+        Value that the largest misfit of all poses exceeds in `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     pose: int
@@ -45,7 +45,7 @@ class Outlier:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Outliers:
-    """The worst pose, all poses beyond the threshold (worst first), and what the rest leave over."""
+    """The worst pose, all poses beyond the threshold (worst first), and the residuals of the others."""
 
     worst: Outlier
     odd: tuple[Outlier, ...]
@@ -53,7 +53,7 @@ class Outliers:
 
 
 def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
-    """Judge every pose by the others; `scale` is that of the variances (see `noise_scale`)."""
+    """Test every pose against the others; `scale` is that of the variances (see `noise_scale`)."""
     from scipy.special import chdtri
 
     m = len(left.U)
@@ -87,17 +87,17 @@ def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
 
 
 def pose_columns(left: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Columns (p, r, r) of their own that free all equations of poses (p,), in units of their noise."""
+    """Separate columns (p, r, r) that free all equations of the poses (p,), in units of their noise."""
     return np.asarray(np.linalg.inv(left.whitener[poses]))
 
 
 def leave_one_out_chi2(left: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose to the prediction by all others, and its degrees of freedom, (m,) each."""
+    """Misfit of every pose from the prediction by all others, and its degrees of freedom, (m,) each."""
     return _misfits(left, np.ones(len(left.U), dtype=np.bool_))
 
 
 def _misfits(left: WhitenedResiduals, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
+    """Misfit of every pose from the prediction by the others, and its degrees of freedom, (m,) each."""
     r = left.U.shape[1]
     H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)
     values, vectors = np.linalg.eigh(H)

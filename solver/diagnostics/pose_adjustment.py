@@ -26,8 +26,7 @@ class AdjustedPoses:
     Attributes
     ----------
     error, system
-        The loops of all poses and their reduced linear system, at the last step's start: it was so small
-        that they hold at its end.
+        The loops of all poses and their reduced linear system at the start of the last step, which is negligibly small.
     corrections
         Joint corrections (m, n), rad: adjusted minus measured.
     unsensed
@@ -53,7 +52,7 @@ def adjust_poses(
 ) -> AdjustedPoses:
     """Find the most likely joint corrections of `q` (m, n), rad, that close the loops of `x` (P,).
 
-    `near` are corrections (m, n) and unsensed angles (m, U), rad, to start from where any are known.
+    `near` are corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
     """
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
@@ -71,13 +70,13 @@ def adjust_poses(
         du = unsensed_step(error, (error.jac_q @ (e_new - e)[..., None])[..., 0] + slack)
         before = moved
         moved = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
-        # The next step falls behind this one at least as this one fell behind the one before.
+        # Steps shrink at least as fast as the last two did.
         left = (
             moved * np.where(moved < before, moved / before, 1.0)
             if np.isfinite(before).all()
             else moved
         )
-        # A pose far from closing comes nearer by steps no joint would take back.
+        # A pose far from closing still approaches, by steps that never reverse.
         shrink = np.minimum(1.0, 0.5 / np.maximum(moved, 1e-300))[:, None]
         e, u = e + shrink * (e_new - e), u + shrink * du
         if bool(np.all(left < STEP_TOLERANCE)):
@@ -124,8 +123,7 @@ def loop_angles(
     """Measure the unsensed arm joints of `model` at parameters `x` (P,) and readings `q` (m, n).
 
     With c + J_q e + f + N du = 0 the best estimate of du has covariance
-    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, S the covariance of J_q e + f. `near` is that of
-    `adjust_poses`.
+    ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, S the covariance of J_q e + f. `near` is as in `adjust_poses`.
     """
     adjusted = adjust_poses(model, x, q, noise, near=near)
     error = adjusted.error
@@ -136,7 +134,7 @@ def loop_angles(
     system = adjusted.system
     inverse = left_inverse(error.jac_u)
     SE = S @ system.E
-    # What the pose's other equations say of the noise is taken out of it.
+    # The part of the noise known from the pose's other equations is removed.
     gain = np.swapaxes(np.linalg.solve(system.V, np.swapaxes(SE, -1, -2)), -1, -2)
     left = S - gain @ np.swapaxes(SE, -1, -2)
     spread = inverse @ left @ np.swapaxes(inverse, -1, -2)

@@ -1,4 +1,4 @@
-"""Prediction of later poses by fitted ones, and a common shift of one joint or the fixture between them.
+"""Predicts later poses from fitted ones, and tests for a common shift of one joint or the fixture between them.
 
 One mixed model of both: what the first poses determine of parameters and of effects that are drawn once (sensor
 curves, harmonics, sag, compliance) is the prior of the later ones, covariance included.
@@ -17,16 +17,16 @@ from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit
 
 NOT_KNOWN = 0.1
-"""Standard deviation (rad, m) of parameters of which nothing is known beside what poses tell."""
+"""Prior standard deviation (rad, m) of parameters that only the poses determine."""
 
 
 SEEN = 1e-9
-"""Share of the largest information below which a direction is not seen at all."""
+"""Share of the largest information below which a direction is not determined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixedParameters:
-    """Parameters without a prior of their own, as they were fixed: values (P,) and covariance (P, P)."""
+    """Fixed parameters that have no prior: values (P,) and covariance (P, P)."""
 
     x: FloatArray
     covariance: FloatArray
@@ -34,16 +34,16 @@ class FixedParameters:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommonShift:
-    """One thing that all of the later poses have in common and the earlier ones have not.
+    """A shift of one subject, common to all later poses.
 
     Attributes
     ----------
     subject
-        Which of those that were asked for.
+        Joint or side of the fixture that was tested.
     size, sigma
-        How far, where it is one number.
+        Size of the shift and its standard deviation, where it is one number.
     chi2, threshold
-        What it explains, and what chance alone reaches in `FALSE_ALARM_PROBABILITY` of sound sets.
+        Reduction of chi2, and the value that chance reaches in `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     subject: str
@@ -56,7 +56,7 @@ class CommonShift:
 def predicted_residuals(
     fit: LinearFit, later: BoolArray, given: FixedParameters | None = None
 ) -> WhitenedResiduals:
-    """Return what the other poses of `fit` leave unexplained of the `later` ones (m,).
+    """Return the residuals of the `later` poses (m,), predicted from the other poses of `fit`.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def predicted_residuals(
 
 
 def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Which of the columns (m, r, c), common to all poses, explains most; None where none is beyond chance."""
+    """Return the most significant of the columns (m, r, c) common to all poses; None where none is significant."""
     from scipy.special import chdtri
 
     found = []

@@ -1,4 +1,4 @@
-"""Readings against the ranges of the arm file, before anything is solved; wrong units, signs and columns."""
+"""Checks readings against the ranges of the arm file before anything is solved; finds wrong units and signs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from solver.errors import SolverError
 
 
 class ReadingFault(Enum):
-    """What is wrong with one joint's readings."""
+    """Kind of fault of one joint's readings."""
 
     OUTSIDE = "outside its range"
     WHOLE_TURN = "whole turns from its range"
@@ -57,16 +57,16 @@ class RangeFinding:
 
 
 class ReadingsOutOfRangeError(SolverError):
-    """These cannot be readings of this arm.
+    """The readings cannot be from this arm.
 
     Attributes
     ----------
     findings
-        Of which joints.
+        Joints and poses outside their range.
     causes
-        What would bring them inside, in words; empty when nothing simple does.
+        Simple mistakes that would explain the readings, as text; empty when none does.
     in_radians
-        Whether one of these is the unit.
+        Whether radians are one of these.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class ReadingsOutOfRangeError(SolverError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mistake:
-    """A simple mistake that would explain readings, and what to do; `q_rad` is what they then are."""
+    """A simple mistake that would explain the readings, and the remedy; `q_rad` are the readings without it."""
 
     code: str
     text: str
@@ -101,7 +101,7 @@ class Mistake:
 
 
 def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
-    """Simple mistakes that readings (m, n) may suffer from: a unit, a sign, two columns exchanged."""
+    """Return possible simple mistakes in readings (m, n): a wrong unit, a wrong sign, two columns exchanged."""
     yield Mistake(
         code="RADIANS",
         text="taken as radians the readings make sense",
@@ -143,7 +143,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             q_rad=wrapped,
         )
     for j in range(n):
-        # Counted the other way round zero, or round the middle of its range.
+        # Sign reversed about zero, or about the middle of its range.
         for centre in {0.0, 2.0 * arm.joints[j].middle_rad}:
             turned = q.copy()
             turned[:, j] = centre - q[:, j]
@@ -165,7 +165,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
 
 
 def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Joints (0-based) whose readings span next to nothing and lie in their range as radians do."""
+    """Joints (0-based) whose readings hardly vary and, taken as radians, lie in their range."""
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
@@ -174,7 +174,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
 
 
 def rows_in_radians(arm: ArmModel, q: FloatArray) -> list[int]:
-    """Poses (0-based) of which several readings are outside their ranges, and none is as radians."""
+    """Poses (0-based) with several readings outside their ranges, and none outside when taken as radians."""
     outside = (_outside(arm, q) > 0.0).sum(axis=1) > 1
     inside = ~(_outside(arm, np.rad2deg(q)) > 0.0).any(axis=1)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=1)
@@ -189,14 +189,14 @@ def makes_sense(arm: ArmModel, q: FloatArray) -> bool:
 def range_findings(
     arm: ArmModel, poses: PoseSet, *, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[RangeFinding, ...]:
-    """Name the joints whose readings lie outside what the arm file states, by joint.
+    """Return the joints whose readings lie outside the range in the arm file.
 
-    Readings of `unsensed_joints` are not used and not judged.
+    Readings of `unsensed_joints` are not checked.
 
     Raises
     ------
     ReadingsOutOfRangeError
-        In half of the poses or more a joint is far outside: this is no reading of this arm.
+        A joint is far outside in at least half of the poses, which rules out this arm.
     """
     q = poses.q_rad
     outside = _outside(arm, q)
@@ -239,7 +239,7 @@ def range_findings(
 
 
 def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """How far each reading (m, n) is beyond its range and what its sensor may add to that, rad."""
+    """Excess of each reading (m, n) over its range and the error of its sensor, rad."""
     slack = RANGE_SLACK_RAD + RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
     beyond = np.maximum(arm.lower_rad - q, q - arm.upper_rad) - slack
     for j in arm.unsensed_joints:
@@ -248,7 +248,7 @@ def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
 
 
 def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
-    """Whether an encoder that counts from another turn explains what is outside."""
+    """Whether an encoder that counts from another turn explains the excess."""
     if isinstance(arm.joints[joint - 1].sensor, Rvdt):
         return False
     middle = arm.joints[joint - 1].middle_rad
@@ -259,7 +259,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, ...]:
-    """Poses in which an RVDT sits at an end of full scale: more than one reads the very same there."""
+    """Poses in which an RVDT sits at an end of full scale: more than one reading is identical there."""
     end = 0.5 * sensor.full_scale_rad
     near = SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

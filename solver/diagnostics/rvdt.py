@@ -1,4 +1,4 @@
-"""Verdict on an RVDT: its readings against the angle that the closed loop measures."""
+"""Compares an RVDT's readings with the angle that the closed loop measures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ NOISY = "check its plug, screen and excitation, or average more samples a pose"
 
 
 class Soundness(Enum):
-    """What the loop says of an RVDT."""
+    """Condition of an RVDT as the loop measures it."""
 
     SOUND = "sound"
     CURVED = "curved, within specification"
@@ -46,24 +46,24 @@ class Soundness(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RvdtVerdict:
-    """One joint's RVDT.
+    """Verdict on one joint's RVDT.
 
     Attributes
     ----------
     joint
         1-based.
     verdict, text
-        The verdict, and the same in plain words with the numbers behind it.
+        The verdict, and the same as text with its figures.
     treat_as_unsensed
         Whether the joint's reading does the calibration more harm than good.
     share
         Share of the squared closure error at the readings that correcting this joint removes
         (0..1, negative if it grows); 0 when the poses cannot decide.
     figures
-        What was measured; None when the poses cannot decide.
+        Measured figures; None when the poses cannot decide.
     noise
-        That of a single reading; known even where the poses cannot decide on the curve, but for a
-        joint whose readings take no part and have no spread.
+        Noise of a single reading; known even where the poses cannot decide on the curve, except for an unused joint
+        without recorded spread.
     """
 
     joint: int
@@ -90,30 +90,30 @@ def rvdt_verdicts(
     x0: FloatArray | None = None,
     near: Near | None = None,
 ) -> tuple[RvdtVerdict, ...]:
-    """Judge every RVDT among the unsensed joints of `model` by readings `q` (m, n), rad.
+    """Test every RVDT among the unsensed joints of `model` with readings `q` (m, n), rad.
 
     Parameters
     ----------
     model
-        One placement's loop with the RVDT joints unsensed, so that their readings take no part.
+        One placement's loop with the RVDT joints unsensed, so that their readings are not used.
     errors
-        What is stated of all other sources, which would pass for noise of the RVDT.
+        Stated errors of all other sources, which would look like noise of the RVDT.
     noise
-        Of single readings, by joint, where it is known.
+        Noise of single readings by joint, where known.
     samples
         Readings in each pose's mean (m,).
     variances
-        What a fit with the readings found of the other sources, by component: a sensor is judged by no less than
-        is stated of these, for one that seems smaller than stated may have been taken for the sensor.
+        Variances of the other sources by component, from a fit with the readings. The larger of these and the stated
+        ones count, because part of a source that seems too small may have been attributed to the sensor.
     x0, near
-        Where to start from: parameters (P,) and all the rest, where a fit with the readings left them.
+        Start: parameters (P,) and the other unknowns of a fit with the readings.
 
     Raises
     ------
     TooFewPosesError
         No degree of freedom would be left.
     ValueError
-        If no unsensed joint of `model` has an RVDT.
+        No unsensed joint of `model` has an RVDT.
     """
     unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
     sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}
@@ -169,10 +169,10 @@ def rvdt_verdicts(
 def _without_compliance(
     noise: Mapping[int, SingleNoise], fit: LinearFit
 ) -> Mapping[int, SingleNoise]:
-    """Return the noise without what a fixture may do that is more compliant than stated.
+    """Return the noise without the part that a fixture more compliant than stated may cause.
 
-    A fixture that turns looks like noise of the wrist, and no pose tells the two apart: then none of the scatter
-    between poses counts against the sensor.
+    A fixture that turns looks like noise of the wrist, and no pose separates the two: then none of the scatter between
+    poses is attributed to the sensor.
     """
     uncertain = {j: replace(one, low=0.0) for j, one in noise.items() if not one.from_spread}
     compliance = compliance_test(fit.stated, fit.design) if uncertain else None
@@ -180,7 +180,7 @@ def _without_compliance(
 
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
-    """Why these poses cannot tell; empty when they can."""
+    """Reason why these poses cannot decide; empty when they can."""
     if len(reading) < RVDT_LEAST_POSES:
         return f"{len(reading)} poses are too few, {RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)
@@ -199,7 +199,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
 
 
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
-    """Say why the poses cannot decide on the sensor's curve, and what is known of its noise."""
+    """Return why the poses cannot decide on the sensor's curve, with the noise as far as known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     words = [] if noise is None else _noise_words(noise, sensor)
@@ -217,12 +217,12 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
 
 
 def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
-    """Whether a single reading is noisier than specified for certain."""
+    """Whether the noise of a single reading certainly exceeds its specification."""
     return noise.low > RVDT_NOISE_RATIO * sensor.noise_lsb
 
 
 def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
-    """How far a sensor strays from its best line over the poses."""
+    """Linearity deviation of a sensor over the poses."""
     scale = sensor.full_scale_rad
     return PeakDeviation(
         peak=scale * figures.linearity, sd=scale * figures.linearity_sd, from_line=True
@@ -285,7 +285,7 @@ def _words(
 
 
 def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
-    """Say what is known of the noise, and what to do about it."""
+    """Return text on the noise and its remedy."""
     allowed = f"specification {sensor.noise_lsb:g} LSB"
     if noise.determined:
         words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"

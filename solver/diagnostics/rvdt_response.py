@@ -22,7 +22,7 @@ LEAST_BEND = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RvdtFigures:
-    """What was measured of one RVDT, over the range the poses cover.
+    """Measured figures of one RVDT, over the range that the poses cover.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class RvdtFigures:
         Slope of the best-fit line, reading per true angle; 1 is right.
     linearity, linearity_sd
         Largest deviation from that line, fraction of full scale, and its standard deviation.
-        From the line of all of full scale a curve may stray by more, and now and then by less.
+        Relative to the line over the full scale the deviation may be larger, and occasionally smaller.
     half_range
         Half the peak-to-peak deviation from unit gain, fraction of full scale.
     noise
@@ -67,7 +67,7 @@ class RvdtFigures:
     table_rad: FloatArray
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings by the curve; beyond the covered range by its end value."""
+        """Correct readings with the curve; beyond the covered range its end value is used."""
         angle = reading_rad - self.curve(np.clip(reading_rad, self.curve.low, self.curve.high))
         # The curve is known over the true angle: one more pass takes it there.
         return np.asarray(reading_rad - self.curve(np.clip(angle, self.curve.low, self.curve.high)))
@@ -96,17 +96,17 @@ def measure(
     Parameters
     ----------
     of_loops
-        What scatters the measured angles.
+        Scatter of the measured angles.
     noise
-        That of a single reading; None where nothing better tells of it than the scatter about the
-        curve, which bounds it: the loop's own slow errors are in there too.
+        That of a single reading; None where only the scatter about the curve is known, which is an upper bound: it
+        includes the loop's slow errors.
     samples
         Readings in each pose's mean.
 
     Raises
     ------
     ValueError
-        If there are too few poses to fit any curve.
+        There are too few poses to fit any curve.
     """
     from scipy.special import chdtri
 
@@ -126,7 +126,7 @@ def measure(
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
     of_points = of_loops.also_own(variance)
-    # A line that was chosen may hide a bend: its uncertainty is that of the bends it could hide.
+    # A straight line may hide a bend: its uncertainty includes the bends that it could hide.
     bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)
     off_line = _off_line(grid, bendable.by_points(grid))
     peak = int(np.argmax(np.abs(bend)))
@@ -154,7 +154,7 @@ def _slope(x: FloatArray, y: FloatArray) -> float:
 
 
 def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Values (k, ...) over x (k,) less their best-fit line."""
+    """Values (k, ...) over x (k,) minus their best-fit line."""
     across = x - x.mean()
     across /= np.linalg.norm(across)
     return np.asarray(y - y.mean(axis=0) - np.multiply.outer(across, across @ y))
@@ -179,13 +179,13 @@ def _table(curve: SmoothCurve, constant: float, of_points: Scatter) -> FloatArra
     grid = np.linspace(curve.low, curve.high, TABLE_POINTS)
     by_points = curve.by_points(grid)
     deviation = curve(grid) - constant
-    # Of its deviation from its own mean.
+    # Covariance of the deviation from its own mean.
     sd = np.sqrt(of_points.variance_of(by_points - by_points.mean(axis=0)))
     return np.stack((grid + constant + deviation, -deviation, sd), axis=1)
 
 
 TERMS = 200
-"""Terms of the rounding series; what is left out is below 1e-3 LSB^2 where there is no noise at all."""
+"""Terms of the rounding series; the omitted rest is below 1e-3 LSB^2 even without any noise."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +197,7 @@ class SingleNoise:
     lsb, low, high
         Value and 95 % interval, LSB.
     from_spread
-        Whether the spread inside the poses told it; otherwise the scatter of the loops did.
+        Whether it follows from the spread inside the poses; otherwise from the scatter of the loops.
     """
 
     lsb: float
@@ -214,12 +214,12 @@ class SingleNoise:
 def single_noise(
     sensor: Rvdt, component: Component | None, sd_rad: FloatArray | None, samples: IntArray
 ) -> SingleNoise | None:
-    """Return the noise of a single reading; None where neither spread nor component tells of it.
+    """Return the noise of a single reading; None where neither spread nor component is known.
 
     Parameters
     ----------
     component
-        What the closed loops say of single readings; None for a joint whose readings are not used.
+        Variance component of single readings from the closed loops; None for a joint whose readings are not used.
     sd_rad
         Spread of the single readings of each pose (m,), where recorded.
     samples
@@ -242,7 +242,7 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 
     weight = (samples - 1) / (samples - 1).sum()
     pooled = float(weight @ sd_lsb**2)
-    # Below half an LSB some poses flicker and others stand still: the poses themselves say how much.
+    # Below half an LSB some poses flicker and others do not: their scatter is taken from the poses.
     between = float(weight**2 @ (sd_lsb**2 - pooled) ** 2)
     dof = float((samples - 1).sum())
     if between > 0.0:
@@ -257,7 +257,7 @@ def _of_spread(sd_lsb: FloatArray, samples: IntArray) -> SingleNoise:
 
 
 def spread_of(noise_lsb: float) -> float:
-    """Mean square spread (LSB^2) of rounded readings of a joint that may stand anywhere.
+    """Mean square spread (LSB^2) of rounded readings of a joint at an arbitrary angle.
 
     Half the mean square difference of two readings. Rounded, a difference d becomes one of its two
     neighbours with the mean square ``d^2 + f (1 - f)``, f the fraction of d; as a Fourier series, and
@@ -265,7 +265,7 @@ def spread_of(noise_lsb: float) -> float:
 
         S = noise^2 + 1/12 - sum_k exp(-4 pi^2 k^2 noise^2) / (2 pi^2 k^2)
 
-    which is 1/12 more than the noise's where that is large, and 0 where there is none.
+    which exceeds the noise by 1/12 where that is large, and is 0 without noise.
     """
     k = np.arange(1, TERMS + 1)
     less = np.exp(-((2.0 * np.pi * k * noise_lsb) ** 2)) / (2.0 * np.pi**2 * k**2)
@@ -273,9 +273,9 @@ def spread_of(noise_lsb: float) -> float:
 
 
 def noise_behind(mean_square: float) -> float:
-    """Noise (LSB) whose rounded readings have this mean square spread (LSB^2), which `spread_of` inverts."""
+    """Noise (LSB) whose rounded readings have this mean square spread (LSB^2), the inverse of `spread_of`."""
     if mean_square > 1.0 + 1.0 / 12.0:
-        # From 1 LSB on the series is nothing: exp(-4 pi^2).
+        # From 1 LSB on the series is negligible: exp(-4 pi^2).
         return float(np.sqrt(mean_square - 1.0 / 12.0))
     least, most = 0.0, float(np.sqrt(mean_square)) + 1.0
     if mean_square <= spread_of(least):

@@ -11,19 +11,19 @@ from solver.arrays import FloatArray
 MAX_DEGREE = 8
 
 POINTS_PER_TERM = 4
-"""Fewer points than this for each term and the prediction error is not worth comparing."""
+"""Least number of points for each term for the prediction error to be meaningful."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """Covariance of points, ``diag(own) + common common'``: never the square of their number.
+    """Covariance of points, ``diag(own) + common common'``: the full matrix is never formed.
 
     Attributes
     ----------
     own
         Variance (m,) that is each point's own.
     common
-        (m, c): what all of them share.
+        (m, c): part common to all points.
     """
 
     own: FloatArray
@@ -54,11 +54,11 @@ class SmoothCurve:
     coefficients
         (degree + 1,).
     smoother
-        (degree + 1, m): takes the points to the coefficients, and so their scatter to the curve.
+        (degree + 1, m): maps the points to the coefficients, and so their scatter to the curve.
     residual
         (m,): points minus curve.
     dof
-        Points less coefficients.
+        Number of points minus number of coefficients.
     line_probability
         Chance of as much improvement over a straight line if the points lie on one (F test); 1
         when the curve is a straight line.
@@ -74,7 +74,7 @@ class SmoothCurve:
 
     @property
     def degree(self) -> int:
-        """Degree that was chosen; 1 is a straight line."""
+        """Selected degree; 1 is a straight line."""
         return len(self.coefficients) - 1
 
     def basis(self, abscissa: FloatArray) -> FloatArray:
@@ -86,7 +86,7 @@ class SmoothCurve:
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Change (k, m) of the curve at `abscissa` (k,) with the points: its scatter comes from theirs."""
+        """Rates (k, m) of the curve at `abscissa` (k,) with the points, from which its scatter follows."""
         return np.asarray(self.basis(abscissa) @ self.smoother)
 
 
@@ -99,7 +99,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     Raises
     ------
     ValueError
-        If there are fewer than eight points or they cover no range.
+        There are fewer than eight points, or they cover no range.
     """
     from scipy.special import fdtrc
 

@@ -1,4 +1,4 @@
-"""Stated sizes of error sources against the sizes that the poses show: smaller motion noise, exceeded specifications.
+"""Compares stated sizes of error sources with those in the poses: smaller motion noise, exceeded specifications.
 
 Files state upper limits, and most of a fixture's compliance and of a joint's play repeats in the same pose.
 """
@@ -16,15 +16,15 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import with_priors
 
 ROUNDS = 6
-"""Scoring steps after which variances of noise have settled to a few per cent of themselves."""
+"""Scoring steps after which variances of noise have converged to a few per cent."""
 
 
 def with_found_motion_noise(fit: LinearFit) -> LinearFit:
-    """Return `fit` as believed, with fixture and joints as quiet from pose to pose as they were found.
+    """Return `fit` with the motion noise of fixture and joints as estimated from the poses.
 
-    Each of the two by the factor that the restricted likelihood's slope and information at the stated
-    variances lead to: one scoring step, exact where the noise is all of a kind. A sensor's noise has
-    its own component and stays: that most noise is quieter says nothing of single readings.
+    Each of the two changes by a factor from the restricted likelihood's slope and information at the stated variances:
+    one scoring step, exact where all noise is of one kind. A sensor's noise has its own component and is unchanged:
+    less motion noise implies nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
     play = [] if design.play_component is None else [design.play_component]
@@ -44,9 +44,9 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
 
 
 def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArray]:
-    """Variances (K,) of `fit` and their standard errors, those of noise where nothing is held at its statement.
+    """Variances (K,) of `fit` and their standard errors, for noise without the floors at its statement.
 
-    Floors keep sigmas honest and take from a sensor's noise what they give to fixture and joints.
+    Floors keep sigmas from being too small, but shift variance from a sensor's noise to fixture and joints.
     """
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
@@ -68,16 +68,16 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExceededSpecification:
-    """One source.
+    """A source of error that exceeds its specification.
 
     Attributes
     ----------
     component
         Its name in the error model.
     times
-        How many times the stated standard deviation was found.
+        Estimated standard deviation over the stated one.
     log_chance
-        Logarithm of the chance of finding it so large where it is as stated.
+        Logarithm of the probability of so large an estimate if the source is as stated.
     """
 
     component: str
@@ -86,11 +86,11 @@ class ExceededSpecification:
 
 
 def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
-    """Name the sources found larger than stated for certain, the nearest to its statement first.
+    """Return the sources that are certainly larger than stated, the nearest to its statement first.
 
-    A source twice as large as stated happens oftener than one that is ten times as large.
+    A source twice as large as stated is more common than one ten times as large.
 
-    A variance found with standard error s is distributed as chi2 with ``2 v^2 / s^2`` degrees of freedom
+    A variance estimated with standard error s is distributed as chi2 with ``2 v^2 / s^2`` degrees of freedom
     (Satterthwaite).
     """
     from scipy.special import chdtrc

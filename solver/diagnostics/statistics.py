@@ -31,7 +31,7 @@ class Chi2Test:
     Attributes
     ----------
     per_dof, dof
-        chi2 over degrees of freedom, and these.
+        chi2 over degrees of freedom, and the degrees of freedom.
     low, high
         Central 99 % band of chi2/dof.
     """
@@ -50,8 +50,8 @@ class Chi2Test:
 def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...]:
     """Two-sided intervals of all parameters.
 
-    Normal where the noise is stated or estimated beforehand; Student's where, as in `paper`, the
-    residuals themselves give the scale.
+    Normal where the noise is stated or estimated beforehand; Student's where, as in `paper`, the scale comes from the
+    residuals.
     """
     from scipy.special import ndtri, stdtrit
 
@@ -91,12 +91,12 @@ def sigmas_at(false_alarm: float, count: int = 1) -> float:
 
 
 def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> Chi2Test:
-    """Judge a weighted sum of squares by its degrees of freedom.
+    """Test a weighted sum of squares by its degrees of freedom.
 
     Raises
     ------
     ValueError
-        If no degree of freedom is left.
+        No degree of freedom is left.
     """
     from scipy.special import chdtri
 
@@ -115,13 +115,13 @@ def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> 
 def jackknife(fit: LinearFit) -> FloatArray:
     """Standard deviation of every parameter (P,) by leaving out each pose of a mixed model in turn.
 
-    Honest where errors are alike within a pose or the noise model is wrong, blind to what all poses
-    share. Variances stay as they are.
+    Valid where errors within a pose are correlated or the noise model is wrong, but blind to errors common to all
+    poses. Variances are not estimated again.
 
     Raises
     ------
     TooFewPosesError
-        If one pose fewer leaves no degree of freedom.
+        One pose fewer leaves no degree of freedom.
     """
     design = fit.design
     m = len(design.q)

@@ -1,4 +1,4 @@
-"""Whitened residuals of a linear fit, and how far chi2 falls when further columns are fitted to them.
+"""Whitened residuals of a linear fit, and the reduction of chi2 when further columns are fitted to them.
 
 At the solution of a calibration the misclosures of all poses are
 
@@ -8,8 +8,8 @@ with dx the parameters (those with a prior are among b) and V_i, Z_i at given si
 whitened by V_i, P = I - U U' projects out everything that dx and b explain. For further columns G the
 score is G'Pw, its covariance G'PG, and chi2 falls by s'(G'PG)^-1 s if they are fitted (Rao 1948) without a refit.
 
-Columns that belong to one pose each (`OwnColumns`) are block diagonal: with T the block's own square and W what
-the fitted columns take of it, C = T - W W', and the matrix inversion lemma needs only a matrix of the size of the
+Columns that belong to one pose each (`OwnColumns`) are block diagonal: with T the block's own square and W its
+projection on the fitted columns, C = T - W W', and the matrix inversion lemma needs only a matrix of the size of the
 fit, whatever the number of poses.
 """
 
@@ -22,7 +22,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 
 FREE = 1e-9
-"""A direction of which the fit left less than this share is fitted already, not free."""
+"""A direction of which the fit leaves less than this share counts as fitted already."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -36,11 +36,11 @@ class WhitenedResiduals:
     U
         (m, r, K): whitened fitted columns, orthonormal together with their prior's rows.
     white
-        (m, r): ``L^-1 w`` less what was fitted, P w.
+        (m, r): ``L^-1 w`` minus its fitted part, P w.
     to_x
         (P, K): from coefficients of `U` to the parameters (rad, m).
     dof
-        Equations less parameters that nothing was known of.
+        Number of equations minus number of parameters without a prior.
     """
 
     whitener: FloatArray
@@ -66,12 +66,12 @@ class WhitenedResiduals:
         return white.T @ self.white.reshape(-1), white.T @ white - inside.T @ inside
 
     def moved(self, G: FloatArray, b: FloatArray) -> FloatArray:
-        """By how much the parameters (P,) would change if G (m, r, c) times b (c,) were taken out."""
+        """Change of the parameters (P,) if G (m, r, c) times b (c,) were removed from the misclosures."""
         white = (self.whiten(G) @ b).reshape(-1)
         return np.asarray(self.to_x @ (self.U.reshape(len(white), -1).T @ white))
 
     def with_columns(self, G: FloatArray) -> WhitenedResiduals:
-        """Return what is left over when the columns G (m, r, c) are fitted as well."""
+        """Return the residuals when the columns G (m, r, c) are fitted as well."""
         m, r, K = self.U.shape
         white = self.whiten(G).reshape(m * r, -1)
         U = self.U.reshape(m * r, K)
@@ -94,17 +94,17 @@ class WhitenedResiduals:
         )
 
     def without(self, poses: IntArray) -> WhitenedResiduals:
-        """Return what is left over when nothing is asked of some poses (p,): whitener and rows of theirs are zero.
+        """Return the residuals without some poses (p,), whose whitener and rows become zero.
 
-        The same as to fit all of their equations with columns of their own, but nothing grows: the columns
-        stay as many as they are, orthonormal over the rows that are left.
+        This equals fitting separate columns to all of their equations, but the number of columns does not grow; they
+        are orthonormal over the remaining rows.
         """
         own = self.U[poses].reshape(-1, self.U.shape[-1])
         values, vectors = np.linalg.eigh(np.eye(len(own)) - own @ own.T)
         free = values > FREE
         root = vectors[:, free] / np.sqrt(values[free])
         along = root.T @ self.white[poses].reshape(-1)
-        # Deleting rows R makes of U'U = I the matrix I - R'R; with `inside` its inverse is I + inside inside'.
+        # Deleting rows R turns U'U = I into the matrix I - R'R; with `inside` its inverse is I + inside inside'.
         inside = own.T @ root
         square, turn = np.linalg.eigh(inside.T @ inside)
         turned = inside @ turn
@@ -122,7 +122,7 @@ class WhitenedResiduals:
         )
 
     def with_drawn(self, G: FloatArray, sd: FloatArray) -> WhitenedResiduals:
-        """Return the residuals of a model that has G (m, r, c) as well, with coefficients of known size `sd` (c,)."""
+        """Return the residuals with further columns G (m, r, c), whose coefficients have the size `sd` (c,)."""
         m, r, K = self.U.shape
         s, C = self.score(G * sd)
         values, vectors = np.linalg.eigh(C + np.eye(len(s)))
@@ -149,17 +149,17 @@ def fit_residuals(
     drawn: FloatArray | None = None,
     prior_sd: FloatArray | None = None,
 ) -> WhitenedResiduals:
-    """Fit a linear system and return what is left.
+    """Fit a linear system and return its whitened residuals.
 
     Parameters
     ----------
     w, A, V
-        Misclosures (m, r) with parameters that have a prior at its mean, Jacobian (m, r, P), and
+        Misclosures (m, r), where parameters with a prior are at its mean, Jacobian (m, r, P), and
         covariance (m, r, r).
     drawn
         Columns (m, r, c) of effects that are drawn once, each for a standard deviation of 1.
     prior_sd
-        Standard deviation of what is known of each parameter (P,); inf where nothing is.
+        Prior standard deviation of each parameter (P,); inf where there is no prior.
     """
     m, r, P = A.shape
     whitener = np.linalg.inv(np.linalg.cholesky(V))
@@ -190,12 +190,12 @@ def fit_residuals(
 
 
 ROUNDING = 1e-13
-"""Share of what the fit's columns take of a direction that is told from none."""
+"""Share of a direction taken by the fit's columns that is distinguishable from zero."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OwnColumns:
-    """Whitened columns of some poses, each pose's turned so that they are at right angles to each other.
+    """Whitened columns of some poses, rotated to be orthogonal within each pose.
 
     Attributes
     ----------
@@ -206,7 +206,7 @@ class OwnColumns:
     own, score
         (p * c,) squares and scores of the turned columns.
     inside
-        (p * c, K) what the fit's columns have of them.
+        (p * c, K): projection on the fit's columns.
     """
 
     poses: IntArray
@@ -218,7 +218,7 @@ class OwnColumns:
 
     @classmethod
     def of(cls, left: WhitenedResiduals, poses: IntArray, columns: FloatArray) -> OwnColumns:
-        """Look at the columns (p, r, c) of `poses`."""
+        """Prepare the columns (p, r, c) of `poses`."""
         white = left.whitener[poses] @ columns
         own, turn = np.linalg.eigh(np.swapaxes(white, -1, -2) @ white)
         turned = np.swapaxes(white @ turn, -1, -2)
@@ -256,7 +256,7 @@ class OwnColumns:
         )
 
     def coefficients(self, solved: SolvedColumns) -> tuple[FloatArray, FloatArray]:
-        """Coefficients (p * c,) as they were before they were turned, and their variances."""
+        """Coefficients (p * c,) of the columns before rotation, and their variances."""
         p, _, c = self.white.shape
         spread = self.inside / solved.total[:, None] @ solved.back.T
         spread = self.turn @ spread.reshape(p, c, -1)
@@ -265,11 +265,11 @@ class OwnColumns:
         return b, variance.reshape(-1)
 
     def moved(self, left: WhitenedResiduals, solved: SolvedColumns) -> FloatArray:
-        """By how much the parameters (P,) change when these are believed."""
+        """Change of the parameters (P,) when these columns are fitted."""
         return np.asarray(left.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self, left: WhitenedResiduals) -> WhitenedResiduals:
-        """Return what is left over when their coefficients are drawn with variance 1: noise of these poses."""
+        """Return the residuals when their coefficients are random with variance 1: noise of these poses."""
         solved = self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = left.white + left.U @ (self.inside.T @ solved.b)
@@ -294,10 +294,10 @@ class OwnColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolvedColumns:
-    """Turned coefficients (p * c,), how far chi2 falls by them, and log det (1 + variance C).
+    """Rotated coefficients (p * c,), their reduction of chi2, and log det (1 + variance C).
 
-    Their covariance is ``D + D W back' back W' D`` with D = diag(1 / total); `back` (K, K) is the inverse root of
-    what is left of the fit's columns when these poses are as noisy.
+    Their covariance is ``D + D W back' back W' D`` with D = diag(1 / total); `back` (K, K) is the inverse root of the
+    rest of the fit's columns with this noise on these poses.
     """
 
     b: FloatArray

@@ -26,6 +26,7 @@ from hardware.arm import (
     Watch,
 )
 from hardware.arm_description import ArmDescription
+from hardware.command_limits import JointLimits, joint_limits
 from hardware.control.stop_line import StopLatch
 from hardware.errors import (
     BusError,
@@ -35,7 +36,6 @@ from hardware.errors import (
     StopLatched,
     Stopped,
 )
-from hardware.limits import JointLimits, joint_limits
 from hardware.monitors.admission import require_move
 
 PERIOD_S = 0.01

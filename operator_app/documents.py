@@ -24,7 +24,7 @@ from operator_app.session.store.folders import (
     read_session,
 )
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.parameters import parameters_document
+from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.stored_calibration import StoredCalibration, journal_calibration
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 from operator_app.session.workflow.opening import Choices, resume

@@ -1,4 +1,4 @@
-"""One idea, one name: class names across the product, and words that are no names of the field."""
+"""One idea, one name: class and module names across the product, and words that are no names of the field."""
 
 import ast
 import re
@@ -14,6 +14,26 @@ NO_NAMES = {
     "soften", "softened", "stray", "told", "unreturned", "unsteady", "untold", "watchman",
 }  # fmt: skip
 """Words without a meaning in metrology, robotics or CiA 301/402; each has a standard word."""
+
+FACES = (
+    "operator_app/api",
+    "operator_app/commands",
+    "operator_app/report/results",
+    "operator_app/tui/steps",
+)
+"""Folders whose modules have the names of what they show or offer: `sarcal compare` shows `calibration.comparison`."""
+
+NAMED_TWICE = {
+    "errors": "of each package",
+    "cross_validation": "calibration's, by the solver's of the same name",
+    "error_model": "calibration's, by the solver's; config has what files state of it",
+    "exploration": "planning's, by solver.design's",
+    "parameters": "of the parameters file, and of the solver",
+    "placements": "calibration's, by the solver's",
+    "prediction": "calibration's, by the solver's",
+    "rvdt": "calibration's, by the solver's",
+}
+"""Module names of two modules, with the reason."""
 
 EXCEPTIONS = {"test_a_drive_joint_goes_where_it_is_told_and_back"}
 """A test of the contract that other packages run: its name is public."""
@@ -55,6 +75,15 @@ def test_a_class_name_is_defined_once() -> None:
                 places[node.name].append(str(path))
     twice = {name: found for name, found in places.items() if len(found) > 1}
     assert not twice, twice
+
+
+def test_a_module_name_stands_once() -> None:
+    places = defaultdict(list)
+    for path, _ in modules():
+        if path.stem != "__init__" and not str(path).startswith(FACES):
+            places[path.stem].append(str(path))
+    twice = {name: found for name, found in places.items() if len(found) > 1}
+    assert set(twice) == set(NAMED_TWICE), twice
 
 
 def test_names_are_words_of_the_field() -> None:

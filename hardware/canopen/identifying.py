@@ -37,8 +37,8 @@ from hardware.canopen.objects import (
     SensorKind,
 )
 from hardware.canopen.sdo import ObjectAccess
+from hardware.command_limits import JointLimits, joint_limits
 from hardware.errors import SdoRefused, WrongArm
-from hardware.limits import JointLimits, joint_limits
 
 
 def read_identity(

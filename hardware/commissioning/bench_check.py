@@ -15,7 +15,7 @@ from hardware.arm import ArmIdentity, ArmInterface, JointMode
 from hardware.arm_description import ArmDescription
 from hardware.commissioning import checks, clauses
 from hardware.commissioning.clauses import STOPS_WITHIN_S
-from hardware.commissioning.finding import (
+from hardware.commissioning.stages import (
     BENCH,
     SCATTER_RAD,
     Ask,

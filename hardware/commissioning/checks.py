@@ -23,7 +23,7 @@ from hardware.commissioning.clauses import (
     seconds_to_stop,
     stays_stopped,
 )
-from hardware.commissioning.finding import Ask, Bounds, Clause, declined, deg, joints_words
+from hardware.commissioning.stages import Ask, Bounds, Clause, declined, deg, joints_words
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, HardwareError, OtherMaster, Stopped
 

@@ -15,7 +15,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from hardware.arm import ArmIdentity, ArmInterface, DriveState, FloatArray, JointMode
-from hardware.commissioning.finding import Bounds, Clause, deg, joints_words
+from hardware.commissioning.stages import Bounds, Clause, deg, joints_words
 from hardware.errors import CommandRefused, HardwareError, Stopped
 
 STOPS_WITHIN_S: Final = 0.5

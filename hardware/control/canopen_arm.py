@@ -24,7 +24,7 @@ from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import TargetState, state_of
 from hardware.canopen.drive_settings import DriveFacts, read_drive_facts
 from hardware.canopen.objects import ERROR_CODE, OPERATOR_NODE, emergency_text
-from hardware.control import steps
+from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.connector import Connector
 from hardware.control.trajectory import ACCELERATION_RAD_PER_S2
@@ -141,7 +141,7 @@ class CanopenArm:
         if link.other_operator():
             raise ControlDenied(OPERATOR_NODE)
         link.take_token()
-        not_reached = link.loop.run(steps.drive_to(link.loop, TargetState.ENABLED))
+        not_reached = link.loop.run(motion_steps.drive_to(link.loop, TargetState.ENABLED))
         link.read_modes()
         self._raise_for_drives(link, not_reached, "enabled")
 
@@ -153,7 +153,7 @@ class CanopenArm:
         if len(modes) != self._n:
             raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
         self._set_modes(modes)
-        joint = steps.not_following(self._link.loop.sample, modes)
+        joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
             raise ModeNotReached(
                 joint,
@@ -175,9 +175,13 @@ class CanopenArm:
         self._raise_for_drives(link, tripped, "given a mode")
         admit_modes(link.loop.sample)
         for _ in range(MODE_ATTEMPTS):
-            link.loop.run(steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite)
+            link.loop.run(
+                motion_steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite
+            )
             link.read_modes()
-            if link.modes == tuple(modes) and not steps.not_following(link.loop.sample, modes):
+            if link.modes == tuple(modes) and not motion_steps.not_following(
+                link.loop.sample, modes
+            ):
                 return
         for joint, (wanted, actual) in enumerate(zip(modes, link.modes, strict=True), 1):
             if wanted is not actual:
@@ -207,7 +211,7 @@ class CanopenArm:
             sample=link.loop.sample,
         )
         result: MoveResult = link.loop.run(
-            steps.move(
+            motion_steps.move(
                 link.loop,
                 dict(targets_rad),
                 link.scales,
@@ -228,7 +232,7 @@ class CanopenArm:
             raise ValueError("settling needs one spread per joint and a window of at least 1")
         link = self._link
         settled: bool = link.loop.run(
-            steps.settle(
+            motion_steps.settle(
                 link.loop,
                 link.scales,
                 window=window,
@@ -243,7 +247,9 @@ class CanopenArm:
         if samples < 1:
             raise ValueError("a reading needs at least one sample")
         link = self._link
-        reading: Reading = link.loop.run(steps.capture(link.loop, link.scales, samples=samples))
+        reading: Reading = link.loop.run(
+            motion_steps.capture(link.loop, link.scales, samples=samples)
+        )
         link.require_same_maps()
         return reading
 
@@ -266,7 +272,7 @@ class CanopenArm:
         """
         link, press = self._link, self._connector.latch.last_press
         not_reached = link.loop.run(
-            steps.reset(link.loop, link.loop.forget_faults, press=press),
+            motion_steps.reset(link.loop, link.loop.forget_faults, press=press),
             despite=(Stopped, DriveFault, SensorFault, OtherMaster),
         )
         link.read_modes()

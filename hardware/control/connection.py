@@ -20,7 +20,7 @@ from hardware.canopen.cyclic import Sample, Setpoints, frames_of
 from hardware.canopen.maps import POSITION_AGREEMENT_RAD, check_mapping, check_positions
 from hardware.canopen.objects import MODE_DISPLAY, OPERATOR_NODE, STATUSWORD, TOKEN, Abort
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control import steps
+from hardware.control import motion_steps
 from hardware.control.control_loop import ControlLoop
 from hardware.control.sampling import build_snapshot
 from hardware.control.start_up import StartUp
@@ -197,7 +197,7 @@ class Connection:
         for _ in range(POSITION_RECHECKS):  # noise, or a joint not yet at rest
             spread = [POSITION_AGREEMENT_RAD] * len(self.scales)
             self.loop.run(
-                steps.settle(
+                motion_steps.settle(
                     self.loop, self.scales, window=10, spread_rad=spread, timeout_syncs=100
                 )
             )

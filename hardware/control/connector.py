@@ -16,7 +16,7 @@ from hardware.arm import ArmIdentity, DriveState
 from hardware.buses.python_can import ArmOnBus
 from hardware.canopen.cia402 import CLOSED_LOOP_STATES, TargetState, reached, state_of
 from hardware.canopen.cyclic import Sample, Setpoints
-from hardware.control import steps
+from hardware.control import motion_steps
 from hardware.control.connection import Connection
 from hardware.control.control_loop import ControlLoop
 from hardware.control.stop_line import StopLatch
@@ -196,8 +196,8 @@ def release_arm(loop: ControlLoop) -> ReleaseResult:
     try:
         with contextlib.suppress(Stopped):  # by the latch: only quick stop is sent from now on
             if loop.commands is not None:
-                loop.run(steps.hold_where_it_is(loop), despite=ignored)
-            loop.run(steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
+                loop.run(motion_steps.hold_where_it_is(loop), despite=ignored)
+            loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
         sample: Sample = loop.run(_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
     except HardwareError:  # the drives hold without an operator as well
         return ReleaseResult(holding=False)
@@ -207,8 +207,8 @@ def release_arm(loop: ControlLoop) -> ReleaseResult:
 def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
     """Exchange SYNCs until the drives report that they are off, or stopped under STOP; at most 50 SYNCs."""
     sample = yield None
-    for _ in range(steps.TRANSITION_SYNCS):
-        steps.raise_alarm(loop)
+    for _ in range(motion_steps.TRANSITION_SYNCS):
+        motion_steps.raise_alarm(loop)
         if not (_following(sample) if loop.stop_latched else _powered(sample)):
             break
         sample = yield None

@@ -39,7 +39,7 @@ from hardware.canopen.objects import (
     NmtState,
 )
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control import steps
+from hardware.control import motion_steps
 from hardware.control.control_loop import ControlLoop
 from hardware.errors import (
     ArmInUse,
@@ -240,7 +240,7 @@ class StartUp:
             token = access.read_unsigned(profile.supervisor, TOKEN)
         loop.begin_sync()
         first = loop.run(
-            steps.first_complete_sample(loop), despite=(DriveFault, Stopped, DriveDiverged)
+            motion_steps.first_complete_sample(loop), despite=(DriveFault, Stopped, DriveDiverged)
         )
         check_positions(access, profile, first.counts, self._scales)
         self._read_fault_codes(first)

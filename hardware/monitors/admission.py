@@ -1,4 +1,4 @@
-"""Checks every change of a command against `hardware.limits` before it is sent."""
+"""Checks every change of a command against `hardware.command_limits` before it is sent."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from hardware.arm_description import JointScale
 from hardware.canopen.cia402 import Command, command_of, state_of
 from hardware.canopen.cyclic import Sample, Setpoint, Setpoints
 from hardware.canopen.objects import CYCLIC_POSITION
-from hardware.errors import CommandRefused, StopLatched
-from hardware.limits import (
+from hardware.command_limits import (
     JointLimits,
     Reason,
     Refusal,
@@ -19,6 +18,7 @@ from hardware.limits import (
     refuse_move,
     refuse_target,
 )
+from hardware.errors import CommandRefused, StopLatched
 
 
 def admit(

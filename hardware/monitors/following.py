@@ -5,7 +5,7 @@ targets, or it does not do what it reports, only the operator, who knows the com
 
 A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes
 or it leaves *operation enabled*, even if bit 12 drops. A drive that never reports it gets no mode
-(`hardware.control.steps`).
+(`hardware.control.motion_steps`).
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.objects import CONTROL_PERIOD_S, SensorKind
-from hardware.limits import JointLimits, joint_limits
+from hardware.command_limits import JointLimits, joint_limits
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 

@@ -12,7 +12,7 @@ from hardware.arm import DriveState, JointMode
 from hardware.canopen import cia402
 from hardware.canopen.cia402 import DriveEvent, StatusBit
 from hardware.canopen.objects import JOINT_MODE, MODE_CODE, EmergencyCode
-from hardware.limits import refuse_target
+from hardware.command_limits import refuse_target
 from hardware.virtual.axis import AxisSettings, JointCommand
 
 _WARNINGS = frozenset({EmergencyCode.REFERENCE_LIMIT})

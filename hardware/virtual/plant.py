@@ -20,8 +20,8 @@ from scipy.linalg.lapack import dposv
 
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand, PlantReading
-from hardware.virtual.sensors import SensorBank
-from hardware.virtual.truth import Truth
+from hardware.virtual.sensor_counts import SensorBank
+from hardware.virtual.true_loop import Truth
 from solver.arrays import FloatArray, frozen
 
 CONVERGED_RAD = 1e-9

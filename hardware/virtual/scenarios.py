@@ -17,7 +17,7 @@ import numpy as np
 from fixtures.measured import Measured
 from hardware.virtual import SCENARIOS
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
-from hardware.virtual.sensors import LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
 from hardware.virtual.specimens import (
     SpecimenFiles,
     draw_truth,
@@ -26,7 +26,7 @@ from hardware.virtual.specimens import (
     remount_truth,
 )
 from hardware.virtual.tracker import SimulatedTracker
-from hardware.virtual.truth import (
+from hardware.virtual.true_loop import (
     PAPER_HOME_RAD,
     OpenTruth,
     Truth,

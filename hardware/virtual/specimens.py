@@ -14,7 +14,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from fixtures.setup_checks import mobility
-from hardware.virtual.truth import BallTruth, LoopTruth, OpenTruth, Truth
+from hardware.virtual.true_loop import BallTruth, LoopTruth, OpenTruth, Truth
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hardware.errors import InstrumentError
-from hardware.virtual.truth import OpenTruth
+from hardware.virtual.true_loop import OpenTruth
 from solver.arrays import FloatArray
 from solver.chain.rotations import rotation_matrix, rotation_vector
 

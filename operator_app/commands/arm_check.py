@@ -22,10 +22,10 @@ from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, harmless, say
 
 if TYPE_CHECKING:
-    from hardware.commissioning.finding import CheckFinding
+    from hardware.commissioning.stages import CheckFinding
 
 STAGES = ("look", "hold", "move", "free", "leave", "silence")
-"""Names of `hardware.commissioning.finding.Stage`; copied, so that --help does not load the bus."""
+"""Names of `hardware.commissioning.stages.Stage`; copied, so that --help does not load the bus."""
 MARK = {True: "ok", False: "FAILED", None: "-"}
 
 
@@ -65,7 +65,7 @@ def execute(args: argparse.Namespace) -> int:
     """Run the tests and report each finding; exit 3 if one failed."""
     from hardware.arm import PowerReporting
     from hardware.commissioning.bench_check import Bench, check
-    from hardware.commissioning.finding import Stage
+    from hardware.commissioning.stages import Stage
     from operator_app.composition import describe, open_arm
     from operator_app.signals import ending_signals_wait, press_ctrl_c
 

@@ -76,7 +76,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.exports import Calibration
     from operator_app.session.store.folders import PARAMETERS_NAME, read_session
     from operator_app.session.store.journal import utc_now
-    from operator_app.session.store.parameters import parameters_document
+    from operator_app.session.store.parameters_document import parameters_document
     from operator_app.session.store.stored_calibration import session_calibration
     from operator_app.session.workflow.opening import resume
 

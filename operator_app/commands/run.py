@@ -29,7 +29,7 @@ from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
-    from operator_app.headless.runner import RunResult
+    from operator_app.headless.procedure_run import RunResult
     from operator_app.session.store.solver_process import Solver
     from operator_app.session.workflow.session import Session
     from solver.errors import UnidentifiableError
@@ -79,7 +79,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.composition import unattended
     from operator_app.errors import NotLetGoError
     from operator_app.headless.console import ConsoleListener
-    from operator_app.headless.runner import next_placement, require_mounted, run
+    from operator_app.headless.procedure_run import next_placement, require_mounted, run
     from operator_app.session.workflow.opening import begin, resume
     from solver.errors import UnidentifiableError
 

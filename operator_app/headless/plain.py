@@ -18,7 +18,7 @@ from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
 from operator_app.safe_output import harmless, lines, say
-from operator_app.session.ui import actions, guards
+from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
@@ -124,7 +124,7 @@ class Plain:
 
     def _items(self, s: SessionSnapshot) -> list[_Item]:
         """Return the actions of the step, the moves to other steps, and the common actions."""
-        own, common = actions.prompts(self._step)
+        own, common = action_table.prompts(self._step)
         items = [item for action in own for item in self._lines(action, s)]
         if self._step is Step.RESULTS:
             items.append(

@@ -16,7 +16,7 @@ from operator_app.config.any_file import json_schema
 from operator_app.config.resources import builtin_names, resolve
 from operator_app.exit_codes import MEANING
 from operator_app.manual.pages import table
-from operator_app.session.ui.actions import ACTIONS
+from operator_app.session.ui.action_table import ACTIONS
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import EVERYWHERE, Entry
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from operator_app.session.ui.sessions import Sessions
     from operator_app.session.ui.snapshot import SessionSnapshot
     from operator_app.tui.main_screen import MainScreen
-    from operator_app.tui.user_interface import ScreenInterface
+    from operator_app.tui.screen_interface import ScreenInterface
 
 
 class _Fixed(Lines, can_focus=False):
@@ -323,7 +323,7 @@ class SarcalApp(App[str]):
 def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenInterface]]:
     """Import what the first screen does not need."""
     from operator_app.tui.main_screen import MainScreen
-    from operator_app.tui.user_interface import ScreenInterface
+    from operator_app.tui.screen_interface import ScreenInterface
 
     return MainScreen, ScreenInterface
 

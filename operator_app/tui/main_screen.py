@@ -13,7 +13,7 @@ from textual.widgets import ContentSwitcher
 
 from hardware.arm import JointMode
 from operator_app.report.spans import Line, Span, cut, length, line, wrapped
-from operator_app.session.ui import actions
+from operator_app.session.ui import action_table
 from operator_app.session.ui.guards import missing_for, stops_on_any_key
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import SessionSnapshot
@@ -180,7 +180,7 @@ class Footer(Lines, can_focus=False):
             return [
                 line((" SPACE/F8", "key"), " STOP  ", ("any other key", "key"), " ends the motion")
             ]
-        for action in actions.footer(self.step):
+        for action in action_table.footer(self.step):
             shown, label = action.shown, action.label
             if action.name == "primary":
                 label = next_action(self.step, s).label

@@ -26,10 +26,10 @@ class ActionProvider(Provider):
 
     def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
         """Every action, and how the palette shows and does it."""
-        from operator_app.session.ui import actions
+        from operator_app.session.ui import action_table
 
         app: Any = self.app
-        for action in actions.ACTIONS:
+        for action in action_table.ACTIONS:
             yield (
                 action,
                 {

@@ -15,7 +15,7 @@ from sarcal.arm_contract import ConnectedArm, fulfils
 
 from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.bench_check import check
-from hardware.commissioning.finding import Clause, Stage
+from hardware.commissioning.stages import Clause, Stage
 from hardware.control.canopen_arm import CanopenArm
 from operator_app.composition import describe
 from tests.oracles.toy_arm import package, toy

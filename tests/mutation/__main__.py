@@ -26,7 +26,7 @@ from tests.mutation.trial import Trial, begin, passes
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 TESTS = {
-    "hardware/limits.py": ["tests/hardware/test_limits.py"],
+    "hardware/command_limits.py": ["tests/hardware/test_command_limits.py"],
     "hardware/canopen/cia402.py": ["tests/hardware/canopen/test_cia402.py"],
     "hardware/monitors/admission.py": ["tests/hardware/monitors/test_admission.py"],
 }

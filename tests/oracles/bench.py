@@ -21,12 +21,12 @@ from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import attended_openers
-from hardware.virtual.truth import BallTruth, OpenTruth
+from hardware.virtual.true_loop import BallTruth, OpenTruth
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import VerificationResult
 from operator_app.composition import describe
 from operator_app.effective_procedure import effective_procedure
-from operator_app.headless.runner import RunResult, run
+from operator_app.headless.procedure_run import RunResult, run
 from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.drive_selection import drives_of

@@ -11,7 +11,7 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.errors import GuardError
-from operator_app.headless.runner import run
+from operator_app.headless.procedure_run import run
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import (
     BOX_MARGIN_RAD,

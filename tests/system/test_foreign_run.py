@@ -19,7 +19,7 @@ from operator_app.cli import main
 from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from operator_app.effective_procedure import effective_procedure
-from operator_app.headless.runner import RunResult, run
+from operator_app.headless.procedure_run import RunResult, run
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session
 from operator_app.session.workflow.session import Session

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 
-from hardware.virtual.truth import BallTruth
+from hardware.virtual.true_loop import BallTruth
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure_file import load_procedure

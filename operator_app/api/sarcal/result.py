@@ -29,7 +29,7 @@ from operator_app.report.subject import Subject, subject_of_session
 from operator_app.report.text import facts_text
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
 from operator_app.session.store.journal import read_journal
-from operator_app.session.store.parameters import export_reason, parameters_document
+from operator_app.session.store.parameters_document import export_reason, parameters_document
 from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import CalibrationOptions, ImportedSession
 from solver.diagnostics.statistics import intervals

@@ -15,7 +15,7 @@ from operator_app.calibration.truth import with_truth
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
-from operator_app.session.store.parameters import parameters_document
+from operator_app.session.store.parameters_document import parameters_document
 from operator_app.session.store.replay import apply, session_state
 from operator_app.session.store.solver_process import Solver, solve_here
 from operator_app.session.store.stored_calibration import (

@@ -14,7 +14,7 @@ from operator_app.session.ui import guards
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.user_interface import ActionContext, OneOf, Typed, YesNo
-from operator_app.session.workflow.placements import remounting_steps
+from operator_app.session.workflow.remounting import remounting_steps
 from operator_app.units import MOVED, joints_named, names
 
 VERIFY_POSES = 5

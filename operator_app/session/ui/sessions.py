@@ -22,7 +22,7 @@ from operator_app.session.workflow.opening import (
     remove_if_empty,
     resume,
 )
-from operator_app.session.workflow.placements import record_remounting
+from operator_app.session.workflow.remounting import record_remounting
 
 
 class Sessions:

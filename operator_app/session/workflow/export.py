@@ -17,7 +17,7 @@ from operator_app.config.parameters_file import format_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import JournalError, SessionError
 from operator_app.session.store.folders import PARAMETERS_NAME, POSES_NAME
-from operator_app.session.store.parameters import export_reason
+from operator_app.session.store.parameters_document import export_reason
 from operator_app.session.workflow.session import Session
 
 

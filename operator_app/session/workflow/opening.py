@@ -22,7 +22,7 @@ from operator_app.session.store.folders import find_session, new_folder, next_or
 from operator_app.session.store.journal import Clock, Journal, read_journal, utc_now
 from operator_app.session.store.journal_format import JOURNAL_NAME
 from operator_app.session.store.replay import session_state
-from operator_app.session.workflow.placements import next_due, require_mountable
+from operator_app.session.workflow.remounting import next_due, require_mountable
 from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:

@@ -46,8 +46,8 @@ from operator_app.session.safety.sensor_faults import SensorFaults
 from operator_app.session.store.journal import Clock, Journal, utc_now
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import CapturedPose, CheckReading
-from operator_app.session.workflow.placements import require_mounted
 from operator_app.session.workflow.pose_reading import Instrument, PoseReader
+from operator_app.session.workflow.remounting import require_mounted
 
 
 class Session(Logbook):

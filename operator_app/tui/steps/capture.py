@@ -16,7 +16,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable, ListPanel
-from operator_app.tui.widgets.plot import ArmView, sparkline
+from operator_app.tui.widgets.pictures import ArmView, sparkline
 from operator_app.units import (
     CONDITION,
     JOINT_SPEED,

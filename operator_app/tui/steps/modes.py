@@ -15,7 +15,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable
-from operator_app.tui.widgets.plot import ArmView
+from operator_app.tui.widgets.pictures import ArmView
 
 
 class PlanPanel(Lines):

@@ -21,7 +21,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
-from operator_app.tui.widgets.plot import plot
+from operator_app.tui.widgets.pictures import plot
 from operator_app.units import CLOSURE_LENGTH, Figure, plural
 from solver.diagnostics.rvdt import RvdtVerdict
 

@@ -27,7 +27,7 @@ from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR
 from hardware.commissioning.bench_check import NOT_TESTED, check
 from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.checks import Turn, is_interrupted
-from hardware.commissioning.finding import BENCH, CheckFinding, Stage
+from hardware.commissioning.stages import BENCH, CheckFinding, Stage
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController

@@ -10,8 +10,8 @@ import pytest
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
 from hardware.canopen.cyclic import Sample, Setpoint
+from hardware.command_limits import JointLimits
 from hardware.errors import CommandRefused, StopLatched
-from hardware.limits import JointLimits
 from hardware.monitors.admission import admit, admit_modes, admit_move
 from tests.oracles.approved import Approve
 

@@ -9,7 +9,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
-from hardware.virtual.truth import PAPER_HOME_RAD
+from hardware.virtual.true_loop import PAPER_HOME_RAD
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.sensors import Encoder, Rvdt

@@ -7,7 +7,7 @@ import pytest
 
 from hardware.canopen.objects import SensorKind
 from hardware.virtual.axis import arm_axes, axis, joint_scale
-from hardware.virtual.sensors import joint_sensor
+from hardware.virtual.sensor_counts import joint_sensor
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.virtual_rig import joint
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hardware.virtual.loop_point import LoopPoint
-from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, BallTruth, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 

@@ -9,8 +9,8 @@ import pytest
 
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
-from hardware.virtual.sensors import JointSensor, SensorBank
-from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
+from hardware.virtual.sensor_counts import JointSensor, SensorBank
+from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]

@@ -13,7 +13,7 @@ from hardware.virtual import SCENARIOS
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.plant import Plant
 from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
-from hardware.virtual.truth import PAPER_HOME_RAD, LoopTruth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import entries, wrap_angle

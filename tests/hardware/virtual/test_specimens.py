@@ -12,7 +12,7 @@ from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
-from hardware.virtual.truth import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
+from hardware.virtual.true_loop import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.arm_model import ArmModel

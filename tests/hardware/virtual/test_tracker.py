@@ -14,7 +14,7 @@ from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
 from hardware.virtual.specimens import SpecimenFiles, mounted_entries
-from hardware.virtual.truth import OpenTruth, paper_loop
+from hardware.virtual.true_loop import OpenTruth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry

@@ -98,7 +98,7 @@ def test_every_exit_code_has_a_meaning_and_is_in_the_help() -> None:
 
 def test_every_key_of_the_app_and_every_fault_is_listed() -> None:
     from hardware.virtual.faults import FAULT_KINDS
-    from operator_app.session.ui.actions import ACTIONS
+    from operator_app.session.ui.action_table import ACTIONS
 
     page = manual().page("keys").markdown
     assert not [a.name for a in ACTIONS if f"| {a.label} |" not in page]

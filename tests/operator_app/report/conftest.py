@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from operator_app.headless.runner import run
+from operator_app.headless.procedure_run import run
 from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal

@@ -13,7 +13,7 @@ from operator_app.calibration.result import Solution
 from operator_app.cli import main
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
-from operator_app.headless.runner import run
+from operator_app.headless.procedure_run import run
 from operator_app.session.store.folders import find_session, read_session
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.state import SessionState

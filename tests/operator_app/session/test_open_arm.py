@@ -13,7 +13,7 @@ import pytest
 from fixtures.measured import Measured
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines
-from hardware.virtual.truth import OpenTruth, paper_loop
+from hardware.virtual.true_loop import OpenTruth, paper_loop
 from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations

@@ -15,7 +15,7 @@ from operator_app.cli import main
 from operator_app.errors import GuardError, NotLetGoError, SessionError
 from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
-from operator_app.headless.runner import next_placement, require_mounted, words
+from operator_app.headless.procedure_run import next_placement, require_mounted, words
 from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState

@@ -21,7 +21,7 @@ from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.placements import record_remounted, record_remounting
+from operator_app.session.workflow.remounting import record_remounted, record_remounting
 from operator_app.session.workflow.session import Session
 from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm

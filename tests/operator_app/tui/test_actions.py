@@ -5,7 +5,7 @@ from __future__ import annotations
 from textual.widgets import OptionList
 
 from operator_app.headless.plain import Plain
-from operator_app.session.ui import actions
+from operator_app.session.ui import action_table
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import Level
 from operator_app.session.ui.steps import Step
@@ -48,7 +48,7 @@ class Typist:
 
 
 async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, monkeypatch) -> None:
-    monkeypatch.setattr(actions, "ACTIONS", (*actions.ACTIONS, WHISTLE))
+    monkeypatch.setattr(action_table, "ACTIONS", (*action_table.ACTIONS, WHISTLE))
 
     async with still(story()["start"], step=Step.CONNECT) as d:
         assert "W Whistle" in d.text("#footer")
@@ -95,7 +95,7 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
         for s in (told, real(told)):
             for step in Step:
                 name = next_action(step, s).action
-                assert not name or step in actions.by_name(name).steps
+                assert not name or step in action_table.by_name(name).steps
 
 
 def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
@@ -105,17 +105,17 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
                  work=lambda interface: interface.stop())
         for k in range(2)
     )  # fmt: skip
-    before = [a.name for a in actions.footer(Step.FIXTURE)]
+    before = [a.name for a in action_table.footer(Step.FIXTURE)]
     assert before == ["stop", "primary", "procedure", "back", "help", "quit"]
-    table = (*actions.ACTIONS, *more)
-    after = [a.name for a in actions.footer(Step.FIXTURE, table)]
+    table = (*action_table.ACTIONS, *more)
+    after = [a.name for a in action_table.footer(Step.FIXTURE, table)]
     assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
 
 
 def test_guards_close_everything_that_works_while_work_is_in_hand() -> None:
-    at_work = busy(story()["captured"], actions.TaskKind.CALIBRATE, moves=False)
+    at_work = busy(story()["captured"], action_table.TaskKind.CALIBRATE, moves=False)
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
             "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip
-    for action in actions.ACTIONS:
+    for action in action_table.ACTIONS:
         if isinstance(action, Action):
             assert bool(action.guard(at_work)) == (action.name not in free), action.name

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import pytest
 
-from operator_app.session.ui.actions import ACTIONS, by_name, footer, for_key
+from operator_app.session.ui.action_table import ACTIONS, by_name, footer, for_key
 from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
-from operator_app.tui.user_interface import help_text
+from operator_app.tui.screen_interface import help_text
 from tests.oracles.story import story
 
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from fixtures.rigid import Rigid
-from hardware.virtual.truth import paper_loop
+from hardware.virtual.true_loop import paper_loop
 from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.errors import GuardError
-from operator_app.headless.runner import run
+from operator_app.headless.procedure_run import run
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.capture import verify

@@ -13,7 +13,7 @@ from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.procedure import Procedure
 from operator_app.errors import GuardError, JournalError
-from operator_app.headless.runner import run
+from operator_app.headless.procedure_run import run
 from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.export import export

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hardware.virtual.scenarios import scenario
-from hardware.virtual.truth import paper_loop
+from hardware.virtual.true_loop import paper_loop
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent, read_journal

@@ -12,7 +12,7 @@ from operator_app.documents import arm_history
 from operator_app.manual.shown import as_text
 from operator_app.messages.errors import EXPECTED, words
 from operator_app.report.results.history import history_text
-from operator_app.session.ui import actions, guards
+from operator_app.session.ui import action_table, guards
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.runner import Runner
 from operator_app.session.ui.sessions import Sessions
@@ -56,8 +56,8 @@ def help_text(step: Step, panel: Lines | None, width: int) -> str:
         blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
     else:
         blocks.append("Tab focuses a panel; ? then explains that panel.")
-    here = [a for a in actions.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
-    everywhere = [a for a in actions.ACTIONS if a.steps == EVERYWHERE]
+    here = [a for a in action_table.ACTIONS if step in a.steps and a.steps != EVERYWHERE]
+    everywhere = [a for a in action_table.ACTIONS if a.steps == EVERYWHERE]
     for title, some in (("Keys of this step", here), ("Keys everywhere", everywhere)):
         rows = [
             textwrap.fill(
@@ -85,7 +85,7 @@ class ScreenInterface:
 
     def press(self, *keys: str | None) -> bool:
         """Do the action of a key (name or character) at this step; return False if it has none."""
-        found = (actions.for_key(key, self.app.step) for key in keys if key is not None)
+        found = (action_table.for_key(key, self.app.step) for key in keys if key is not None)
         action = next((a for a in found if a is not None), None)
         if action is not None:
             self.do(action)
@@ -101,7 +101,7 @@ class ScreenInterface:
 
     def do_named(self, name: str) -> None:
         """Do an action by name, from a click or as the next action."""
-        self.do(actions.by_name(name))
+        self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: Action | OnScreen) -> None:
         """Do an action from the palette: go to its step first, if that is open."""
@@ -157,7 +157,7 @@ class ScreenInterface:
 
     def item(self, s: SessionSnapshot) -> int | None:
         """The marked item of the check list, or the next that is open."""
-        left = actions.open_items(s)
+        left = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in left else next(iter(left), None)
 

@@ -23,8 +23,8 @@ from operator_app.session.workflow.drive_selection import drives_of
 from operator_app.session.workflow.export import Exported, export
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Opening, resume
-from operator_app.session.workflow.placements import record_remounted, remounting_steps
 from operator_app.session.workflow.planned_capture import CampaignEnd
+from operator_app.session.workflow.remounting import record_remounted, remounting_steps
 from operator_app.session.workflow.session import Session
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from hardware.virtual.sensors import JointSensor, LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.sensor_counts import JointSensor, LinearityDeviation, SensorBank, joint_sensor
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import NoSensor
 

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from hardware.control import steps
+from hardware.control import motion_steps
 from hardware.control.stop_line import StopLatch
 from hardware.errors import Stopped
 
@@ -19,7 +19,7 @@ def test_a_stop_between_reset_and_its_turn_stays() -> None:
     latch.press()
     loop = SimpleNamespace(latch=latch, commands=())
     with pytest.raises(Stopped, match="again"):
-        next(steps.reset(loop, lambda: cleared.append(None), press=asked))  # type: ignore[arg-type]
+        next(motion_steps.reset(loop, lambda: cleared.append(None), press=asked))  # type: ignore[arg-type]
     assert latch.latched
     assert cleared == []
     assert loop.commands == ()

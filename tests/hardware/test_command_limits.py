@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hardware.arm import DriveState, JointMode
 from hardware.arm_description import JointScale
-from hardware.limits import (
+from hardware.command_limits import (
     JointLimits,
     Reason,
     Situation,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from operator_app.report.plots.plot import Marks, Picture, axis
-from operator_app.tui.widgets.plot import LABEL, plot
+from operator_app.tui.widgets.pictures import LABEL, plot
 
 WIDTH = 60
 

@@ -26,10 +26,13 @@ from operator_app.calibration.alternatives import (
     step_alternative,
 )
 from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.excluded_poses import excluded_poses, out_of_range_besides
 from operator_app.calibration.findings import exceeded, range_finding
-from operator_app.calibration.local_minima import has_diverged, local_minimum_causes
-from operator_app.calibration.motion_during_sampling import motion_causes
+from operator_app.calibration.multistart import has_diverged, local_minimum_causes
+from operator_app.calibration.pose_screening import (
+    excluded_poses,
+    motion_causes,
+    out_of_range_besides,
+)
 from operator_app.calibration.refusals import placement_checks
 from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
 from operator_app.calibration.repeat_measurement import Repeat, Reread

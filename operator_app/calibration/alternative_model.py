@@ -23,7 +23,7 @@ from operator_app.calibration.error_model import (
     noise_model,
     stated_priors,
 )
-from operator_app.calibration.local_minima import far_from_nominal
+from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import WHOLE_MM
 from solver.arrays import FloatArray

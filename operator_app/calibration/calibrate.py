@@ -15,8 +15,13 @@ from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
 from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
-from operator_app.calibration.closed_loops import in_order, loop_of_poses, pick
-from operator_app.calibration.distances import compared, distances
+from operator_app.calibration.closed_loops import (
+    IdentifiableLoops,
+    identifiable_loops,
+    in_order,
+    loop_of_poses,
+    pick,
+)
 from operator_app.calibration.error_model import (
     distinct_poses,
     error_model,
@@ -29,12 +34,18 @@ from operator_app.calibration.failure_analysis import (
     saturated_readings,
 )
 from operator_app.calibration.instrument_registration import with_registered_instrument
-from operator_app.calibration.local_minima import best_about_nominal
-from operator_app.calibration.multistart import FEW, evenly, fit_from_starts, gross_misfit
+from operator_app.calibration.multistart import (
+    FEW,
+    best_about_nominal,
+    evenly,
+    fit_from_starts,
+    gross_misfit,
+)
 from operator_app.calibration.notices import with_notices
-from operator_app.calibration.observations import IdentifiableLoops, identifiable_loops
 from operator_app.calibration.placements import (
     IndistinguishablePlacements,
+    compared,
+    distances,
     indistinguishable_placements,
 )
 from operator_app.calibration.refusals import (
@@ -67,8 +78,12 @@ from solver.diagnostics.limits import (
 from solver.diagnostics.range_checks import RangeFinding, range_findings
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.goodness import closure_at_readings, closure_sigmas
+from solver.estimators.estimate import (
+    Estimate,
+    closure_at_readings,
+    closure_sigmas,
+    require_enough_poses,
+)
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents

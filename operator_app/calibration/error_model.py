@@ -18,10 +18,9 @@ from solver.chain.parameters import DhEntry, DhKind, Parameter, is_entry, nomina
 from solver.chain.poses import PoseSet, back_to_caller, canonical_order
 from solver.chain.sensors import NoSensor
 from solver.chain.statics import unstated_masses
-from solver.estimators.error_model import ErrorModel, stated_errors
+from solver.estimators.error_model import ErrorModel, MeasuredDistance, Names, stated_errors
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
-from solver.estimators.measured_distances import MeasuredDistance, Names
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 from solver.loops.point import GROUND
 

@@ -1,4 +1,4 @@
-"""The implicit fit from several starts; a start that does not converge is no exception."""
+"""The fit from several starts, and local minima: whether a better or a nearer solution exists."""
 
 from __future__ import annotations
 
@@ -7,16 +7,27 @@ from itertools import islice
 
 import numpy as np
 
+from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray, IntArray
+from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
 from solver.diagnostics.limits import (
+    CHI2_PER_DOF_REFUSED,
     CHI2_PER_DOF_SECOND_START,
+    FAR_FROM_NOMINAL_M,
+    FAR_FROM_NOMINAL_RAD,
+    OTHER_SOLUTION_COST_SHARE,
     OTHER_START_MISFIT_SHARE,
+    USELESS_SIGMA_M,
+    USELESS_SIGMA_RAD,
 )
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.least_squares import Progress
+from solver.estimators.estimate import Estimate
+from solver.estimators.least_squares import Fit, Progress, solve_damped
+from solver.estimators.paper import ClosureProblem
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from solver.loops.closure import ClosureModel
+from solver.loops.point import GROUND
 
 FEW = 600
 """Poses, evenly among all, that tell which of several starts is the best one."""
@@ -40,10 +51,10 @@ def fit_from_starts(
     """
     starts, several = iter(starts), len(q) > 2 * FEW
     first = islice(starts, 1) if several else starts
-    found, least = _best(model, q, errors, first, group=group, progress=progress)
+    found, least = _best_fit(model, q, errors, first, group=group, progress=progress)
     if several and not least < CHI2_PER_DOF_SECOND_START:
         some = evenly(len(q), FEW)
-        few, misfit = _best(
+        few, misfit = _best_fit(
             model.at_poses(some),
             q[some],
             errors.at_poses(some),
@@ -53,7 +64,7 @@ def fit_from_starts(
         )
         if few is not None and misfit < OTHER_START_MISFIT_SHARE * least:
             again = (few.estimate.x,)
-            other, left = _best(model, q, errors, again, group=group, progress=progress)
+            other, left = _best_fit(model, q, errors, again, group=group, progress=progress)
             found = other if left < least else found
     if found is None:
         raise PosesDoNotFitError
@@ -65,7 +76,7 @@ def evenly(poses: int, most: int) -> IntArray:
     return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
 
 
-def _best(
+def _best_fit(
     model: ClosureModel,
     q: FloatArray,
     errors: ErrorModel,
@@ -97,3 +108,147 @@ def gross_misfit(found: Calibrated) -> float:
     """chi2/dof at stated variances; infinite where it is no number."""
     ratio = found.linear.stated.chi2 / max(found.linear.dof, 1)
     return float(ratio) if np.isfinite(ratio) else np.inf
+
+
+SOCKET = frozenset((*GROUND, *(f"{name}[1]" for name in GROUND)))
+"""Coordinates of the socket that a ball's file describes; of several the first."""
+
+STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
+ITERATIONS = 25
+
+
+def far_from_nominal(
+    parameters: tuple[Parameter, ...], x: FloatArray, sd: FloatArray | None = None
+) -> list[tuple[Parameter, float]]:
+    """Parameters whose values (P,) are farther from nominal than anybody is mistaken, and how far.
+
+    Where `sd` (P,) is given, only what lies outside by three of these as well: what hardly any pose
+    sees may end anywhere.
+    """
+    spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
+    changes = [
+        (p, float(wrap_angle(value - p.nominal)) if p.is_angle else float(value - p.nominal))
+        for p, value in zip(parameters, x, strict=True)
+    ]
+    return [
+        (p, change)
+        for (p, change), more in zip(changes, spread, strict=True)
+        if abs(change) > (FAR_FROM_NOMINAL_RAD if p.is_angle else FAR_FROM_NOMINAL_M) + more
+    ]
+
+
+def local_minimum_causes(
+    model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
+) -> tuple[Finding, ...]:
+    """Name a better solution than `estimate`, or say that it is far from where it should be.
+
+    Parameters
+    ----------
+    q
+        Readings (m, n) of the poses that were used, rad.
+    judged
+        Names of the parameters that were looked for.
+    """
+    # Of several placements the fixture's file can describe one: where the others are nobody noted.
+    looked_for = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
+    far = far_from_nominal(
+        tuple(p for p, yes in zip(estimate.parameters, looked_for, strict=True) if yes),
+        estimate.x[looked_for],
+        estimate.standard_deviation[looked_for],
+    )
+    if not far:
+        return ()
+    hard = model.without([p.name for p in model.parameters if p.name not in judged])
+    problem = ClosureProblem.of(hard, q)
+    known = {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
+    here = np.array([known[p.name] for p in hard.parameters])
+    own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
+    best = _best(hard, problem).cost
+    p, change = max(
+        far,
+        key=lambda item: (
+            abs(item[1]) / (FAR_FROM_NOMINAL_RAD if item[0].is_angle else FAR_FROM_NOMINAL_M)
+        ),
+    )
+    better = best < OTHER_SOLUTION_COST_SHARE * own
+    if not better and p.name in SOCKET:
+        # It is where the poses saw it: a note (`socket_elsewhere`).
+        return ()
+    return (
+        Finding(
+            kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
+            names=(p.name,),
+            size=change,
+            unit="rad" if p.is_angle else "m",
+            figures={"times": float(np.sqrt(own / max(best, 1e-300)))},
+            probability=1.0 if better else 0.5,
+            blocking=True,
+        ),
+    )
+
+
+def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
+    """Return the note that a ball's socket stands elsewhere than its file says, which no verdict depends on."""
+    here = [p.name in SOCKET for p in estimate.parameters]
+    far = far_from_nominal(
+        tuple(p for p in estimate.parameters if p.name in SOCKET),
+        estimate.x[here],
+        estimate.standard_deviation[here],
+    )
+    if not far:
+        return ()
+    p, change = max(far, key=lambda item: abs(item[1]))
+    return (Finding(kind=FindingKind.SOCKET_ELSEWHERE, names=(p.name,), size=change, unit="m"),)
+
+
+def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
+    """Parameters (P,) of the best solution that starts about the nominal values lead to."""
+    return _best(hard, ClosureProblem.of(hard, q)).x
+
+
+def _best(hard: ClosureModel, problem: ClosureProblem) -> Fit:
+    nominal = nominal_vector(hard.parameters)
+    angles = np.array([p.is_angle for p in hard.parameters])
+    rng = np.random.default_rng(0)
+    spread = np.where(angles, SPREAD_RAD, SPREAD_M)
+    starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (STARTS, len(nominal))))]
+    fits = [solve_damped(problem, x, max_iterations=ITERATIONS) for x in starts]
+    return min(fits, key=lambda fit: fit.cost)
+
+
+OF_THE_SOLUTION = {
+    FindingKind.SIGMAS_USELESS,
+    FindingKind.SIGMAS_WIDE,
+    FindingKind.FAR_FROM_NOMINAL,
+    FindingKind.PARALLEL_AXES,
+    FindingKind.NOT_CONVERGED,
+}
+"""Causes that are read off the solution itself: they lead nothing astray."""
+
+
+def has_diverged(
+    causes: Iterable[Finding], scale: float, estimate: Estimate, judged: tuple[str, ...]
+) -> bool:
+    """Whether a gross cause refuses, and the solution is where no file would have it or known to nobody's use.
+
+    Parameters
+    ----------
+    scale
+        chi2/dof at stated variances.
+    judged
+        Names of the parameters that were looked for.
+    """
+    # A local optimum is astray however well it fits.
+    if not any(
+        c.blocking
+        and (c.kind is FindingKind.OTHER_SOLUTION or scale > CHI2_PER_DOF_REFUSED)
+        and c.kind not in OF_THE_SOLUTION
+        for c in causes
+    ):
+        return False
+    # Of several placements the fixture's file can describe one.
+    here = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
+    chosen = tuple(p for p, yes in zip(estimate.parameters, here, strict=True) if yes)
+    sd: FloatArray = estimate.standard_deviation[here]
+    worthless = np.where([p.is_angle for p in chosen], USELESS_SIGMA_RAD, USELESS_SIGMA_M)
+    return bool((~(sd <= worthless)).any()) or bool(far_from_nominal(chosen, estimate.x[here], sd))

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from operator_app.calibration.acceptance import Adjudication, Verdict
-from operator_app.calibration.distances import Distance
+from operator_app.calibration.placements import Distance
 from operator_app.calibration.tool_accuracy import HandAccuracy, TipSigma, TrueErrors
 from operator_app.messages.finding import Finding
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.rvdt import RvdtVerdict
-from solver.estimators.estimate import Estimate
-from solver.estimators.goodness import ClosureSigmas
+from solver.estimators.estimate import ClosureSigmas, Estimate
 from solver.estimators.variance_components import VarianceComponents
 from solver.loops.closure import ClosureModel
 from solver.posterior.best_table import BestTable

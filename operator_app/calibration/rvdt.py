@@ -10,7 +10,7 @@ import numpy as np
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance, samples_of
-from operator_app.calibration.motion_during_sampling import moved_while_read
+from operator_app.calibration.pose_screening import moved_while_read
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray

@@ -24,7 +24,7 @@ from solver.diagnostics.prediction import CommonShift, shifted
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
-from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.estimate import ClosureSigmas, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements

@@ -20,7 +20,7 @@ from solver.design.motion import drive_straight
 from solver.design.paths import LINE_STEP_RAD, MotionLimits
 from solver.design.pose_information import planning_noise, pose_information
 from solver.diagnostics.identifiability import identifiability
-from solver.estimators.goodness import closure_at_readings
+from solver.estimators.estimate import closure_at_readings
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure

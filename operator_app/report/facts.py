@@ -56,8 +56,7 @@ if TYPE_CHECKING:
     from operator_app.calibration.result import Solution
     from operator_app.messages.finding import Finding
     from solver.arrays import FloatArray
-    from solver.estimators.estimate import Estimate
-    from solver.estimators.goodness import TwoReadings
+    from solver.estimators.estimate import Estimate, TwoReadings
 
 
 CONDITION_PAPER = 28

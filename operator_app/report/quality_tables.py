@@ -21,8 +21,7 @@ from operator_app.units import (
     plural,
     significant,
 )
-from solver.estimators.estimate import Estimate
-from solver.estimators.goodness import ClosureSigmas
+from solver.estimators.estimate import ClosureSigmas, Estimate
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
 """Bar of a condition number in characters: 100 has twenty, 10,000 and more have forty."""

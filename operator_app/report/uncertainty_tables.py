@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from operator_app.calibration.distances import Distance
+from operator_app.calibration.placements import Distance
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
 from operator_app.report.table import Cell, Column, FactTable, figures, words

@@ -11,8 +11,7 @@ from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.poses import canonical_order
 from solver.diagnostics.pose_adjustment import adjust_poses
 from solver.diagnostics.statistics import Chi2Test, chi2_test
-from solver.estimators.estimate import Estimate
-from solver.estimators.goodness import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.estimate import ClosureSigmas, Estimate, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 

@@ -1,4 +1,4 @@
-"""A fixture that gives by a compliance nobody knows: what its displacements at two poses have in common.
+"""Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
 Both halves of a fixture give by a compliance, constant in that half's own axes. It is symmetric and
 positive: C = S M S, S one size for angles and one for positions, M of mean I and with the second moments
@@ -10,7 +10,7 @@ so that under wrenches W z, z ~ N(0, I), the displacements C W z at two poses p,
 
     s_i s_j (G_ij + (d_ij sum_k G_kk + G_ji) / nu),     G = S W(p) W(p')' S.
 
-Knows no loop and nothing of where the wrenches come from.
+The torques follow from a closure model's table and the arm's stated and uncertain masses. Knows no fixture.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
+from solver.chain.kinematics import Frames, forward
+from solver.chain.parameters import DhEntry, DhKind, is_entry
+from solver.chain.statics import LinkMasses, torque_rates
+from solver.loops.closure import ClosureModel
 
 WISHART_DOF = 6.0
 """nu: the fewest for which a 6 x 6 compliance is positive."""
@@ -111,3 +115,56 @@ def variance(held: Pulled, s: FloatArray) -> FloatArray:
     squares = (held.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in held.halves) * every * s**2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ArmPoses:
+    """Poses q (m, n) and unsensed angles u (m, U), rad, of one placement at parameters x (P,)."""
+
+    model: ClosureModel
+    x: FloatArray
+    q: FloatArray
+    u: FloatArray
+    masses: LinkMasses
+
+    def arm(self, poses: IntArray | slice) -> Frames:
+        """Frames 0..n of the arm alone."""
+        rows = self.arm_rows()
+        angle = self.q[poses] + rows[DhKind.THETA_OFF]
+        return forward(angle, *rows[DhKind.S :])
+
+    def arm_rows(self) -> FloatArray:
+        """D-H rows 1..n (5, n) of the arm alone.
+
+        The offsets of the first and the last joint are those of the arm's file: calibrated ones are
+        counted from the fixture's axis, and neither gravity nor the hand's centre knows of that.
+        """
+        rows = self.model.arm_rows().copy()
+        ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
+        for parameter, value in zip(self.model.parameters, self.x, strict=True):
+            if is_entry(parameter.name) and parameter.name not in ends:
+                entry = DhEntry.parse(parameter.name)
+                if entry.row > 0:
+                    rows[int(entry.kind), entry.row - 1] = value
+        return rows
+
+    @property
+    def shapes(self) -> int:
+        """Number s of shapes of a torque."""
+        return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
+
+    def torques(self, poses: slice) -> FloatArray:
+        """Gravity's torque (m, n, s): as stated, by uncertain moments, by a tilted base."""
+        arm, masses = self.arm(poses), self.masses
+        rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
+        stated, *tilts = (rates * masses.moments).sum((-1, -2))
+        shapes = (stated[..., None], by_moment(rates[0], masses), np.stack(tilts, axis=-1))
+        return np.concatenate(shapes, axis=-1)
+
+
+def by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
+    """Torque (m, n, 4 n) for a unit of each uncertain moment."""
+    m, n = rates.shape[:2]
+    # One product for every link: all joints at all poses with its moments.
+    by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd
+    return by_link.reshape(n, m, n, 4).transpose(1, 2, 0, 3).reshape(m, n, -1)

@@ -6,16 +6,16 @@ linear mixed model (`solver.estimators.effects`) as noise, new in every pose, or
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import Parameter
 from solver.chain.sensors import DITHER, NoSensor, Rvdt, SensorCurve, curves_of
 from solver.estimators.load_effects import LoadBasis
-from solver.estimators.measured_distances import MeasuredDistance
 
 SD_OF_PEAK = 0.5
 """Amplitude of a curve whose peak is 1: shapes of amplitude 1 add up to peaks of about 2."""
@@ -178,3 +178,45 @@ def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:
     if dof == 0 or not np.any(sd_rad):
         return 0.0, 0
     return float(((samples - 1) * sd_rad**2).sum() / dof), dof
+
+
+Names = tuple[str, str, str]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredDistance:
+    """Distance (m) of two points, each named by its three coordinates among the parameters, and its sigma (m)."""
+
+    first: Names
+    second: Names
+    value_m: float
+    sigma_m: float
+
+
+def distance_and_rates(
+    first: Sequence[int], second: Sequence[int], x: FloatArray
+) -> tuple[float, FloatArray]:
+    """Return the distance of two points, m, and its rates (P,) with the parameters x (P,)."""
+    apart = x[list(second)] - x[list(first)]
+    value = float(np.linalg.norm(apart))
+    rates = np.zeros_like(x)
+    rates[list(second)] = apart / max(value, 1e-300)
+    rates[list(first)] = -rates[list(second)]
+    return value, rates
+
+
+def distance_rows(
+    distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return misclosures (k,) and rates (k, P) at x (P,), in units of each distance's sigma s.
+
+    ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s,  u = (p_b - p_a) / d``: one equation for each distance.
+    """
+    index = {p.name: k for k, p in enumerate(parameters)}
+    w, rows = np.zeros(len(distances)), np.zeros((len(distances), len(x)))
+    for k, d in enumerate(distances):
+        a, b = ([index[name] for name in names] for names in (d.first, d.second))
+        value, rates = distance_and_rates(a, b, x)
+        w[k] = (value - d.value_m) / d.sigma_m
+        rows[k] = rates / d.sigma_m
+    return w, rows

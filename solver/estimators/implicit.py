@@ -27,8 +27,12 @@ from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.closing import Rates, close_loops, reduced_equations
 from solver.errors import PosesDoNotFitError
-from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.goodness import closure_at_readings, closure_sigmas
+from solver.estimators.estimate import (
+    Estimate,
+    closure_at_readings,
+    closure_sigmas,
+    require_enough_poses,
+)
 from solver.estimators.least_squares import Progress, Triangle, triangle_of
 from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
 from solver.loops.closure import (

@@ -14,7 +14,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.closing import Rates, left_null_space
 from solver.estimators.effects import LinearModel, System
-from solver.estimators.measured_distances import distance_rows
+from solver.estimators.error_model import distance_rows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -35,8 +35,15 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.statics import LinkMasses, torque_rates
 from solver.closing import left_null_space
-from solver.estimators.compliance import Pulled, blocks, compliance_sizes, covariance, variance
-from solver.estimators.gravity_torques import ArmPoses, by_moment
+from solver.estimators.compliance import (
+    ArmPoses,
+    Pulled,
+    blocks,
+    by_moment,
+    compliance_sizes,
+    covariance,
+    variance,
+)
 from solver.estimators.pose_basis import farthest
 from solver.loops.closure import ClosureModel
 

@@ -13,8 +13,12 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import canonical_order
-from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.goodness import closure_at_readings, closure_sigmas
+from solver.estimators.estimate import (
+    Estimate,
+    closure_at_readings,
+    closure_sigmas,
+    require_enough_poses,
+)
 from solver.estimators.least_squares import Progress, Triangle, solve_damped, triangle_of
 from solver.loops.closure import ClosureModel, nearest_equivalent, pose_blocks
 

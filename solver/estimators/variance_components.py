@@ -23,8 +23,12 @@ from solver.estimators.component_report import (
     components,
 )
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.estimate import Estimate, require_enough_poses
-from solver.estimators.goodness import closure_at_readings, closure_sigmas
+from solver.estimators.estimate import (
+    Estimate,
+    closure_at_readings,
+    closure_sigmas,
+    require_enough_poses,
+)
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress

@@ -19,7 +19,7 @@ from operator_app.units import CLOSURE_LENGTH, LENGTH, Figure
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
-from solver.estimators.goodness import closure_at_readings
+from solver.estimators.estimate import closure_at_readings
 from solver.loops.closure import ClosureModel
 
 ASPECT = 1.25

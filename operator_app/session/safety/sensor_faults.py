@@ -10,7 +10,7 @@ import numpy as np
 from hardware.arm import ArmInterface, Reading
 from hardware.canopen.objects import EmergencyCode
 from hardware.errors import DriveDiverged, DriveFault, SensorFault
-from operator_app.calibration.stuck_joint import turned_unread
+from operator_app.calibration.failure_analysis import turned_unread
 from operator_app.config.procedure import Procedure
 from operator_app.session.store.logbook import Logbook
 from operator_app.session.store.state import SessionState

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.state import SessionState
     from solver.arrays import FloatArray, IntArray
-    from solver.estimators.goodness import TwoReadings
+    from solver.estimators.estimate import TwoReadings
     from solver.loops.closure import ClosureModel
 
 

@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
+from fixtures.ball import Ball
+from operator_app.calibration.acceptance import Verdict, fit_causes
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
+from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.multistart import FEW, fit_from_starts, gross_misfit
+from operator_app.calibration.result import Solution
+from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
+from operator_app.config.poses_file import load_poses, parse_poses
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
 from solver.chain.parameters import nominal_vector
+from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import CHI2_PER_DOF_SECOND_START
-from solver.errors import PosesDoNotFitError
+from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
-from tests.oracles.shop_floor import session
+from solver.estimators.paper import estimate_paper
+from solver.estimators.variance_components import estimate_with_errors
+from tests.oracles.panda import FOLDER
+from tests.oracles.shop_floor import Session, session
+from tests.oracles.shop_floor_faults import CASES
 
 MODEL = load_fixture("hinge").fixture.model(load_arm("sarcos_dextrous"))
 NOMINAL = nominal_vector(MODEL.parameters)
@@ -40,3 +60,97 @@ def test_the_start_that_leads_somewhere_counts(readings, starts) -> None:
     assert found.estimate.converged
     with pytest.raises(PosesDoNotFitError):
         fit_from_starts(MODEL, readings, errors, (NOWHERE, NOWHERE), group=group)
+
+
+ARM, HINGE = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
+
+
+def hysteresis(found: Session, joint: int, deg: float) -> Session:
+    """A sensor that reads so much more on the way up, and less on the way down."""
+    read = found.readings.copy()
+    moved = np.diff(np.concatenate((read[:1, joint - 1], read[:, joint - 1])))
+    read[:, joint - 1] += np.deg2rad(deg) * np.where(moved < 0.0, -1.0, 1.0)
+    return replace(found, readings=read)
+
+
+def poses_of(found: Session) -> PoseSet:
+    return parse_poses(found.csv().encode(), "poses.csv").poses
+
+
+@pytest.fixture(scope="module")
+def diverged_solution() -> Solution:
+    return calibrate(ARM, HINGE, poses_of(hysteresis(session(7), 6, 4.0)))
+
+
+@pytest.mark.parametrize(
+    "advice", ["Believe implicit", "remount the hinge", "poses that differ more", "To halve it"]
+)
+def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
+    diverged_solution: Solution, advice: str
+) -> None:
+    assert diverged_solution.adjudication.diverged
+    assert diverged_solution.causes[0].code == "RVDT_6"
+    assert diverged_solution.causes[0].blocking
+    said = " ".join(facts_text(facts_of(diverged_solution)).split())
+    assert advice not in said
+    assert "neither estimate is usable" in said
+    assert facts_of(diverged_solution).json["halved"] == {}
+
+
+def test_a_sound_solution_is_not_astray() -> None:
+    found = calibrate(ARM, HINGE, poses_of(session(7)))
+    assert not found.adjudication.diverged
+    assert "Believe implicit" in facts_text(facts_of(found))
+
+
+def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -> None:
+    """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
+    poses = poses_of(hysteresis(session(41), 6, 4.0))
+    blind = UnidentifiableError(
+        (UnidentifiableDirection(parameters=("s_0", "s_7"), weights=(0.7, 0.7)),)
+    )
+    paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
+    why = explain_unidentifiable(blind, ARM, HINGE, poses, (), paper, None)
+    assert isinstance(why, PosesDoNotFitError)
+    assert "the reading of joint 6 does not follow" in str(why)
+
+
+def test_poses_that_tell_little_are_said_to_once() -> None:
+    found = calibrate(ARM, HINGE, poses_of(CASES["motion 5 deg"](3).taken))
+    assert Counter(cause.code for cause in found.causes)["LITTLE_MOTION"] == 1
+
+
+def test_where_no_source_is_larger_than_stated_other_poses_narrow_a_sigma() -> None:
+    assert remedy_for("theta_off_4", session(2)).startswith("take more poses")
+
+
+def test_what_narrows_a_sigma_is_told_of_the_rvdt_that_is_worse_than_stated() -> None:
+    """Taken for one that is as stated: the curve of joint 7, five times its specification, is most of this sigma."""
+    remedy = remedy_for("theta_off_7", CASES["RVDT 5 %"](3).taken)
+    assert remedy.startswith("replace the RVDT of joint 7")
+
+
+def remedy_for(name: str, found: Session) -> str:
+    """What to do about a parameter, were it one that its file states better than any pose can tell."""
+    poses = poses_of(found)
+    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
+    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    fit = estimate_with_errors(model, poses.q_rad, errors)
+    (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(exceeded_source, fit))
+    assert cause.code == "LITTLE_MOTION"
+    return cause.remedy
+
+
+@pytest.mark.parametrize("sockets", [(1,), (1, 2)])
+def test_a_socket_that_stands_elsewhere_is_a_note(sockets: tuple[int, ...]) -> None:
+    """Real poses of a Panda; the packaged ball's socket is a metre from where theirs is."""
+    fixture = load_fixture("ball").fixture
+    assert isinstance(fixture, Ball)
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    chosen = pick_placements(poses, sockets)
+    elsewhere = replace(fixture, ground_m=(0.9, 0.0, 0.1))
+    solution = calibrate(load_arm("franka_panda"), elsewhere, chosen)
+    (note,) = (n for n in solution.warnings if n.code == "SOCKET_ELSEWHERE")
+    assert note.names[0].startswith("ground_x")
+    assert note.size == pytest.approx(-1.36, abs=0.02)
+    assert solution.verdict is Verdict.ACCEPTED

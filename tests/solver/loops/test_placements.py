@@ -10,7 +10,7 @@ import pytest
 from solver.chain.parameters import DhEntry, nominal_vector, wrap_angles
 from solver.closing import close_loops
 from solver.diagnostics.identifiability import identifiability
-from solver.estimators.goodness import closure_at_readings
+from solver.estimators.estimate import closure_at_readings
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import nearest_equivalent

@@ -10,7 +10,7 @@ import pytest
 from fixtures.ball import Ball
 from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
-from operator_app.calibration.stuck_joint import turned_unread
+from operator_app.calibration.failure_analysis import turned_unread
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.messages.errors import words

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import Parameter
-from solver.estimators.measured_distances import MeasuredDistance, distance_and_rates, distance_rows
+from solver.estimators.error_model import MeasuredDistance, distance_and_rates, distance_rows
 
 POINTS = [(f"ground_x[{k}]", f"ground_y[{k}]", f"ground_z[{k}]") for k in (1, 2)]
 

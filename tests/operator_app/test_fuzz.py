@@ -25,14 +25,19 @@ LIMIT_S, LIMIT_MB = 5.0, 500.0
 @pytest.mark.parametrize("kind", PARSERS)
 @pytest.mark.parametrize("times", [1, pytest.param(20, marks=pytest.mark.campaign)])
 def test_an_input_is_accepted_or_refused_in_words(kind: str, times: int, tmp_path: Path) -> None:
-    seen, count = set(), FEWER.get(kind, 30)
+    seen, count, before_mb = set(), FEWER.get(kind, 30), peak_mb()
     for seed in range((times > 1) * count, times * count):
         begun_s = time.process_time()
         seen.add(outcome(kind, seed, tmp_path))
         assert time.process_time() - begun_s < LIMIT_S, seed
     over()
     assert "refused" in seen
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 < LIMIT_MB
+    # A worker's peak is that of all its tests: another may have passed the limit before.
+    assert peak_mb() < max(LIMIT_MB, before_mb + 1.0)
+
+
+def peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
 def test_a_drive_that_does_not_obey_a_stop_is_seen() -> None:

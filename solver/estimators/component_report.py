@@ -1,4 +1,4 @@
-"""Variance components as an operator reads them: standard deviations, intervals, the flexure test.
+"""Reports variance components as standard deviations with intervals, and tests the fixture's compliance.
 
 Knows the mixed model's components; no loop and no fixture.
 """
@@ -16,7 +16,7 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.mixed_fit import MixedFit
 
 COMPLIANCE_LEVEL = 0.01
-"""The fixture is taken to give as stated unless the data would look like this less often."""
+"""Probability of the data below which the fixture counts as more compliant than stated."""
 
 TWO_SIDED = 1.959963984540054
 """Standard normal deviate of a two-sided 95 % interval."""
@@ -35,7 +35,7 @@ class Component:
     sd, low, high
         Value and 95 % interval.
     stated
-        What the files state.
+        Value stated in the files.
     """
 
     name: str
@@ -48,16 +48,16 @@ class Component:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ComplianceTest:
-    """Score test of a fixture that gives as stated against one that gives more.
+    """Score test of the stated compliance of a fixture against a larger one.
 
     Attributes
     ----------
     statistic
-        Square of the score in its standard deviations; 0 where the data ask for less.
+        Square of the score in its standard deviations; 0 where the data show a smaller compliance.
     p_value
-        Chance of so large a statistic where the statement holds.
+        Probability of so large a statistic if the stated value is right.
     gives
-        Whether the data ask for more at `COMPLIANCE_LEVEL`.
+        Whether the data show a larger compliance at `COMPLIANCE_LEVEL`.
     """
 
     statistic: float
@@ -66,10 +66,10 @@ class ComplianceTest:
 
 
 LEAST_LEFT = 1e-12
-"""Share of what is known of a variance below which the others' blur leaves nothing of it."""
+"""Share of a variance's information below which the uncertainty of the others removes all of it."""
 
 MOST_CERTAIN = 1e6
-"""No standard deviation is known better than to this share of itself."""
+"""Least relative uncertainty of a standard deviation."""
 
 
 def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
@@ -112,7 +112,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,); a component at its floor does not blur the others and takes their blur."""
+    """Standard errors (K,); a component at its floor adds nothing to those of the others, but theirs add to its own."""
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     scaled = information / np.outer(size, size)
@@ -120,23 +120,23 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
     across = scaled[np.ix_(~inner, inner)]
     own = np.empty(len(v))
     own[inner] = np.diagonal(inverse)
-    # What the inner ones leave of what is known of each of the others (Schur).
+    # Remaining information of each outer component, given the inner ones (Schur).
     left = 1.0 - ((across @ inverse) * across).sum(-1)
     own[~inner] = np.where(left > LEAST_LEFT, 1.0 / np.maximum(left, LEAST_LEFT), 0.0)
-    # A variance that a few poses leave to rounding has no error that could be told.
+    # A variance that few poses leave to rounding has no meaningful error.
     return np.where(own > 0.0, np.sqrt(np.maximum(own, 0.0)), np.inf) / size
 
 
 def interval(variance: float, error: float) -> tuple[float, float]:
     """95 % interval of a variance with standard error `error`, Satterthwaite's.
 
-    It is distributed as chi2 with 2 v^2 / s^2 degrees of freedom, exactly so when it stands alone.
+    It is distributed as chi2 with 2 v^2 / s^2 degrees of freedom, exactly if there is no other component.
     """
     from scipy.special import chdtri
 
     degrees = 2.0 * min(variance / max(error, 1e-300), MOST_CERTAIN) ** 2
     if degrees < 1.0:
-        # Hardly there at all: the lower end is zero, and chi2's upper end would run off to infinity.
+        # Nearly zero: the lower end is zero, and chi2's upper end would tend to infinity.
         return 0.0, variance + TWO_SIDED * error
     # chdtri takes the probability above.
     low, high = chdtri(degrees, (0.025, 0.975))

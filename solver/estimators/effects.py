@@ -4,11 +4,11 @@ At one linearisation the reduced closure of all poses reads
 
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
-with dx the parameters nothing is known of beforehand, and w after what is expected of play and sag.
+with dx the parameters without a prior, and w after the expected play and sag.
 Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
-of encoders, curves of analogue sensors, sag and give as smooth functions of the pose. A variance
-component moves one or more groups; what is stated is the median of its prior (`solver.estimators.layout` has
-both). Knows a closure model's derivatives; estimates nothing.
+of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component scales
+one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both). Knows a closure
+model's derivatives; estimates nothing.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solver.estimators.layout import Layout
 from solver.loops.closure import ClosureModel
 
 CHUNK = 1024
-"""Poses that are whitened at a time: memory does not grow with columns times poses."""
+"""Poses whitened at a time, so that memory does not grow with columns times poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -46,11 +46,11 @@ class System:
 
     @property
     def equations(self) -> int:
-        """Of all poses, and of distances."""
+        """Number of equations of all poses, and of distances."""
         return self.w.size + self.distances[0].size
 
     def part(self, poses: slice) -> System:
-        """Return the equations of some poses in a row."""
+        """Return the equations of a slice of the poses."""
         return self.at_poses(poses)
 
     def at_poses(self, poses: IntArray | slice) -> System:
@@ -66,7 +66,7 @@ class System:
 
 
 class Equations(Protocol):
-    """The equations of all poses, to be had some at a time."""
+    """The equations of all poses, available in parts."""
 
     @property
     def equations(self) -> int:
@@ -79,7 +79,7 @@ class Equations(Protocol):
         ...
 
     def part(self, poses: slice) -> System:
-        """Return those of some poses in a row."""
+        """Return those of a slice of the poses."""
         ...
 
     def at_poses(self, poses: IntArray) -> System:
@@ -89,7 +89,7 @@ class Equations(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Whitened:
-    """Some poses in units of their noise: the columns [hard, effects], and the misclosure.
+    """Whitened columns [hard, effects] and misclosure of some poses.
 
     `L_inverse` (m, r, r) whitens; `Bw` (m, r, n) and `Ew` (m, r, k) are the joints' and the
     fixture's columns, `S` (m, n) and `F` (m, k) the variances of their noise.
@@ -105,14 +105,14 @@ class Whitened:
     F: FloatArray
 
     def times(self, coefficients: FloatArray) -> FloatArray:
-        """Columns times coefficients (width, ...): (m, r, ...), one product for all poses and not one for each."""
+        """Columns times coefficients (width, ...): (m, r, ...), as one product for all poses."""
         m, r, width = self.M.shape
         found = self.M.reshape(m * r, width) @ coefficients
         return found.reshape(m, r, *coefficients.shape[1:])
 
 
 class LinearModel(Layout):
-    """Noise and columns of a closure model with stated errors, some poses at a time.
+    """Noise and columns of a closure model with stated errors, for parts of the poses.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class LinearModel(Layout):
         self._stated_joints, self._stated_fixture = self._joints(), self._fixture()
 
     def at_poses(self, poses: IntArray) -> LinearModel:
-        """Return the design of a selection of poses, smooth functions laid through these only."""
+        """Return the design of a selection of poses; smooth functions are fitted to these only."""
         return LinearModel(
             self.model.at_poses(poses),
             self.q[poses],
@@ -143,7 +143,7 @@ class LinearModel(Layout):
         )
 
     def unsigned(self) -> LinearModel:
-        """Return the design that expects sag and play to either side alike."""
+        """Return the design that expects sag and play to both sides equally."""
         errors = replace(self.errors, signed=False)
         return LinearModel(self.model, self.q, errors, group=self.group, like=self)
 
@@ -159,7 +159,7 @@ class LinearModel(Layout):
         return S
 
     def _joints(self) -> FloatArray:
-        """What of it no component moves."""
+        """Part that no component scales."""
         used = np.ones(self.model.joint_count)
         used[[j - 1 for j in self.model.unsensed_joints]] = 0.0
         S = self.errors.joint_variance * used
@@ -177,7 +177,7 @@ class LinearModel(Layout):
         return F
 
     def _fixture(self) -> FloatArray:
-        """What of it no component moves."""
+        """Part that no component scales."""
         F = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))
         for rows, stated in self.gives:
             F[:, rows] += (self.give_basis.missed * self.free_give * stated**2)[:, None]
@@ -186,7 +186,7 @@ class LinearModel(Layout):
         return F
 
     def smooth_give_variance(self, v: FloatArray) -> FloatArray:
-        """Variance (6,) of the displacement that is the same again at the same pose."""
+        """Variance (6,) of the deflection that repeats at the same pose."""
         found = np.zeros(6)
         # One group for each of `gives` with columns (the discrepancy's too), then that of the loads.
         groups = [g for g in self.groups if g.source == "fixture_give"]
@@ -198,7 +198,7 @@ class LinearModel(Layout):
         return found
 
     def noise_factors(self, part: Whitened) -> tuple[FloatArray, IntArray]:
-        """Columns Q (m, r, f) of the whitened noise, and the component (f,) that moves each.
+        """Columns Q (m, r, f) of the whitened noise, and the component (f,) that scales each.
 
         A component's derivative of the noise is ``Q Q'`` of its columns.
         """
@@ -218,14 +218,14 @@ class LinearModel(Layout):
 
     # ---- columns
     def parts(self) -> Iterator[slice]:
-        """Poses in chunks."""
+        """Whitened poses, in chunks."""
         for first in range(0, len(self.q), CHUNK):
             yield slice(first, min(first + CHUNK, len(self.q)))
 
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
-        """Columns of some poses, of which `system` is, in units of their noise.
+        """Whiten the columns of the poses of `system`.
 
-        `root` (width - hard,) scales the effects: that of `group_variances` to unit variance.
+        `root` (width - hard,) scales the effects: the root of `group_variances` scales them to unit variance.
         """
         B, E = system.B, system.E
         Et = np.swapaxes(E, -1, -2)
@@ -259,7 +259,7 @@ class LinearModel(Layout):
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled).
 
-        Corrections count what is expected of play and sag.
+        Corrections include the expected play and sag.
         """
         shift, give = self.expected.copy(), np.zeros((len(self.q), self.rows))
         at = len(self.soft_index)

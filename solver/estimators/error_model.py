@@ -1,6 +1,6 @@
-"""What the files of an arm and a fixture state about what is not known exactly. Knows no loop and no file.
+"""Errors that the files of an arm and a fixture state. Knows no loop and no file.
 
-Nothing is a flag: every source of error has a size (one standard deviation, 0 is exact) and enters one
+There are no flags: every source of error has a size (one standard deviation, 0 is exact) and enters one
 linear mixed model (`solver.estimators.effects`) as noise, new in every pose, or as an effect, drawn once.
 """
 
@@ -23,7 +23,7 @@ SD_OF_PEAK = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AnalogueReading:
-    """A sensor whose noise and curve are estimated with the parameters.
+    """A sensor whose noise and linearity deviation are estimated with the parameters.
 
     Attributes
     ----------
@@ -32,14 +32,14 @@ class AnalogueReading:
     variance
         Stated variance of one single reading, rad^2.
     share
-        (m,): what is left of that in the mean of each pose's samples.
+        (m,): share of that variance in the mean of each pose's samples.
     spread_variance, spread_dof
         Mean square of the spread inside the poses, rad^2, and its degrees of freedom; dof 0 where
         spreads were not recorded.
     curve
-        Shapes of its deviation from the true angle; None where it has none.
+        Shapes of its systematic deviation; None where it has none.
     curve_variance
-        Variance of the shapes' coefficients (rad^2) that the specification stands for.
+        Variance of the shapes' coefficients (rad^2) that corresponds to the specification.
     """
 
     joint: int
@@ -53,35 +53,35 @@ class AnalogueReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ErrorModel:
-    """All that is random about m readings of n joints.
+    """Error model of m readings of n joints.
 
     Attributes
     ----------
     joint_variance
-        (m, n), rad^2: what counts and stated noise leave in each mean reading. Joints in `analogue`
-        keep only what is not estimated there.
+        (m, n), rad^2: variance of each mean reading from resolution and stated noise. For joints in `analogue` only the
+        part that is not estimated there.
     endpoint_variance
-        (6,), rad^2 then m^2: of an instrument that measures the end point.
+        (6,), rad^2 then m^2: variance of an instrument that measures the end point.
     analogue
         Sensors whose noise is estimated.
     accuracy_rad, backlash_rad, sag_rad
         (n,): error once and twice per turn, play, and twist under load of each joint.
     give_rad, give_m
-        How far the fixture yields along each closure component; None where nothing is held that could.
+        Deflection of the fixture along each closure component; None without a fixture.
     tolerance
         Standard deviation (rad, m) of entries of the maker's table that are corrected within it.
     distances
         Distances between points of the loop that were measured.
     prior
-        The same of the unknowns that are asked for, as far as a file states how well they are known.
+        The same for the identified parameters, as far as a file states their uncertainty.
     discrepancy
-        Whether a smooth misfit that nobody stated may be found.
+        Whether a smooth misfit without a stated source is estimated.
     loads
-        What gravity bends, where masses are stated; else sag and give are any smooth function.
+        Effects of gravity, where masses are stated; otherwise sag and compliance are smooth functions of the pose.
     approach
-        (m, n): from which side every joint came, 1 or -1, 0 where that is not known.
+        (m, n): direction of approach of every joint, 1 or -1, 0 where unknown.
     signed
-        Whether joints are expected to sag to where gravity takes them, and not to either side alike.
+        Whether joints are expected to sag in the direction of gravity, instead of to both sides equally.
     """
 
     joint_variance: FloatArray
@@ -115,7 +115,7 @@ class ErrorModel:
         )
 
     def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:
-        """Return the same with the readings of some joints (1-based) not used."""
+        """Return the same without the readings of some joints (1-based)."""
         return replace(self, analogue=tuple(a for a in self.analogue if a.joint not in joints))
 
 
@@ -126,7 +126,7 @@ def stated_errors(
     sd_rad: FloatArray | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> ErrorModel:
-    """Return what the arm's file states of readings that are means of `samples` (m,).
+    """Return the errors stated in the arm's file for readings that are means of `samples` (m,).
 
     Parameters
     ----------

@@ -49,14 +49,14 @@ MAX_ITERATIONS = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
-    """What is random about a pose.
+    """Noise of a pose.
 
     Attributes
     ----------
     joint_variance
         Variance of each joint reading, (n,) or (m, n), rad^2.
     fixture_variance
-        Variance of the fixture's give along the closure components, (6,), rad^2 then m^2; a model
+        Variance of the fixture's deflection along the closure components, (6,), rad^2 then m^2; a model
         without rotations (ball) uses the last three.
     """
 
@@ -66,14 +66,14 @@ class NoiseModel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterPrior:
-    """What is known of parameters beforehand, e.g. lengths from the maker's table with a tolerance.
+    """Prior knowledge of parameters, e.g. lengths from the maker's table with a tolerance.
 
     Attributes
     ----------
     mean
         (P,), rad and m.
     precision
-        One over the variance of that knowledge (P,); 0 where nothing is known.
+        One over the prior variance (P,); 0 where nothing is known.
     """
 
     mean: FloatArray
@@ -102,7 +102,7 @@ class LinearisedPoses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImplicitFit:
-    """Where the implicit iteration ended.
+    """Result of the implicit iteration.
 
     Attributes
     ----------
@@ -143,8 +143,8 @@ def fit_implicit(
 ) -> ImplicitFit:
     """Fit parameters and joint corrections to measured joint angles `q` (m, n), rad, from `x0` (P,).
 
-    Parameters under a `prior` bring as many equations as unknowns: they cost no degree of freedom,
-    and how far they end from the prior's mean is not in `pose_chi2`.
+    Parameters under a `prior` bring as many equations as unknowns: they reduce no degree of freedom, and their distance
+    from the prior's mean is not in `pose_chi2`.
     """
     known = 0 if prior is None else int(np.count_nonzero(prior.precision))
     dof = require_enough_poses(model, len(q), known=known)
@@ -153,7 +153,7 @@ def fit_implicit(
     x = np.array(x0, dtype=np.float64)
     u, e = unsensed_at_readings(model, x, q), np.zeros_like(q)
     if model.unsensed_joints:
-        # Their first angles are mere readings: take them from loops closed as well as `x0` allows.
+        # The initial angles are mere readings: take them from loops closed as well as `x0` allows.
         sigma = np.sqrt(variance.mean(axis=0))
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
     loops = _Loops(model, q, variance, give)
@@ -197,7 +197,7 @@ def estimate_implicit(
     x0: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> Estimate:
-    """Fit `model` to joint angles `q` (m, n), rad; starts from the paper's estimator unless told.
+    """Fit `model` to joint angles `q` (m, n), rad; starts from the paper's estimator by default.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def estimate_implicit(
     fit = fit_implicit(model, q, noise, x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     if np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION:
-        # Another description of the same loop has another covariance: finish there.
+        # An equivalent parameter vector has another covariance: continue there.
         fit = fit_implicit(model, q, noise, x)
     else:
         fit = replace(fit, x=x)
@@ -249,7 +249,7 @@ def estimate_implicit(
 def linearise(
     error: LoopError, e: FloatArray, variance: FloatArray, give: FloatArray
 ) -> LinearisedPoses:
-    """Reduce the loops of all poses, linearised at corrections `e` (m, n), and weigh them."""
+    """Reduce the loops of all poses, linearised at corrections `e` (m, n), and compute their weights."""
     reduced = reduced_equations(error)
     E, B = reduced.E, reduced.B
     Bt, Et = np.swapaxes(B, -1, -2), np.swapaxes(E, -1, -2)
@@ -266,7 +266,7 @@ def whitener(V: FloatArray) -> FloatArray:
     Raises
     ------
     PosesDoNotFitError
-        There is none: these poses are far from any that close.
+        There is none: these poses are far from closing.
     """
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
@@ -276,7 +276,7 @@ def whitener(V: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Some poses linearised: w, A, B and E' in units of their noise, and how their unsensed angles follow."""
+    """Some poses linearised: w, A, B and E' in units of their noise, and the rates of their unsensed angles."""
 
     w: FloatArray
     A: FloatArray
@@ -286,7 +286,7 @@ class _Block:
 
 
 class _Loops:
-    """The loops of all poses, linearised a block at a time: their Jacobians never stand side by side."""
+    """The loops of all poses, linearised a block at a time, so that only one block's Jacobians are in memory."""
 
     def __init__(
         self, model: ClosureModel, q: FloatArray, variance: FloatArray, give: FloatArray
@@ -305,7 +305,7 @@ class _Loops:
 
         def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
             for k, (part, here) in enumerate(self._parts):
-                # In the place of the last round's, so that no memory is asked for again.
+                # # Overwrites the last round's, so that no memory is allocated again.
                 self._blocks[k] = block = self._block(part, here, x, e[here], u[here])
                 yield block.w, block.A
             if prior is not None:

@@ -1,7 +1,7 @@
-"""Effects that act along a joint, as shapes over the poses, side by side. Knows no loop and no variance.
+"""Effects that act along a joint, as shapes over the poses. Knows no loop and no variance.
 
 Harmonics of encoders, gains and curves of analogue sensors, sides of play, sag: in the order of a layout's groups.
-A curve follows the corrected angle; all others stay as they are while a fit goes on.
+A curve follows the corrected angle; all other shapes are constant during a fit.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from solver.estimators.load_shapes import Shapes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointPoses:
-    """Readings q (m, n), rad, with the sides of play and the shapes of sag there."""
+    """Readings q (m, n), rad, with their sides of play and shapes of sag."""
 
     q: FloatArray
     play: Shapes
@@ -55,7 +55,7 @@ class JointShapes:
         self._last: tuple[slice, FloatArray] | None = None
 
     def at(self, angle: FloatArray, poses: slice) -> FloatArray:
-        """Shapes (m, c) of some poses in a row, whose corrected angles are `angle` (m, n), rad."""
+        """Shapes (m, c) of a slice of the poses, whose corrected angles are `angle` (m, n), rad."""
         if self._last is None or self._last[0] != poses:
             self._last = (poses, self._still(poses))
         shapes = self._last[1]
@@ -66,11 +66,11 @@ class JointShapes:
         return shapes
 
     def shift(self, b: FloatArray, angle: FloatArray, poses: slice) -> FloatArray:
-        """Joint corrections (m, n), rad, of coefficients b (c,)."""
+        """Joint corrections (m, n), rad, from coefficients b (c,)."""
         return np.asarray(self.at(angle, poses) @ (self._along * b[:, None]))
 
     def _still(self, poses: slice) -> FloatArray:
-        """Shapes (m, c) that follow no correction; columns of curves are left empty."""
+        """Shapes (m, c) that do not depend on corrections; columns of curves are left empty."""
         layout, there = self._layout, self._poses
         turning = np.flatnonzero(layout.accuracy)
         turn = there.q[poses, turning] if len(turning) else np.zeros((len(there.q[poses]), 0))

@@ -1,7 +1,7 @@
-"""Which effects a loop with stated errors has, which of them share a variance, and what bounds that.
+"""Lists the effects of a loop with stated errors, which of them share a variance, and its bounds.
 
-Every source of error that the files state is a group of columns, a variance component, or both. Knows
-a closure model's parameters and how smooth a fixture's give is; no derivative, no column's values.
+Every source of error that the files state is a group of columns, a variance component, or both. Knows a closure model's
+parameters and how smooth a fixture's deflection is; no derivative, no column's values.
 """
 
 from __future__ import annotations
@@ -65,13 +65,13 @@ the repeatable part (smooth in the pose, or on one side of a joint). The data de
 second poorly, so each has a scale of its own."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
-"""Smooth functions of the pose for what twists under load (a joint) and what gives (a placement)."""
+"""Smooth functions of the pose for the twist under load (of a joint) and the deflection (of a placement)."""
 
 
 class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
-    `like` is a layout of the same poses: what is smooth over them is taken from there. `floors`, `walls`, `leaps`,
+    `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
     `quietest` and `scaled` (K,) are those of the components.
     """
 
@@ -115,7 +115,7 @@ class Layout:
         self.floors = np.array([c.floor for c in self.components])
         self.walls = np.array([c.wall for c in self.components])
         self.leaps = np.array([c.leap for c in self.components])
-        # Single readings are not judged by less noise than expected: what is left of it has tails.
+        # Single readings are not tested with less noise than expected: the rest of it has tails.
         self.quietest = np.array([c.start if c.scaled else c.floor for c in self.components])
         self.scaled = np.array([c.scaled for c in self.components], dtype=bool)
         self.hard = len(self.hard_index)
@@ -151,7 +151,7 @@ class Layout:
     def _lay_out(self, names: list[str], group: IntArray | None, like: Layout | None) -> None:
         errors = self.errors
 
-        # What is smooth over all poses alike: made once, if at all, and not kept.
+        # Functions smooth over all poses: computed once, if at all, and not kept.
         process = cache(partial(pose_process, self.q))
 
         for a in errors.analogue:
@@ -194,10 +194,10 @@ class Layout:
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
-                # They are what is looked for: how well they were known before is stated and not learned.
+                # These are the parameters sought: their prior uncertainty is stated and not estimated.
                 self.groups.append(Group(source=source, width=len(listed), fixed=1.0, names=listed))
             elif listed and source == PLACEMENT:
-                # A fixture stands where it stands: how far from its file's place says nothing of the arm.
+                # The fixture's distance from its nominal placement implies nothing about the arm.
                 self.groups.append(
                     Group(source=source, width=len(listed), names=listed,
                           rates=((self._placement_scale(), 1.0),))
@@ -217,7 +217,7 @@ class Layout:
             )
         self._lay_out_curves()
         self._lay_out_joints(process, like)
-        # What gives: rows of the closure components, and the stated size along them.
+        # Deflection: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
         sizes = dict(gives)
@@ -273,13 +273,13 @@ class Layout:
             )  # fmt: skip
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
-        """Play and sag of every joint; `expected` (m, n), rad, is what is known of them beforehand."""
+        """Play and sag of every joint; `expected` (m, n), rad, is their expected value."""
         self.expected = np.zeros_like(self.q)
         self.play_joints = np.flatnonzero(self.backlash)
         self.play = sides_of_play(self.q, self.errors)
         if len(self.play_joints):
             self.expected += self.backlash * self.play.expected
-            # Play taken up to the same side in every pose is no noise: it passes for an offset.
+            # Play taken up to the same side in every pose is no noise: it looks like an offset.
             sides = ("play", "approach")[: self.play.width]
             self.groups.append(
                 Group(source="joint_play", width=len(self.play_joints) * len(sides),
@@ -321,7 +321,7 @@ class Layout:
                 )
             )
         k = self.give_basis.phi.shape[1]
-        # The basis has a variance of 2: a constant and a linear part beside its scales.
+        # The basis has a variance of 2: a constant and a linear part in addition to its scales.
         self.free_give = 1.0 if self.loaded is None else 0.5 * UNMODELLED_SHARE
         smooth = (
             self._scale("smooth_give") if any(stated > 0.0 for _, stated in self.gives) else None
@@ -347,7 +347,7 @@ class Layout:
         )
 
     def _scale(self, name: str) -> int:
-        """Return the component of a source that is as large as stated unless the poses say otherwise."""
+        """Return the component of a source that is as large as stated unless the poses show otherwise."""
         return self._component(
             VarianceComponent(
                 name=name,
@@ -360,7 +360,7 @@ class Layout:
         )
 
     def _placement_scale(self) -> int:
-        """Return that of where the fixture stands, which never says that a file is better than it claims."""
+        """Return the component of the fixture's placement, which is never smaller than stated."""
         far = LARGEST_PLACEMENT_SCALE**2
         return self._component(
             VarianceComponent(
@@ -375,15 +375,15 @@ class Layout:
         return [*range(len(self.errors.analogue)), *self.fixture_components.values(), *play]
 
     def start_variances(self) -> FloatArray:
-        """Where the search for the components starts (K,)."""
+        """Start values of the components (K,)."""
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them, all of it independent between poses; no discrepancy."""
+        """Components (K,) as the files state them, fully independent between poses; no discrepancy."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:
-        """Components (K,) as the files state them, but where the fixture stands: that is as far off as found (`v`)."""
+        """Components (K,) as the files state them, except the fixture's placement, which is as estimated (`v`)."""
         stated = self.stated_variances()
         for k, c in enumerate(self.components):
             if c.name == PLACEMENT:
@@ -397,14 +397,14 @@ class Layout:
 
 OFFSETS, PLACEMENT = "offsets", "placement"
 _SOFT = ("lengths", "twists", OFFSETS, PLACEMENT)
-"""Sources of what is known of parameters beforehand, in the order of their columns."""
+"""Sources of the parameters' priors, in the order of their columns."""
 
 
 _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
-    """Which of `_SOFT` a parameter with a prior belongs to; `fixture` are the names of the fixture's."""
+    """Return which of `_SOFT` a parameter with a prior belongs to; `fixture` are the names of the fixture's."""
     if parameter.name.startswith(_OFFSET):
         return OFFSETS
     if parameter.name in fixture:

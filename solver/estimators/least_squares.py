@@ -1,10 +1,9 @@
-"""Damped, column-scaled Gauss-Newton for stacked closure equations. Knows residuals, not arms.
+"""Damped, column-scaled Gauss-Newton for stacked closure equations. Knows no arm.
 
-Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which
-makes the damping independent of units and is where the scaled condition number comes from. The
-undamped step is tried first and taken whenever it descends; damping (Levenberg-Marquardt) only
-steps in when it does not, so the iteration never diverges. Of the equations only the triangle of
-their QR factors is kept (`triangle_of`): its size and what is done with it do not grow with the poses.
+Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
+independent of units and leads to the scaled condition number. The undamped step is tried first and taken whenever it
+descends; damping (Levenberg-Marquardt) is used only when it does not, so the iteration never diverges. Of the equations
+only the triangle of their QR factors is kept (`triangle_of`): its size and the work with it do not grow with the poses.
 """
 
 from __future__ import annotations
@@ -17,21 +16,21 @@ import numpy as np
 from solver.arrays import FloatArray
 
 UNSEEN = 1e-12
-"""A scaled singular value below this share of the largest belongs to no direction that is seen."""
+"""A scaled singular value below this share of the largest belongs to an undetermined direction."""
 
 WELL_SEEN = 1e-6
-"""Where the reciprocal condition of the scaled triangle is above this, all directions are seen."""
+"""Where the reciprocal condition of the scaled triangle is above this, all directions are determined."""
 
 LAST_SHARE = 1e-12
-"""A step that would lower the cost by less than this share of it is the last. It is taken unseen: of the
-parameters' standard deviations it is a hundred thousandth, and what is left after it a fraction of that."""
+"""A step that would lower the cost by less than this share of it is the last. It is taken without evaluation: it is
+1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
 
 LEFT_SHARE = 1e-14
-"""So is a step after which the next would lower it by less than this: of two undamped steps in a row the next
-falls behind the second as that fell behind the first, for what residuals leave of Newton's convergence is linear."""
+"""The same applies to a step whose successor would lower the cost by less than this: undamped steps shrink by a
+constant factor, because the convergence is linear with non-zero residuals."""
 
 BLOCK_ROWS = 2048
-"""Rows of a block: with some tens of columns it stays in a core's own cache."""
+"""Rows of a block: with some tens of columns it fits in a core's cache."""
 
 Progress = Callable[[int, float], None]
 """Called after each iteration with its number and the cost; may raise to cancel."""
@@ -39,7 +38,7 @@ Progress = Callable[[int, float], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Triangle:
-    """All that least squares need of residuals r (R,) and a Jacobian J (R, P), however many rows.
+    """The part of residuals r (R,) and a Jacobian J (R, P) that least squares need, whatever the number of rows.
 
     ``|r + J dx|^2 = |b + T dx|^2 + rest`` for every dx, and ``J' J = T' T``.
 
@@ -48,7 +47,7 @@ class Triangle:
     T
         Upper triangle of the QR factors of J, (P, P).
     b
-        Residuals turned into its rows (P,).
+        Residuals rotated into its rows (P,).
     rest
         Square of the residuals that no dx changes.
     """
@@ -63,13 +62,13 @@ class Triangle:
         return 0.5 * (float(self.b @ self.b) + self.rest)
 
     def after(self, step: FloatArray) -> Triangle:
-        """Return what is left of these equations after a step (P,), as far as they are linear."""
+        """Return these equations after a step (P,), as far as they are linear."""
         return replace(self, b=self.b + self.T @ step)
 
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
-        """Step (P,) with so much damping, and by how much it is to lower the cost.
+        """Step (P,) with this damping, and the expected reduction of the cost.
 
-        None along directions the equations do not see; nan if they are.
+        Zero along undetermined directions; nan if the equations are.
         """
         from scipy.linalg import lapack
 
@@ -86,7 +85,7 @@ class Triangle:
         return -(Vt.T @ (gain * beta)) / scale, lower
 
     def covariance(self) -> FloatArray:
-        """``(J' J)^-1`` (P, P); its pseudo-inverse where some directions may not be seen."""
+        """``(J' J)^-1`` (P, P); its pseudo-inverse where some directions may be undetermined."""
         from scipy.linalg import lapack
 
         if not self._well_seen():
@@ -95,7 +94,7 @@ class Triangle:
         return np.asarray(inverse @ inverse.T)
 
     def _well_seen(self) -> bool:
-        """Whether there is no direction that may not be seen."""
+        """Whether all directions are determined."""
         from scipy.linalg import lapack
 
         condition, _ = lapack.dtrcon(self.T / column_scale(self.T))
@@ -111,8 +110,8 @@ class Triangle:
 def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
     """QR of blocks (TSQR): residuals (..., r) and Jacobians (..., r, P) of block after block.
 
-    Each block is triangularised under what is left of those before it, so that memory does not grow
-    with the number of rows, and no square of the Jacobian is formed.
+    Each block is triangularised below the triangle of those before it, so that memory does not grow with the number of
+    rows, and the Jacobian is never squared.
     """
     whole = stacked_triangle(np.concatenate((J, r[..., None]), axis=-1) for r, J in blocks)
     return Triangle(T=whole[:-1, :-1], b=whole[:-1, -1], rest=float(whole[-1, -1] ** 2))
@@ -124,7 +123,7 @@ def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
 
     left: FloatArray | None = None
     for J in blocks:
-        # Whatever the order of rows: where columns are stored one after the other nothing is copied.
+        # The order of rows does not matter: where columns are contiguous nothing is copied.
         rows = J.reshape(-1, J.shape[-1], order="A")
         for first in range(0, max(len(rows), 1), BLOCK_ROWS):
             block = rows[first : first + BLOCK_ROWS]
@@ -138,12 +137,12 @@ def stacked_triangle(blocks: Iterable[FloatArray]) -> FloatArray:
 
 
 Problem = Callable[[FloatArray], Triangle]
-"""Parameters (P,) to residuals and Jacobian there, triangularised."""
+"""Function from parameters (P,) to residuals and Jacobian, triangularised."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fit:
-    """Where the iteration ended.
+    """Result of the iteration.
 
     Attributes
     ----------
@@ -154,9 +153,9 @@ class Fit:
     iterations
         Accepted steps.
     converged
-        Whether the last step was below `step_tolerance`, or nothing smaller than it descends.
+        Whether the last step was below `step_tolerance`, or no smaller step descends.
     triangle
-        Of the equations there; from where the last step was made if it was taken unseen.
+        Triangle of the equations there; at the start of the last step if it was taken without evaluation.
     """
 
     x: FloatArray
@@ -187,7 +186,7 @@ def solve_damped(
     problem
         Residuals and their exact Jacobian, as a triangle.
     step_tolerance
-        Largest component of a step (rad, m) that counts as no step.
+        Largest component of a step (rad, m) that counts as converged.
     """
     x = np.array(x0, dtype=np.float64)
     here, damping, iteration, before = problem(x), 0.0, 0, 0.0
@@ -200,7 +199,7 @@ def solve_damped(
             step, predicted = here.step(damping)
             largest = float(np.max(np.abs(step), initial=0.0))
             left = predicted**2 / before if before > 0.0 else np.inf
-            # At the floor of rounding no step can be seen to descend any more; that is the minimum.
+            # At the floor of rounding no step measurably descends; that is the minimum.
             if predicted <= LAST_SHARE * here.cost + 1e-300 or left <= LEFT_SHARE * here.cost:
                 if damping == 0.0:
                     x, here, iteration = x + step, here.after(step), iteration + 1

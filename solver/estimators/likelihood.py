@@ -1,8 +1,8 @@
-"""How the restricted likelihood of a mixed model changes with its variances. Knows no loop and no step.
+"""Derivatives of the restricted likelihood of a mixed model with its variances. Knows no loop and no step.
 
-Restricted likelihood (Patterson & Thompson 1971) judges variances by what no parameter can explain,
-so degrees of freedom are accounted for. Its derivatives need the inverse of the mixed-model equations
-and per-pose blocks only.
+Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part that no parameter can explain, so
+degrees of freedom are accounted for. Its derivatives need the inverse of the mixed-model equations and per-pose blocks
+only.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from solver.estimators.effects import LinearModel, Whitened
 class Derivatives:
     """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
 
-    Twice the gradient is a square of the residuals less what chance makes of it, `expected` (K,).
+    Twice the gradient is a square of the residuals minus its expectation, `expected` (K,).
     """
 
     score: FloatArray
@@ -31,7 +31,7 @@ class Derivatives:
 
 
 class SolvedModel(Protocol):
-    """A mixed model solved at the variances v (K,); `solver.estimators.linear_fit` says what each is."""
+    """A mixed model solved at the variances v (K,); `solver.estimators.linear_fit` defines each attribute."""
 
     design: LinearModel
     v: FloatArray
@@ -52,7 +52,7 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
     """Differentiate the restricted log-likelihood by every component, at `fit`."""
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width
-    # Of the logarithm of each effect column's variance.
+    # Rates of the logarithm of each effect column's variance.
     rates = design.variance_rates / design.group_variances(fit.v)[:, None]
     # Effects: with T = Z' P Z = I - H^-1 in units of their variance, all traces are sums over its blocks.
     determined = 1.0 - np.diagonal(fit.H_inverse)[hard:]
@@ -61,8 +61,8 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
     expected = determined @ rates
     score = fit.unit_b**2 @ rates - expected
     information = rates.T @ (squares @ rates)
-    # The mean of expected and observed information needs no trace: it is a Gram matrix of what each
-    # component's covariance makes of the weighted residual (Gilmour, Thompson & Cullis 1995).
+    # The mean of expected and observed information needs no trace: it is a Gram matrix of each component's covariance
+    # times the weighted residual (Gilmour, Thompson & Cullis 1995).
     inner, along = np.zeros((K, K)), np.zeros((K, width))
     effects = rates * fit.unit_b[:, None]
     # Noise: blocks of P on the diagonal, pose by pose.
@@ -85,7 +85,7 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
         expected += chance
         score += (seen[..., 0] ** 2).sum(0) @ of - chance
         information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
-        # Squares of what each effect's columns leave of a pose under P.
+        # # Squares of each effect's columns of a pose under P.
         reached = Qt @ X.reshape(m, r, width)[..., hard:]
         across = of.T @ np.einsum("mfc,mfc->fc", reached, reached) @ rates
         information += across + across.T

@@ -1,9 +1,9 @@
-"""A linear mixed model solved for given variances, and every question that one linearisation answers.
+"""A linear mixed model solved for given variances, and the results of one linearisation.
 
 Henderson's mixed-model equations in whitened coordinates: with M the columns [hard, effects], the
-effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing here grows with the square of the
-poses. Answers: covariance, repeatability, uncertainty budget, misfit of a group of poses predicted
-by the others, score of any further column. Knows no iteration and no file.
+effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing here grows with the square of the poses. Results:
+covariance, repeatability, uncertainty budget, misfit of a group of poses predicted by the others, score of any further
+column. Knows no iteration and no file.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from solver.estimators.effects import Equations, LinearModel, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
 SMALL = 64
-"""Rows of a matrix that is not worth cutting in halves."""
+"""Rows of a matrix that is no longer cut in halves."""
 
 np.empty(2 << 20)
-"""Freed at once, untouched: glibc keeps free blocks up to such a size from then on, where it would give the matrices of
-every round back to the system and have them filled with zeros for the next. Elsewhere it does nothing."""
+"""Allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning the matrices of
+every round to the system and having them zeroed again. Without effect on other C libraries."""
 
 LEAST_RESOLVED_SHARE = 1e-3
-"""Smallest share of its own noise that a misclosure predicted by the others keeps; below it is degenerate."""
+"""Least share of its own noise that a misclosure predicted by the others keeps; below, it is degenerate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,7 +55,7 @@ class LinearFit:
     half
         Root of the inverse (width, width): ``H^-1 = half half'``.
     chi2, dof
-        ``w' P w`` and its expectation when variances are right: equations less hard parameters.
+        ``w' P w`` and its expectation when variances are right: number of equations minus hard parameters.
     """
 
     def __init__(
@@ -92,7 +92,7 @@ class LinearFit:
         left = right + self.H @ self.coefficients
         self.coefficients -= self.half @ (self.half.T @ left)
         self.right = right
-        # No number stays none, where `max` would make it the best of all fits.
+        # NaN stays NaN; `max` would make it the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
         self.step = self.coefficients[:hard]
         self.unit_b = self.coefficients[hard:]
@@ -118,13 +118,13 @@ class LinearFit:
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
-        """Measured distances less what the poses alone say (k,), in sigmas of this difference."""
+        """Measured distances minus those from the poses alone (k,), in sigmas of this difference."""
         w, rows = self._distances()
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
 
     def _prior(self) -> FloatArray:
-        """What H has on its diagonal (width,) besides the columns' squares: effects are drawn with unit variance."""
+        """Prior part of H's diagonal (width,): effects have unit variance."""
         hard = self.design.hard
         return np.repeat((0.0, 1.0), (hard, self.design.width - hard))
 
@@ -132,7 +132,7 @@ class LinearFit:
         return self.design.whiten(self.system.part(poses), self.v, self.root, poses)
 
     def parts(self) -> Iterator[Whitened]:
-        """Whitened poses, effects scaled to unit variance; made again where not kept."""
+        """Whitened poses, effects scaled to unit variance; computed again where not kept."""
         yield from self._kept or (self._whiten(poses) for poses in self.design.parts())
 
     @property
@@ -141,7 +141,7 @@ class LinearFit:
         return self.system.part(slice(0, len(self.design.q)))
 
     def at_poses(self, poses: IntArray) -> LinearFit:
-        """Return the same linearisation of a selection of poses, solved for these alone."""
+        """Return the same linearisation of a selection of poses, solved for these only."""
         return LinearFit(self.design.at_poses(poses), self.system.at_poses(poses), self.v)
 
     @cached_property
@@ -151,10 +151,10 @@ class LinearFit:
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same with noise as found where that is less than stated, and as stated where not.
+        """The same with the smaller of estimated and stated noise.
 
-        Statements of noise are upper figures; a test of single readings is the sharper the better
-        their noise is known, and none of it may be what a fault has added.
+        Stated noise is an upper limit; a test of single readings is more powerful if their noise is known well, but a
+        fault must not count as noise.
         """
         v = self.design.as_stated(self.v)
         noise = self.design.noise_components
@@ -163,19 +163,19 @@ class LinearFit:
 
     @cached_property
     def derivatives(self) -> Derivatives:
-        """How the likelihood changes with the variances, whatever was known of these beforehand."""
+        """Derivatives of the likelihood with the variances, without their priors."""
         return likelihood_derivatives(self)
 
-    # ---- what the parameters are known to
+    # ---- uncertainty of the parameters
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (P, P) of all parameters about the estimate: every source at its variance."""
+        """Covariance (P, P) of all parameters: every source at its variance."""
         return self._of_parameters(self.H_inverse)
 
     @property
     def standard_deviation(self) -> FloatArray:
-        """Roots of its diagonal (P,)."""
+        """Square roots of the covariance's diagonal (P,)."""
         index, size = self._parameter_columns()
         out = np.empty(len(index))
         out[self._places()] = np.sqrt((self.half[index] ** 2).sum(-1)) * size
@@ -183,7 +183,7 @@ class LinearFit:
 
     @property
     def repeatability(self) -> FloatArray:
-        """Covariance (P, P) by noise alone: what the same poses taken again would give."""
+        """Covariance (P, P) from noise alone: the scatter if the same poses were taken again."""
         gain = self.H_inverse[: self.design.hard + len(self.design.soft_index)]
         gram = self.H - np.diag(self._prior())
         return self._of_parameters(gain @ gram @ gain.T)
@@ -197,7 +197,7 @@ class LinearFit:
         return out
 
     def _places(self) -> IntArray:
-        """Where among the parameters the columns without prior are, and those with one."""
+        """Indices of the parameters without a prior, and of those with one."""
         return np.concatenate((self.design.hard_index, self.design.soft_index))
 
     def _parameter_columns(self) -> tuple[IntArray, FloatArray]:
@@ -207,10 +207,10 @@ class LinearFit:
         return index, np.concatenate((np.ones(design.hard), design.soft_sd * self.root[:soft]))
 
     def budget(self) -> dict[str, FloatArray]:
-        """Variance that each source brings to every parameter (P,); they add up to the covariance's diagonal.
+        """Contribution of each source to the variance of every parameter (P,); their sum is the covariance's diagonal.
 
-        The estimate is linear in all errors, ``H^-1 M'`` times them, so each source's share is exact:
-        what the variance would drop by if this source vanished and the poses were weighed as now.
+        The estimate is linear in all errors, ``H^-1 M'`` times them, so each source's share is exact: the reduction of
+        the variance without this source and with the same weights.
         """
         design = self.design
         index, size = self._parameter_columns()
@@ -246,7 +246,7 @@ class LinearFit:
         place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
         return {source: values[place] for source, values in found.items()}
 
-    # ---- what the poses say of each other and of what is not in the model
+    # ---- predictions between poses, and effects outside the model
 
     def score(self, G: FloatArray) -> Score:
         """Project further columns G (m, r, k) of the reduced equations: see `Score`."""
@@ -264,7 +264,7 @@ class LinearFit:
     def moved_by(self, G: FloatArray) -> FloatArray:
         """Rates (P, k) of the parameters with further columns G (m, r, k) of the reduced equations.
 
-        ``-H^-1 M'G``: by how much they would change if as much of G were taken into account.
+        ``-H^-1 M'G``: their change for a unit of each column of G.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
         for part in self.parts():
@@ -276,7 +276,7 @@ class LinearFit:
         return out
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Misfit of each part of the poses (k,) to the prediction by all others: chi2 and degrees of freedom.
+        """Misfit of each part of the poses (k,) from the prediction by all others: chi2 and degrees of freedom.
 
         No refit: with P the projector that is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
         """
@@ -303,10 +303,10 @@ class LinearFit:
         return np.concatenate(chi2), np.concatenate(dof)
 
     def without_each(self) -> FloatArray:
-        """Steps (m, P) that the parameters make when each pose in turn is left out, variances as they are.
+        """Changes (m, P) of the parameters when each pose in turn is left out, at the same variances.
 
         The coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 (P w)`` of that pose (the matrix
-        inversion lemma): no refit. Of what a pose alone determines the least step is taken.
+        inversion lemma): no refit. In directions that one pose alone determines the smallest change is taken.
         """
         index, size = self._parameter_columns()
         steps = []
@@ -322,9 +322,9 @@ class LinearFit:
 
     @property
     def pulls(self) -> FloatArray:
-        """How far each effect was found from its mean (width - hard,): standard normal when the model is right.
+        """Deviation of each effect from its mean (width - hard,): standard normal when the model is right.
 
-        None of an effect of which the poses say nothing.
+        Zero for an effect about which the poses have no information.
         """
         left = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - left, 1e-12))
@@ -332,9 +332,9 @@ class LinearFit:
 
 
 def _held_out(N: FloatArray, left: FloatArray) -> tuple[float, int]:
-    """Square of `left` (R,) in the metric ``(I - N N')^-1``, N (R, K), and how many directions are told.
+    """Square of `left` (R,) in the metric ``(I - N N')^-1``, N (R, K), and the number of determined directions.
 
-    ``I - N N'`` has the eigenvalues of ``I - N'N`` and ones, so that the smaller of the two tells.
+    ``I - N N'`` has the eigenvalues of ``I - N'N`` and ones, so the smaller of the two suffices.
     """
     few = len(N) <= N.shape[1]
     if few and (chi2 := _square_in(np.eye(len(N)) - N @ N.T, left)) is not None:
@@ -351,7 +351,7 @@ def _held_out(N: FloatArray, left: FloatArray) -> tuple[float, int]:
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """``w' V^-1 w``, None where V is so near to singular that its directions have to be counted."""
+    """``w' V^-1 w``; None where V is so near to singular that its directions have to be counted."""
     from scipy.linalg import lapack
 
     factor, failed = lapack.dpotrf(V, lower=True)
@@ -364,12 +364,12 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
 def _inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
     """Root K of the inverse of H, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
-    Cholesky's factor is as good whatever the units of the columns; eigenvectors are not.
+    Cholesky's factor is accurate whatever the units of the columns; eigenvectors are not.
     """
     root = _triangular_root(H)
     if root is not None:
         return root, -2.0 * float(np.log(np.diagonal(root)).sum())
-    # A direction that nothing sees: it gets a variance that says so.
+    # An undetermined direction gets a correspondingly large variance.
     unit = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
     values, vectors = np.linalg.eigh(H * np.outer(unit, unit))
     values = np.maximum(values, 1e-14 * values[-1])

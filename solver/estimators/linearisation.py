@@ -1,8 +1,8 @@
-"""The loops of all poses linearised at one state, worked out some poses at a time.
+"""The loops of all poses linearised at one state, computed for some poses at a time.
 
-The Jacobians of a hundred thousand poses never stand side by side: whoever asks for some poses gets them
-made, and made again. What was asked for last is remembered, which is everything where poses are few.
-Knows a closure model and where its poses are; no variance and no effect.
+The Jacobians of a hundred thousand poses are never in memory together: those of the requested poses are computed at
+each request. The last result is kept, which is everything where poses are few. Knows a closure model and its poses; no
+variance and no effect.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from solver.estimators.error_model import distance_rows
 class State:
     """Parameters x (P,), joint corrections e (m, n), unsensed angles u (m, U), and where loops are linearised.
 
-    That is where they close, the joints turned by what the fixture gives as well: `closed_q` (m, n) and `closed_u`
-    (m, U). A loop that is left open by what gives looks as if a smaller arm closed it better: a scale that no loop
-    has would be found by the square of the noise, and of many poses nothing else.
+    They are linearised where they close, with the fixture's deflection attributed to the joints: `closed_q` (m, n) and
+    `closed_u` (m, U). A loop left open by the deflection would close better with a smaller arm: the estimated scale
+    would have a bias of the order of the noise squared, which dominates with many poses.
     """
 
     x: FloatArray
@@ -39,7 +39,7 @@ class Linearisation:
     def __init__(self, design: LinearModel, state: State) -> None:
         self.state = state
         self._model, self._q, self._expected = design.model, design.q, design.expected
-        # Effects count from the nominal values of toleranced entries, steps of the others from here.
+        # Effects count from the nominal values of toleranced entries, steps of the others from the present state.
         self._soft = state.x - design.nominal
         self._soft[design.hard_index] = 0.0
         w, rates = distance_rows(design.errors.distances, design.model.parameters, state.x)
@@ -48,11 +48,11 @@ class Linearisation:
         self._last: tuple[slice, System, Rates] | None = None
 
     def part(self, poses: slice) -> System:
-        """Equations of some poses in a row."""
+        """Equations of a slice of the poses."""
         return self._of(poses)[0]
 
     def rates(self, poses: slice) -> Rates:
-        """How unsensed angles follow at some poses in a row."""
+        """Rates of the unsensed angles at a slice of the poses."""
         return self._of(poses)[1]
 
     def at_poses(self, poses: IntArray) -> System:

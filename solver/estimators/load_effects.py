@@ -1,28 +1,25 @@
-"""What bends under load, from static equilibrium: a few columns instead of a free function of the pose.
+"""Deflections under load, from static equilibrium: a few columns instead of a free function of the pose.
 
-A joint's drive holds the arm up, so its twist follows gravity's torque: sag of joint j is a compliance
-times tau_j(q). Its size is unknown and its sign is not: half-normal, |z| with z ~ N(0, 1), it is
-sqrt(2 / pi) on average, and that part of the sag is no deviation but expected. What the gravity
-compensation gets wrong, dtau, nobody holds but the fixture: joints in free mode carry no torque, so at
-rest, for a virtual motion of these,
+A joint's drive carries the arm, so its twist follows gravity's torque: sag of joint j is a compliance
+times tau_j(q). Its size is unknown but its sign is known: half-normal, |z| with z ~ N(0, 1), it is
+sqrt(2 / pi) on average, and that part of the sag is its expected value. The error of the gravity compensation, dtau,
+acts on the fixture alone: joints in free mode carry no torque, so at rest, for a virtual motion of these,
 
     J_f' F + dtau_f = 0,     N' F = 0
 
 (Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; J_f are the
-free joints' columns of the closure Jacobian, N those of the fixture's own freedoms, about which it holds
-no moment). Written ``F = E y`` with ``E' N = 0``, and with friction that carries a little where a fold
-would ask for any force at all, that is
+free joints' columns of the closure Jacobian, N those of the fixture's own freedoms, about which it carries no moment).
+Written ``F = E y`` with ``E' N = 0``, and with friction that limits the force at a fold, that is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
 
 linear in dtau, which is linear in the errors of masses and centres (`solver.chain.statics`): F = W z,
-z ~ N(0, I). Which joints were in position mode no pose file says: every set of as many as the loop has
-freedoms may have been, and W holds the columns of them all, of equal sizes.
+z ~ N(0, I). A pose file does not state which joints were in position mode: every set of as many as the loop has
+freedoms is possible, and W holds the columns of all sets with equal weights.
 
-Both halves of the fixture give by a compliance (`solver.estimators.compliance`). The leading eigenvectors
-of the displacements' covariance are the columns (Nystroem's from poses far apart), of the stated size
-over the poses, and `missed` is what so few columns leave out. Knows a closure model's derivatives;
-estimates nothing.
+Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
+of the displacements' covariance are the columns (Nystroem's from poses far apart), of the stated size over the poses,
+and `missed` is the variance that so few columns leave out. Knows a closure model's derivatives; estimates nothing.
 """
 
 from __future__ import annotations
@@ -60,7 +57,7 @@ HALF_NORMAL_MEAN = np.sqrt(2.0 / np.pi)
 """Mean of a compliance whose mean square is 1: half-normal, since none is negative."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 3, 24
-"""Columns for the twist of a joint, and for what gives in one placement."""
+"""Columns for the twist of a joint, and for the deflection in one placement."""
 
 CENTRES = 24
 """Poses, as far apart as there are, from which the others are interpolated."""
@@ -69,32 +66,32 @@ SMALLEST = 1e-9
 """Eigenvalues below this share of the largest are rounding."""
 
 LEAST_TORQUE_NM = 1e-6
-"""Smallest torque of gravity that counts."""
+"""Smallest torque of gravity that is not neglected."""
 
 CHUNK = 512
-"""Poses worked on at a time."""
+"""Poses computed at a time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadBasis:
-    """Effects of load at m poses; coefficients ~ N(0, 1), all of mean square 1 over the poses.
+    """Effects of load at m poses; coefficients ~ N(0, 1), columns of mean square 1 over the poses.
 
     Attributes
     ----------
     sag_expected
-        (m, n) twist of every joint that is expected of it; none where gravity has no lever.
+        (m, n) expected twist of every joint; zero where gravity has no lever.
     sag, sag_missed
-        (m, n, c) how its twist may deviate from that, and (m, n) variance that the columns leave out: all
-        of it for a joint on which gravity has no lever.
+        (m, n, c) deviations of its twist from that, and (m, n) variance that the columns leave out: all of it for a
+        joint on which gravity has no lever.
     all_give, rows
-        (M, k, c) displacement along the closure components in units of the stated give, and which of them
-        (m,) are of these poses: by far the largest of all, it is shared by every selection of poses.
+        (M, k, c) deflection along the closure components in units of the stated one, and the rows (m,) of these poses.
+        As by far the largest array it is shared by every selection of poses.
     give_missed
         (m, k) variance that its columns leave out.
     side
-        (m, n): expected side, between -1 and 1, to which gravity takes up the play of every joint.
+        (m, n): expected side, between -1 and 1, to which gravity moves every joint within its play.
     gravity
-        The torques that sag and side follow, at any pose.
+        Torques on which sag and side depend, at any pose.
     """
 
     sag_expected: FloatArray
@@ -112,7 +109,7 @@ class LoadBasis:
         return self.give_at(slice(None))
 
     def give_at(self, poses: slice) -> FloatArray:
-        """Displacement (m, k, c) of some of them in a row."""
+        """Displacement (m, k, c) of a slice of these poses."""
         return np.asarray(self.all_give[self.rows[poses]])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
@@ -129,7 +126,7 @@ class LoadBasis:
         )
 
     def joints_at(self, q: FloatArray) -> LoadBasis:
-        """Return what load does to the joints at other angles `q` (m, n), rad; the fixture holds nothing there."""
+        """Return the effects of load on the joints at other angles `q` (m, n), rad, without a fixture."""
         m, (_, k, c) = len(q), self.all_give.shape
         expected, sag, missed, side = self.gravity.sags(q)
         return LoadBasis(
@@ -141,18 +138,18 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """How each joint's twist follows gravity's torque, tau (m, n, s) by its shapes.
+    """Each joint's twist as a function of gravity's torque, tau (m, n, s) by its shapes.
 
     Attributes
     ----------
     part
-        The arm whose torques these are.
+        The arm that has these torques.
     turn
         (n, s, c): columns of the twist are ``tau_js turn_jsc``, of mean square 1 over the poses of the basis.
     rate
         (n,): expected twist is ``rate_j tau_j0``.
     held
-        (n,): what is left of the variance of a joint on which gravity has no lever.
+        (n,): variance left out for a joint on which gravity has no lever.
     """
 
     part: ArmPoses
@@ -161,7 +158,7 @@ class Gravity:
     held: FloatArray
 
     def sags(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), its columns (m, n, c), what they leave (m, n), and the side of play (m, n)."""
+        """Expected twist (m, n), its columns (m, n, c), variance they leave out (m, n), and side of play (m, n)."""
         torque = replace(self.part, q=q, u=np.zeros((len(q), 0))).torques(slice(None))
         columns = (torque.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
         missed = np.broadcast_to(self.held, q.shape)
@@ -179,15 +176,15 @@ def load_basis(
     sag_columns: int = SAG_COLUMNS,
     give_columns: int = GIVE_COLUMNS,
 ) -> LoadBasis:
-    """Return what load does at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
+    """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
     Parameters
     ----------
     x
         Parameters (P,), near the truth.
     give
-        Stated give (rad, m): their ratio says how forces share with moments. Of several placements
-        each has columns of its own, `give_columns` of them.
+        Stated deflections (rad, m); their ratio is that of the effects of moments and forces. Each of several
+        placements has its own `give_columns` columns.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -205,7 +202,7 @@ def load_basis(
     expected, sag, left, turn, rate = _sags(torque, sag_columns)
     turned = rate > 0.0
     side = np.concatenate([_side(torque[cut]) for cut in _cuts(m)])
-    # Of all these the largest: of many poses what is asked of it again is made again.
+    # # The largest array of all: with many poses it is computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
     moved = np.zeros((m, k, give_columns * len(parts)))
@@ -241,19 +238,19 @@ def _side(torque: FloatArray) -> FloatArray:
 def _sags(
     torque: FloatArray, columns: int
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Expected twist (m, n), columns (m, n, c) of what deviates from it, and what they leave (m, n).
+    """Expected twist (m, n), columns (m, n, c) of the deviations, and the variance left out (m, n).
 
-    And how they follow the torque, as `Gravity` has it: (n, s, c) and (n,).
+    Then their dependence on the torque, as in `Gravity`: (n, s, c) and (n,).
 
-    For every joint of mean square 1 over the poses, under a torque (m, n, s) of which the first shape is
-    the mean and the others have coefficients N(0, 1).
+    The mean square is 1 for every joint over the poses, under a torque (m, n, s) whose first shape is the mean and
+    whose others have coefficients N(0, 1).
     """
     m, n, s = torque.shape
     cuts = _cuts(m)
     size = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
     turned = size > LEAST_TORQUE_NM
     scale = np.where(turned, size, np.inf)[:, None]
-    # E[c^2] = 1 times the second moments of the torque, less the square of what is expected.
+    # E[c^2] = 1 times the second moments of the torque, minus the square of the expected value.
     share = np.ones(s)
     share[0] = np.sqrt(1.0 - HALF_NORMAL_MEAN**2)
     gram = np.zeros((n, s, s))
@@ -273,7 +270,7 @@ def _sags(
 
 
 def _cuts(m: int) -> list[slice]:
-    """Some of m poses at a time."""
+    """Slices of m poses."""
     return [slice(first, min(first + CHUNK, m)) for first in range(0, m, CHUNK)]
 
 
@@ -299,7 +296,7 @@ def _wrenches(
     free = np.array(
         [np.delete(every, driven) for driven in driven_sets(len(every), J.shape[-2] - own)]
     )
-    # (m, sets, k, 4 n): of every set its own free joints.
+    # (m, sets, k, 4 n): the free joints of every set.
     held = wrench_of(np.moveaxis(J[..., free], -2, -3), E[:, None], moments[:, free])
     return np.moveaxis(held, 1, -1)
 
@@ -307,7 +304,7 @@ def _wrenches(
 def _gives(
     part: ArmPoses, give: tuple[float, float], columns: int, torque: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Displacement (m, k, c) in units of the stated give, and the variance left out (m, k).
+    """Deflection (m, k, c) in units of the stated one, and the variance left out (m, k).
 
     `torque` is that of all poses, if these are few.
     """
@@ -318,9 +315,9 @@ def _gives(
     first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
     W = _wrenches(part, first, torque)
     if not W.any():
-        # Exact masses: whatever bends the fixture, it is not what this knows of.
+        # Exact masses: gravity compensation has no error that could deflect the fixture.
         return np.zeros((m, k, columns)), np.zeros((m, k))
-    # Every set of driven joints pulls as hard as another, by moments and by forces.
+    # Every set of driven joints has the same weight, by moments and by forces.
     unit = np.ones((k, W.shape[-1]))
     for rows in blocks(k):
         size = np.sqrt((W[among, rows] ** 2).sum((1, 2)).mean(0))
@@ -337,7 +334,7 @@ def _gives(
         across.reshape(len(first), k, -1)[among].reshape(-1, across.shape[-1])
     )
     good = values > SMALLEST * values[-1]
-    # Of these the largest, whose eigenvectors come last.
+    # Keep the largest, whose eigenvectors come last.
     kept = min(columns, int(good.sum()))
     root = vectors[:, : -kept - 1 : -1] / np.sqrt(values[: -kept - 1 : -1])
     found = np.zeros((m, k, columns))
@@ -353,7 +350,7 @@ def _gives(
 
 
 def _pulled(part: ArmPoses, poses: IntArray | slice, W: FloatArray) -> Pulled:
-    """Wrenches (m, k, 4 n, sets) on table and hand, and how each half stands."""
+    """Wrenches (m, k, 4 n, sets) on table and tool side, and the axes of each half."""
     axes = part.model.fixture_axes(part.x, part.q[poses], part.u[poses])
     share = np.array([1.0, TOOL_SIDE_COMPLIANCE]) / np.hypot(1.0, TOOL_SIDE_COMPLIANCE)
     halves = []
@@ -384,7 +381,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """0-based joints that may have been in position mode: as many as `equations` leave free."""
+    """0-based joints that may have been in position mode, as many in each set as `equations` leave free."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)

@@ -1,8 +1,8 @@
-"""What is the same again at the same pose: sides of play, sag and give, as shapes over the poses.
+"""Effects that repeat at the same pose: sides of play, sag and deflection, as shapes over the poses.
 
 By load where masses are stated (`solver.estimators.load_effects`), any smooth function of the pose where
-they are not. Shapes have coefficients ~ N(0, 1); what they leave of a stated variance is independent in every
-pose. Knows no loop and no variance component.
+they are not. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose. Knows no
+loop and no variance component.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ BY_APPROACH = 0.5
 class Shapes:
     """Shapes (m, d, c) along d joints, and the variance they leave (m, d).
 
-    `expected` (m, d) is what is known of it beforehand, from which the shapes deviate. In units of what
-    is stated of each joint.
+    `expected` (m, d) is the expected value, from which the shapes deviate. In units of the stated size of each joint.
     """
 
     columns: FloatArray
@@ -42,11 +41,11 @@ class Shapes:
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
-    """Where play lies: to one side, that of the load where it is known; and to that of the approach.
+    """Sides of play: that of the load where it is known, and that of the approach.
 
-    Nobody knows which of the two a joint follows. If the load, its link lies where gravity takes it: with
-    a chance of p it is there, which is p on average, and what p^2 leaves of the variance is a deviation
-    from that. If the approach, nobody knows whether link or drive leads: to either side alike.
+    It is unknown which of the two a joint follows. If the load, its link rests where gravity moves it: with a
+    probability of p it is there, the mean is p, and the rest of the variance, 1 - p^2, is a deviation from that. If the
+    approach, it is unknown whether link or drive leads: both sides are equally likely.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
     signed = errors.signed and errors.loads is not None
@@ -85,9 +84,9 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LoadedGive:
-    """What a fixture of stated give `sizes` (k,), rad and m, yields under load, less the share `UNMODELLED_SHARE`.
+    """Deflection of a fixture of stated `sizes` (k,), rad and m, under load, without the share `UNMODELLED_SHARE`.
 
-    Its shapes are the largest of all and never stand side by side scaled: some poses at a time.
+    Its shapes are the largest of all and are scaled for some poses at a time.
     """
 
     loads: LoadBasis
@@ -104,12 +103,12 @@ class LoadedGive:
         return np.asarray(scale[:, None] * self.loads.give_at(poses))
 
     def missed(self, poses: slice) -> FloatArray:
-        """Variance (m, k) that they leave."""
+        """Variance (m, k) that they leave out."""
         return np.asarray((1.0 - UNMODELLED_SHARE) * self.sizes**2 * self.loads.give_missed[poses])
 
 
 def loaded_give(errors: ErrorModel, sizes: FloatArray) -> LoadedGive | None:
-    """None where loads are not known, or pull at nothing, or nothing is stated to give."""
+    """Return the deflection under load; None where loads are unknown or zero, or no compliance is stated."""
     if errors.loads is None or not sizes.any() or not errors.loads.all_give.any():
         return None
     return LoadedGive(loads=errors.loads, sizes=sizes)

@@ -1,9 +1,9 @@
-"""The iteration: parameters, effects and joint corrections together, and one scoring step a round.
+"""The iteration: parameters, effects and joint corrections together, with one scoring step in each round.
 
 Each round linearises the loops where they close, solves the mixed-model equations for
-everything at once, moves the variances by one scoring step and relinearises, unless nothing moved that
-loops would be seen to bend by (`solver.estimators.implicit` has the derivation; it is the same round
-without effects). Knows a closure model, no fixture.
+everything at once, moves the variances by one scoring step and relinearises, unless the change is too small for a
+visible nonlinearity (`solver.estimators.implicit` has the derivation; it is the same round without effects). Knows a
+closure model, no fixture.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ CURVATURE_SHARE = 3.0
 """Error of a Newton step as a share of it, per rad or m of its largest component: the error grows by the square."""
 
 LEAST_MOTION_SHARE, TINY = 1e-3, 1e-200
-"""Directions in which joints move a loop by less than this share stay open; a guard against division by zero."""
+"""Directions in which joints move a loop by less than this share stay open; avoids a division by zero."""
 
 POSES_FOR_VARIANCES = 600
 """Number of poses from which variances are estimated: more improve them by a few per cent."""
@@ -82,9 +82,9 @@ class MixedFit:
     shift, give
         Part of the corrections that effects predict (m, n), rad, and of the fixture's displacement (m, k).
     fit
-        The linear fit there.
+        The linear fit at the solution.
     found
-        Derivatives of the likelihood there, by the poses the variances came from; None where these were given.
+        Derivatives of the likelihood there, from the poses that determined the variances; None for given ones.
     """
 
     x: FloatArray
@@ -98,22 +98,22 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """How the likelihood changes with the variances there."""
+        """Derivatives of the likelihood with the variances at the solution."""
         return with_priors(self.fit) if self.found is None else self.found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Near:
-    """Where another fit of the same poses ended, to start beside it.
+    """Result of another fit of the same poses, as a start.
 
     Attributes
     ----------
     variances
-        Components by name.
+        Variance components by name.
     corrections, unsensed
         Joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
     layout
-        That of the other fit, its poses in the order in which these are fitted.
+        Layout of the other fit, with its poses in the order of this fit.
     """
 
     variances: Mapping[str, float]
@@ -122,7 +122,7 @@ class Near:
     layout: Layout | None = None
 
     def at_poses(self, poses: IntArray) -> Near:
-        """Return the same of a selection of poses, which has a layout of its own."""
+        """Return the same for a selection of poses, without the layout of all."""
         return Near(
             variances=self.variances,
             corrections=self.corrections[poses],
@@ -148,15 +148,15 @@ def fit_mixed(
     x0
         Start (P,).
     group
-        Placement of each pose (m,): what the fixture gives in one says nothing of another.
+        Placement of each pose (m,): the fixture's deflections in one are independent of those in another.
     variances
-        Variances (K,) of a layout, which stay as they are, and gravity's sign with them; None: they are estimated.
+        Fixed variances (K,) of a layout, and gravity's sign with them; None: they are estimated.
     near
-        Where to start, if anything is known of it.
+        Start of the fit, where known.
     """
     like = None if near is None else near.layout
     if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
-        # Evenly over the poses, which are in canonical order: the same whatever order they came in.
+        # Evenly over the poses in canonical order, so that the selection does not depend on their order.
         some = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
         rough = _iterate(
             LinearModel(
@@ -189,7 +189,7 @@ def _iterate(
     near: Near | None,
     found: Derivatives | None = None,
 ) -> MixedFit:
-    """Rounds until nothing moves; `variances` (K,) that are given stay, `found` where they come from."""
+    """Iterate to convergence; given `variances` (K,) are fixed, `found` are the derivatives where they come from."""
     said = _nothing if progress is None else progress
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
@@ -206,7 +206,7 @@ def _iterate(
             here = Linearisation(design, state)
         fit = _solved(design, here, v)
         if rounds == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
-            # Nothing stated explains these readings: start where much may give.
+            # The stated errors do not explain these readings: start with large deflections.
             v = np.maximum(v, design.leaps)
             calm = _iterate(design, x0, v, progress, near)
             if not calm.fit.chi2 <= CHI2_GIVE_UP * calm.fit.dof:
@@ -221,7 +221,7 @@ def _iterate(
             wanted = step(fit, found)
             v = ascent.onward(fit, found, wanted, far=moved > COMPARABLE_SIGMA)
             if rounds >= FREE_ROUNDS and wanted.slope < NEGLIGIBLE_GAIN:
-                # That is no reason to go on: the parameters settle under the variances as they are.
+                # That is no reason to continue: the parameters converge with the present variances.
                 free, wanted, v = False, ScoringStep.none(len(v)), fit.v
         enough = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
         converged = left < settled and (wanted.largest < enough or wanted.slope < LEAST_GAIN)
@@ -231,7 +231,7 @@ def _iterate(
             in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, wanted.largest)
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
-                # From here on without; neither likelihoods nor steps of the two can be compared.
+                # From here on without the expected sag; neither likelihoods nor steps of the two can be compared.
                 design, ascent, converged = design.unsigned(), Ascent(fast=ascent.fast), False
                 here = Linearisation(design, state)
                 continue
@@ -247,7 +247,7 @@ def _iterate(
 
 
 def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFit:
-    """Solve one linearisation, or say that these poses fit no loop."""
+    """Solve one linearisation; PosesDoNotFitError if these poses fit no loop."""
     try:
         return LinearFit(design, here, v)
     except np.linalg.LinAlgError as error:
@@ -257,7 +257,7 @@ def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFi
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, found: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more where the loops close, with learned sizes at their means; as it was where none is learned."""
+    """Solve once more where the loops close, with estimated sizes at their means; unchanged where none is estimated."""
     v = expected_scales(fit, found)
     if np.array_equal(v, fit.v):
         return fit, state
@@ -269,21 +269,21 @@ def _at_mean_scales(
 def expected_scales(fit: LinearFit, found: Derivatives) -> FloatArray:
     """Variances (K,) with the learned sizes at their posterior mean.
 
-    At the mode sigmas would not hold what is not known of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
+    At the mode sigmas would not include the uncertainty of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
     has the mean exp(t_mode + s^2 / 2), its variance twice that exponent.
     """
     return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, found)), fit.design.walls))
 
 
 def _nothing(_rounds: int, _chi2: float) -> None:
-    """Nobody asked how far it is."""
+    """Ignore the progress."""
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Share of the sag and play that gravity lets expect which the readings have.
+    """Share of the sag and play expected from gravity that the readings show.
 
-    An arm whose file states a sag that it has not is to be calibrated as exactly as one whose file states
-    none: on exact readings the expectation itself would be the error. Below a half it is not expected.
+    An arm without the sag that its file states is to be calibrated as exactly as one whose file states none: with exact
+    readings the expected sag would itself be the error. Below one half it is not expected.
     """
     design = fit.design
     G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
@@ -292,7 +292,7 @@ def gravity_share(fit: LinearFit) -> float:
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None) -> State:
-    """Poses as they were left, or as they were read with loops that close as well as `x0` allows."""
+    """Start from a previous fit, or from readings with loops that close as well as `x0` allows."""
     x, q = np.array(x0, dtype=float), design.q
     if near is not None:
         e, u = near.corrections, near.unsensed
@@ -301,15 +301,15 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None
         sd = np.sqrt(design.joint_variance(v).mean(axis=0))
         u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
     else:
-        # The fixture's own freedoms follow from the readings as well as these are known.
+        # The fixture's own freedoms follow from the readings, as exactly as these are known.
         u = unsensed_at_readings(design.model, x, q)
     return State(x=x, e=np.zeros_like(q), u=u, closed_q=q, closed_u=u)
 
 
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
-    """Solution of one linearisation, and in standard errors the largest change of a parameter to it.
+    """Solution of one linearisation, and the largest change of a parameter in standard errors.
 
-    The last figure is what that leaves undone.
+    The last figure is the remaining error of linearisation.
     """
     old, soft = at.state, len(design.soft_index)
     x = old.x.copy()
@@ -348,11 +348,11 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
 
 
 def _closing(system: System, give: FloatArray) -> FloatArray:
-    """Smallest turns of the joints (m, n) that close what displacements `give` (m, k) of the fixture leave open."""
+    """Smallest joint rotations (m, n) that compensate deflections `give` (m, k) of the fixture."""
     open_by = np.swapaxes(system.E, -1, -2) @ give[..., None]
     Bt = np.swapaxes(system.B, -1, -2)
     square = system.B @ Bt
-    # Of a pose that hardly moves some way no joint is turned far for it.
+    # Where joints hardly move a pose in some direction, none is turned far for it.
     ridge = LEAST_MOTION_SHARE**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
     square += ridge[:, None, None] * np.eye(square.shape[-1])
     return np.asarray((Bt @ np.linalg.solve(square, open_by))[..., 0])
@@ -366,10 +366,10 @@ def expected_fit(
     *,
     group: IntArray | None = None,
 ) -> LinearFit:
-    """Return what readings of poses near `q` (m, n), rad, would tell at parameters `x` (P,), as stated.
+    """Return the fit expected from readings of poses near `q` (m, n), rad, at parameters `x` (P,) and stated errors.
 
-    Its covariance is what a calibration from such poses will print; its misfit means nothing. Nothing is
-    read: loops are closed at `x` as near to `q` as they go.
+    Its covariance predicts that of a calibration from such poses; its misfit has no meaning. No readings are used:
+    loops are closed at `x` as near to `q` as possible.
     """
     sd = np.sqrt(np.maximum(errors.joint_variance.mean(axis=0), 1e-12))
     closed = close_loops(model, x, q, sigma_rad=sd)

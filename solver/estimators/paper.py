@@ -1,7 +1,7 @@
 """The paper's estimator: unweighted least squares on the reduced closure error (eqs. 5 and 6).
 
-Every equation counts the same, 1 m as 1 rad and a 12-bit wrist reading as a 400,000-count encoder.
-It is kept as the published reference and as the start of the implicit estimator.
+Every equation has the same weight, 1 m as 1 rad and a 12-bit wrist reading as a 400,000-count encoder. It is the
+published reference and the start of the implicit estimator.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from solver.estimators.least_squares import Progress, Triangle, solve_damped, tr
 from solver.loops.closure import ClosureModel, nearest_equivalent, pose_blocks
 
 SAME_DESCRIPTION = 1e-9
-"""Parameters (rad, m) that differ by less, and by full turns, describe a loop alike."""
+"""Parameters (rad, m) that differ by less, or by full turns, are equivalent."""
 
 
 def estimate_paper(
@@ -52,7 +52,7 @@ def estimate_paper(
     problem = ClosureProblem.of(model.at_poses(order), q[order])
     fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
-    # Another description of the same loop has another Jacobian; a full turn has not.
+    # An equivalent parameter vector has another Jacobian, except after a full turn.
     turned = np.abs(wrap_angles(model.parameters, x - fit.x)).max(initial=0.0) > SAME_DESCRIPTION
     triangle = problem(x) if turned else fit.triangle
     error = closure_at_readings(model, x, q)

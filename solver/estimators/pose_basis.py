@@ -1,4 +1,4 @@
-"""Smooth functions of the pose: a few columns that span what bends the same again at the same pose.
+"""Smooth functions of the pose: a few columns that span deflections that repeat at the same pose.
 
 A Gaussian process over joint space with several scales at once and a linear part, in low rank: its
 values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far apart
@@ -17,14 +17,14 @@ CENTRES = 64
 """Poses, as far apart as there are, from which the others are interpolated."""
 
 CHUNK = 1024
-"""Poses worked on at a time."""
+"""Poses computed at a time."""
 
 SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
 WEIGHTS = (0.5, 0.5)
 """Shares of the variance at each scale."""
 
 CONSTANT, LINEAR = 0.5, 0.5
-"""Variance of the constant and of the linear part, beside that of the scales."""
+"""Variance of the constant and of the linear part, in addition to that of the scales."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -52,9 +52,9 @@ class PoseProcess:
     values
         (m, c), one column for each centre.
     turn
-        (c, c): from these to columns at right angles, the largest first.
+        (c, c): from these to orthogonal columns, the largest first.
     variance
-        (m,), of the process itself.
+        (m,): variance of the process itself.
     """
 
     values: FloatArray
@@ -62,13 +62,13 @@ class PoseProcess:
     variance: FloatArray
 
     def leading(self, columns: int) -> PoseBasis:
-        """Return the columns along which most poses differ."""
+        """Return the columns of largest variance."""
         phi = self.values @ self.turn[:, :columns]
         return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
 
 
 def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the process over joint angles `q` (m, n), rad; apart in each `group` (m,) of poses."""
+    """Return the process over joint angles `q` (m, n), rad; independent in each `group` (m,) of poses."""
     spread = np.maximum(q.std(axis=0), 1e-9)
     moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
     angle = q[:, moving]
@@ -87,7 +87,7 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
     values, vectors = np.linalg.eigh(kernel(far, far))
     good = values > 1e-8 * values[-1]
     if len(far) == len(q):
-        # Every pose is a centre: the columns are at right angles as they are.
+        # Every pose is a centre: the columns are orthogonal already.
         whole = vectors[:, good] * np.sqrt(values[good])
         turn = np.eye(whole.shape[1])
     else:

@@ -15,7 +15,7 @@ from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 
 TINY = 1e-300
-"""Keeps a logarithm finite."""
+"""Lower limit of a logarithm's argument."""
 
 LARGEST_VARIANCE_RATIO = 6.0
 """Largest factor by which a variance changes in one step."""
@@ -44,7 +44,7 @@ FAST_SHARE = 0.3
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Count what is known of the variances before: specifications, spreads inside poses, the prior of each scale."""
+    """Add the prior information about the variances: specifications, spreads inside poses, the prior of each scale."""
     v, found = fit.v, _with_readings(fit)
     scaled = fit.design.scaled
     # t = log(v / start) / 2 ~ N(0, SCALE_SD^2), differentiated by v.
@@ -58,7 +58,7 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 def _with_readings(fit: LinearFit) -> Derivatives:
-    """Count what a specification says of an amplitude, and spreads recorded inside poses."""
+    """Add the information of a specification about an amplitude, and of spreads recorded inside poses."""
     v, bare = fit.v, fit.derivatives
     score, information, curvature = (
         bare.score.copy(), bare.information.copy(), bare.curvature.copy(),
@@ -74,7 +74,7 @@ def _with_readings(fit: LinearFit) -> Derivatives:
 
 
 def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:
-    """Posterior variance (K,) of the logarithm of each learned size; zero of the other components."""
+    """Posterior variance (K,) of the logarithm of each estimated size; zero for the other components."""
     scaled = fit.design.scaled
     spread = np.zeros(len(scaled))
     if scaled.any():
@@ -86,16 +86,16 @@ def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScoringStep:
-    """From variances to what they should be.
+    """Step from variances to better ones.
 
     Attributes
     ----------
     change
-        (K,); no variance leaves its bounds by it.
+        (K,): change of the variances, within their bounds.
     largest
         Largest change in standard errors.
     slope
-        Rise of the log-likelihood along all of it at its start; about twice what there is to gain.
+        Rise of the log-likelihood along the whole step with the slope at its start; about twice the possible gain.
     """
 
     change: FloatArray
@@ -104,14 +104,14 @@ class ScoringStep:
 
     @classmethod
     def none(cls, components: int) -> ScoringStep:
-        """Return the step of variances that stay."""
+        """Return the zero step."""
         return cls(change=np.zeros(components), largest=0.0, slope=0.0)
 
 
 def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
-    """Newton's step of the variances, those at a bound that they would leave held there.
+    """Newton's step of the variances; those that would leave their bounds stay there.
 
-    Of learned sizes it is a step of ``t = log(v) / 2``, in which their likelihood is nearest to its parabola.
+    For estimated sizes it is a step of ``t = log(v) / 2``, in which their likelihood is nearest to its parabola.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     wall, leap = fit.design.walls, fit.design.leaps
@@ -119,7 +119,9 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
     high = np.minimum(wall, np.maximum(LARGEST_VARIANCE_RATIO * v, leap))
     rate = np.where(scaled, 2.0 * v, 1.0)
     known = np.diagonal(found.information) * rate**2
-    determined = known > 0.0  # what tells nothing, or less by rounding, stays where it is
+    determined = (
+        known > 0.0
+    )  # components without information, or with less by rounding, do not change
     size = np.sqrt(np.where(determined, known, 1.0))
     unit = rate / size
     score, moving = found.score * unit, determined & ((v > floor) | (found.score > 0.0))
@@ -135,7 +137,7 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
         return np.where(scaled, 0.5 * np.log(np.maximum(bound, TINY) / v), bound - v) * size
 
     def bounded(metric: FloatArray) -> FloatArray:
-        """Solve for the change; what would leave its bounds goes to them, and the others step as is then best."""
+        """Solve for the change; variances that would leave their bounds stop there, and the others are solved again."""
         change, free = np.zeros(len(v)), moving.copy()
         ridged = metric + 1e-9 * np.eye(len(v))
         while free.any():
@@ -152,7 +154,7 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
 
     change = bounded(found.information * np.outer(unit, unit))
     if np.abs(change).max(initial=0.0) < NEWTON_SIGMA and moving.any():
-        # Away from the maximum the curvature may point anywhere, and its expectation leads there fast.
+        # Away from the maximum the curvature may mislead, and its expectation leads there fast.
         bend = np.diag(np.where(scaled, 4.0 * v * found.score, 0.0) / size**2)
         metric = found.curvature * np.outer(unit, unit) - bend
         if np.linalg.eigvalsh(metric[np.ix_(moving, moving)])[0] > LEAST_CURVATURE:
@@ -165,17 +167,17 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
 
 
 class Ascent:
-    """The way up the likelihood: Newton's steps, each taken back in part where it went past the top.
+    """Ascent of the likelihood: Newton's steps, shortened where they overshoot the maximum.
 
-    Where a variance comes off its floor the likelihood bends more than its curvature there says, and
-    steps alone may go to and fro for ever. The slope at a step's end, known anyway, tells where along
-    the step the top was, so nothing is computed twice: the next round is made there.
+    Where a variance leaves its floor the curvature changes quickly, and plain steps may oscillate forever. The slope at
+    a step's end, known anyway, locates the maximum along the step, so nothing is computed twice: the next round starts
+    there.
 
     Attributes
     ----------
     fast
-        Whether the last step wanted was so much smaller than the one before that little is left after it; of
-        another likelihood, until two of it can be compared, what is handed on from there.
+        Whether the last proposed step was so much smaller than the one before that little remains after it; after a
+        change of the likelihood, until two steps can be compared, the earlier value.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
@@ -189,7 +191,7 @@ class Ascent:
     ) -> FloatArray:
         """Variances (K,) for the next round, `wanted` being Newton's step from those of `fit`.
 
-        `far` says that the next linearisation will be so different that slopes cannot be compared.
+        `far`: the next linearisation will be so different that slopes cannot be compared.
         """
         if self._wanted is not None:
             self.fast = wanted.largest < FAST_SHARE * self._wanted
@@ -202,7 +204,7 @@ class Ascent:
                 top = last.slope / (last.slope - slope) if slope < 0.0 else 0.5
                 self._share *= float(np.clip(top, 0.1, 0.7))
                 return np.asarray(start + self._share * last.change)
-            # Where one step went too far the next would as well.
+            # Where one step overshot, the next would as well.
             self._share = min(1.0, 2.0 * self._share)
         self._from = None if far else (fit.v, fit.log_likelihood, wanted)
         return np.asarray(fit.v + self._share * wanted.change)

@@ -1,8 +1,8 @@
 """The implicit estimator with every stated source of error: parameters, effects and variances at once.
 
-The specification of an encoder can be believed; an RVDT's noise and a fixture's give cannot, and a
-maker's lengths are known to a tolerance. All of it is one linear mixed model
-(`solver.estimators.effects`), iterated by `solver.estimators.mixed_fit`. Knows no fixture and no file.
+The specification of an encoder can be relied upon; an RVDT's noise and a fixture's compliance cannot, and a maker's
+lengths are known to a tolerance. All of it is one linear mixed model (`solver.estimators.effects`), iterated by
+`solver.estimators.mixed_fit`. Knows no fixture and no file.
 """
 
 from __future__ import annotations
@@ -38,36 +38,36 @@ from solver.estimators.mixed_fit import MixedFit, Near, fit_mixed
 from solver.loops.closure import ClosureModel, nearest_equivalent
 
 EQUAL = 1e-9
-"""Two descriptions of a loop that differ by less (rad, m) are the same."""
+"""Parameter vectors that differ by less (rad, m) count as the same."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VarianceComponents:
-    """What was found beside the parameters.
+    """Results of a fit in addition to the parameters.
 
     Attributes
     ----------
     components
         Every component with its interval.
     flexure
-        Whether the fixture gives more than is stated; None where it was not asked for.
+        Test whether the fixture is more compliant than stated; None where it was not made.
     noise
-        What is left as noise of each pose at the variances found, rows in the order of the poses.
+        Remaining noise of each pose at the estimated variances, rows in the order of the poses.
     curves_rad
         Predicted deviation (m,) of each sensor with a curve at each pose's reading, by joint.
     repeatability
-        Covariance (P, P) of the parameters by noise alone: what the same poses again would give.
+        Covariance (P, P) of the parameters from noise alone: the scatter if the same poses were taken again.
     budget
-        Variance that each source brings to every parameter (P,), by source; they add up to that of
-        the estimate.
+        Contribution of each source to the variance of every parameter (P,), by source; their sum is that of the
+        estimate.
     stated_chi2, stated_dof
-        Misfit under the stated variances, none of them fitted, and its expectation.
+        Misfit at the stated variances, none of them fitted, and its expectation.
     iterations, converged
         Rounds of the iteration.
     variances
-        Every variance component as found, by its name in the error model.
+        Every estimated variance component, by its name in the error model.
     signed
-        Whether joints were found to sag to where gravity takes them.
+        Whether the readings show that joints sag in the direction of gravity.
     """
 
     components: tuple[Component, ...]
@@ -84,7 +84,7 @@ class VarianceComponents:
     signed: bool = True
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
-        """Return the same with what belongs to single poses for these."""
+        """Return the same with the per-pose results of a selection of poses."""
         variance = self.noise.joint_variance[poses]
         return replace(
             self,
@@ -93,20 +93,20 @@ class VarianceComponents:
         )
 
     def sd(self, name: str) -> float:
-        """Standard deviation of a component, 0 where it was not found (rad or m)."""
+        """Standard deviation of a component (rad or m), 0 where it is missing."""
         return next((c.sd for c in self.components if c.name == name), 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibrated:
-    """An estimate, what was found beside it, and the linear fit that further tests ask.
+    """An estimate, its variance components, and the linear fit that further tests use.
 
     Attributes
     ----------
     linear, order
-        The fit, its poses in canonical order, and the caller's indices (m,) of these.
+        The fit, with its poses in canonical order, and the caller's indices (m,) of these.
     found
-        How the likelihood changes with the variances there.
+        Derivatives of the likelihood with the variances at the solution.
     unsensed
         Unsensed angles (m, U), rad, in the caller's order.
     """
@@ -119,13 +119,13 @@ class Calibrated:
     unsensed: FloatArray
 
     def few(self, most: int) -> tuple[Calibrated, IntArray]:
-        """Return the same of `most` poses evenly among all, and the caller's indices of these.
+        """Return the same for `most` poses evenly among all, and the caller's indices of these.
 
-        Parameters and their covariance stay those of all poses; the linear fit is of the few alone.
+        Parameters and their covariance remain those of all poses; the linear fit covers the few only.
         """
         if len(self.order) <= most:
             return self, np.arange(len(self.order))
-        # Evenly in canonical order: the same whatever order they came in.
+        # Evenly in canonical order, so that the selection does not depend on the poses' order.
         some = np.linspace(0, len(self.order) - 1, most).astype(np.int64)
         of_caller = np.sort(self.order[some])
         found = Calibrated(
@@ -158,12 +158,12 @@ def estimate_with_errors(
     group
         Placement of each pose (m,).
     variances
-        Variance components by name, as another fit found them, which stay; None: they are estimated.
+        Fixed variance components by name, from another fit; None: they are estimated.
 
     Raises
     ------
     ValueError
-        If the errors name a joint without a used reading or a parameter that is not free.
+        The errors name a joint whose reading is not used, or a parameter that is not free.
     TooFewPosesError
         No degree of freedom would be left.
     """
@@ -183,7 +183,7 @@ def estimate_with_errors(
 
 
 def estimate_of(ended: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
-    """Return the parameters of a fit to joint angles `q` (m, n), rad, poses in the order of these."""
+    """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the same order."""
     found, back = ended.fit, back_to_caller(ended.order)
     error = closure_at_readings(model.at_poses(ended.order), found.x, q[ended.order])
     return Estimate(
@@ -205,14 +205,14 @@ def estimate_of(ended: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
 
 
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:
-    """Variances (K,) of a layout; those that have no name among them as they start."""
+    """Variances (K,) of a layout; those not named keep their start values."""
     v = np.array([variances.get(c.name, c.start) for c in layout.components])
     return np.asarray(np.clip(v, layout.floors, layout.walls))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Settled:
-    """Where the iteration ended; `order` (m,) are the caller's indices of the poses in `fit`."""
+    """Result of the iteration; `order` (m,) are the caller's indices of the poses in `fit`."""
 
     fit: MixedFit
     order: IntArray
@@ -230,7 +230,7 @@ def settle(
     variances: Callable[[Layout], FloatArray] | Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> Settled:
-    """Fit as `estimate_with_errors` does and report nothing; `near` and `variances` are those of `fit_mixed`."""
+    """Fit as `estimate_with_errors` does, without a report; `near` and `variances` are as in `fit_mixed`."""
     if isinstance(variances, Mapping):
         variances = partial(_by_name, variances)
     order = canonical_order(q)
@@ -247,7 +247,7 @@ def settle(
     )
     x = _near(model, errors, nearest_equivalent(model, found.x, nominal), nominal)
     if np.abs(x - found.x).max() > EQUAL:
-        # Another description of the same loop has another covariance: finish there.
+        # An equivalent parameter vector has another covariance: continue there.
         found = fit_mixed(model, q, found.fit.design.errors, x, group=group, variances=variances)
     return Settled(fit=found, order=order, dof=dof)
 
@@ -277,14 +277,14 @@ def _first(
 
 
 def _pose_chi2(fit: LinearFit) -> FloatArray:
-    """What is left of each pose (m,) with all effects taken out."""
+    """Remaining chi2 of each pose (m,) after all effects."""
     return np.concatenate(
         [((part.w + part.times(fit.coefficients)) ** 2).sum(-1) for part in fit.parts()]
     )
 
 
 def noise_left(found: MixedFit, back: IntArray) -> NoiseModel:
-    """What is left as noise of each pose at the variances found, rows as `back` (m,) says."""
+    """Remaining noise of each pose at the estimated variances, rows in the order of `back` (m,)."""
     design, v = found.fit.design, found.fit.v
     give = np.zeros(6)
     give[6 - design.rows :] = design.fixture_variance(v).mean(axis=0)

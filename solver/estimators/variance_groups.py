@@ -11,14 +11,13 @@ from solver.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class VarianceComponent:
-    """One variance to be estimated: where it starts, its floor, and where its prior puts a wall.
+    """One variance to be estimated, with its start value, floor and upper limit.
 
-    `stated` is what the files say. With `scaled` the logarithm of its size over the stated one has a
-    normal prior (method, section 10): the poses decide where they see it, the statement where they do not.
-    `soft` and `wall` bound an amplitude by its specification: a prior of that mean variance, and a
-    value it never exceeds. ``inf`` where there is none. `leap` may be reached in one step however
-    small it was. `spread_variance` is what `spread_dof` differences inside poses say of it, or a
-    specification that weighs like so many.
+    `stated` is the value in the files. With `scaled` the logarithm of its size over the stated one has a normal prior
+    (method, section 10): the poses determine it where they can, otherwise the stated value does. `soft` and `wall`
+    bound an amplitude by its specification: a prior of that mean variance, and a value it never exceeds. ``inf`` where
+    there is none. `leap` may be reached in one step from any value. `spread_variance` is its estimate from `spread_dof`
+    differences inside poses, or from a specification of the same weight.
     """
 
     name: str
@@ -34,7 +33,7 @@ class VarianceComponent:
 
     @property
     def source(self) -> str:
-        """What an uncertainty budget calls it: that of the groups it moves, if it moves any."""
+        """Its name in an uncertainty budget: that of the groups it scales, if any."""
         kind, _, which = self.name.partition("_")
         if kind in _OF_RVDTS:
             return f"rvdt_{_OF_RVDTS[kind]}_{which}"
@@ -42,15 +41,15 @@ class VarianceComponent:
 
 
 _OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
-"""What an RVDT's components are of it."""
+"""Sources that are components of an RVDT."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Group:
     """Columns that share a variance ``fixed + sum of rates * components``.
 
-    `source` is what an uncertainty budget calls it; `rates` are pairs of a component and its factor; `names`
-    say what each column is.
+    `source` is its name in an uncertainty budget; `rates` are pairs of a component and its factor; `names` describe the
+    columns.
     """
 
     source: str

@@ -1,1 +1,1 @@
-"""Closed loops: how far each pose is from closing, and the derivatives of that."""
+"""Closed loops: closure error of each pose, and its derivatives."""

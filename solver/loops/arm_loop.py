@@ -1,7 +1,6 @@
-"""What the loops of one placement share: an arm of D-H links with unknown entries, and its fixture's own.
+"""Base of the loops of one placement: an arm of D-H links with unknown entries, and the fixture's unknowns.
 
-A subclass says which links there are, what its endpoint adds to the unknowns, and how far from closed it
-is (`loop`).
+A subclass defines the links, the unknowns of its endpoint, and the closure error (`loop`).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ class ArmLoop(ClosureModel):
     table
         Nominal D-H table of the links, the first of which is number `FIRST_LINK`.
     entries
-        Which entries are unknown, in the order of the parameter vector.
+        Unknown entries, in the order of the parameter vector.
     unsensed_joints
         Arm joints (1-based) whose readings are not used; their angles are unknowns of each pose.
     own
@@ -44,7 +43,7 @@ class ArmLoop(ClosureModel):
     entries: tuple[DhEntry, ...]
     unsensed_joints: tuple[int, ...] = ()
     own: tuple[str, ...] = ()
-    # Worked out once: estimators ask for them at every step.
+    # Computed once, since estimators need them at every step.
     parameters: tuple[Parameter, ...] = field(init=False, repr=False, compare=False)
     _stacked: FloatArray = field(init=False, repr=False, compare=False)
     _indices: tuple[list[int], list[int]] = field(init=False, repr=False, compare=False)
@@ -102,11 +101,11 @@ class ArmLoop(ClosureModel):
 
     @property
     def equations_per_pose(self) -> int:
-        """One for each component, less one for each unsensed freedom."""
+        """Number of components minus number of unsensed freedoms."""
         return self.components - len(self.unsensed_rows)
 
     def tables(self, x: FloatArray) -> FloatArray:
-        """Fill parameter vectors (..., P) into the nominal table: (..., 5, links)."""
+        """Return the nominal table with parameter vectors (..., P) inserted: (..., 5, links)."""
         x = np.asarray(x, dtype=np.float64)
         stacked = np.empty((*x.shape[:-1], *self._stacked.shape))
         stacked[...] = self._stacked
@@ -115,7 +114,7 @@ class ArmLoop(ClosureModel):
         return stacked
 
     def own_values(self, x: FloatArray) -> FloatArray:
-        """Values of all of `OWN` for parameter vectors (..., P): (..., 1, O), to go with every pose."""
+        """Values of all of `OWN` for parameter vectors (..., P): (..., 1, O), to broadcast over poses."""
         x = np.asarray(x, dtype=np.float64)
         whole = np.broadcast_to(self._own_nominal(), (*x.shape[:-1], len(self.OWN))).copy()
         whole[..., self._own_indices()] = x[..., len(self.entries) :]
@@ -147,7 +146,7 @@ class ArmLoop(ClosureModel):
         return replace(self, entries=self.entries + offsets, unsensed_joints=())
 
     def without(self, names: Collection[str]) -> Self:
-        """Return the same loop with the named unknowns held at their nominal values."""
+        """Return the same loop with the named unknowns fixed at their nominal values."""
         if not names:
             return self
         return replace(
@@ -169,8 +168,8 @@ class ArmLoop(ClosureModel):
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
         """Screws (..., 6, P_entries + links) of the unknown entries, then of every link's angle.
 
-        Of the end of the chain, or of a point of its last link `lever_m` (..., 3) from there, seen in
-        the chain's first frame: ``v_tip = v_end + w x lever``.
+        They are those of the chain's end, or of a point of its last link at `lever_m` (..., 3) from there, in the
+        chain's first frame: ``v_tip = v_end + w x lever``.
         """
         J = jacobian(frames, self._moved)
         if lever_m is not None:
@@ -180,7 +179,7 @@ class ArmLoop(ClosureModel):
     def loop_error(
         self, residual: FloatArray, J: FloatArray, jac_own: FloatArray | None = None
     ) -> LoopError:
-        """Sort `columns` (..., k, P_entries + links) and those of all of `OWN` (..., k, O)."""
+        """Assemble the loop error from `columns` (..., k, P_entries + links) and those of all of `OWN` (..., k, O)."""
         split = len(self.entries)
         jac_x, jac_theta = J[..., :split], J[..., split:]
         jac_q = jac_theta[..., 1 - self.FIRST_LINK :]

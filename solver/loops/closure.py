@@ -1,7 +1,7 @@
-"""Loop closure: how far a chain that ends where it began is from closing, and the derivatives of that.
+"""Loop closure: error of a chain that should end where it starts, and its derivatives.
 
-A `ClosureModel` is all that the estimators know of a fixture, and what is the same for every fixture is
-said here once; a model gives its error and Jacobians.
+A `ClosureModel` is all that the estimators know of a fixture. The part common to every fixture is here; a model adds
+its error and Jacobians.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
 
 BLOCK_POSES = 1024
-"""Poses evaluated at a time: all that kinematics and Jacobian of so many need fits a core's own cache."""
+"""Poses evaluated at a time: kinematics and Jacobian of this many fit in a core's cache."""
 
 Which = IntArray | slice
-"""Indices of some parameters or poses, or ``slice(None)``: all of them."""
+"""Indices of some parameters or poses, or ``slice(None)`` for all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,8 +32,8 @@ class LoopError:
     Attributes
     ----------
     residual
-        c (..., m, k): rotation vector (rad) over position (m) of the end point, both in the frame on
-        the fixture. Zero when the loop closes.
+        c (..., m, k): rotation vector (rad), then position (m), of the end point in the frame on the fixture. Zero when
+        the loop closes.
     jac_x, jac_q, jac_u
         Its exact derivatives for the parameters, the paper's C = dc/dphi (..., m, k, P), for the joint
         angles (..., m, k, n) and for the unsensed angles (..., m, k, U).
@@ -56,7 +56,7 @@ class LoopError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReducedError:
-    """Closure error with the unsensed freedoms eliminated: what the paper minimises.
+    """Closure error with the unsensed freedoms eliminated, as the paper minimises it.
 
     Attributes
     ----------
@@ -65,11 +65,11 @@ class ReducedError:
     jac_x
         Its exact derivative (..., m, r, P), the paper's C for these rows.
     rotation_rows
-        How many of the r rows are rotations; they come first.
+        Number of the r rows that are rotations; they come first.
     unsensed
         The eliminated angles (..., m, U), rad.
     flipped
-        (..., m) bool: poses on the other branch of the elimination (hand upside down on the hinge).
+        (..., m) bool: poses on the other branch of the elimination (tool upside down on the hinge).
     """
 
     residual: FloatArray
@@ -80,7 +80,7 @@ class ReducedError:
 
 
 class Hold(Enum):
-    """What of the hand a fixture holds still."""
+    """Part of the tool that a fixture constrains."""
 
     POINT = "point"
     AXIS = "axis"
@@ -89,16 +89,16 @@ class Hold(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Held:
-    """What the hand holds and where that is, seen from the arm (`HeldAxis` names the frames).
+    """The constrained part of the tool and its place, seen from the arm (`HeldAxis` defines the frames).
 
     Attributes
     ----------
     direction, ground_direction
-        Of the line that a hinge holds, (3,).
+        Direction of the line constrained by a hinge, (3,).
     point_m, ground_point_m
-        Of the point that is held, (3,).
+        Coordinates of the constrained point, (3,).
     rotation
-        Mean rotation (3, 3) of the hand: a rotation where the hand is held rigidly.
+        Mean rotation (3, 3) of the tool: a proper rotation where the tool is fixed rigidly.
     """
 
     direction: FloatArray
@@ -111,9 +111,9 @@ class Held:
 class ClosureModel(ABC):
     """A loop formed by an arm and a fixture.
 
-    Joint angles `q` are always the sensed angles of *all* n joints as read, (..., m, n), rad, never
-    wrapped; a model ignores the columns of joints it treats as unsensed (`jac_q` is zero there).
-    `x` (..., P) are values of `parameters`: the paper's phi.
+    Joint angles `q` are always the readings of *all* n joints, (..., m, n), rad, never wrapped; a model ignores the
+    columns of joints that it treats as unsensed (`jac_q` is zero there). `x` (..., P) are values of `parameters`: the
+    paper's phi.
     """
 
     __slots__ = ()
@@ -141,17 +141,17 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def equations_per_pose(self) -> int:
-        """Closure equations that remain a pose once the unsensed freedoms are eliminated."""
+        """Closure equations of each pose after the unsensed freedoms are eliminated."""
 
     @property
     @abstractmethod
     def ground_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that say where the fixture stands: new wherever it is put."""
+        """Names of the unknowns of the fixture's place on the table, which change when it is moved."""
 
     @property
     @abstractmethod
     def hand_side(self) -> tuple[str, ...]:
-        """Names of the unknowns that say how the hand holds the fixture: new at every mounting."""
+        """Names of the unknowns of the fixture's place on the tool, which change at every mounting."""
 
     @abstractmethod
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
@@ -159,7 +159,7 @@ class ClosureModel(ABC):
 
     @abstractmethod
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Return first values of the unsensed angles (..., m, U), rad, for the readings `q`."""
+        """Return initial values of the unsensed angles (..., m, U), rad, for the readings `q`."""
 
     @abstractmethod
     def with_all_joints_sensed(self) -> Self:
@@ -185,7 +185,7 @@ class ClosureModel(ABC):
         Raises
         ------
         ValueError
-            If arm joints are unsensed: they have to be solved for (`loop`).
+            Arm joints are unsensed and have to be solved for (`loop`).
         """
         if self.unsensed_joints:
             raise ValueError(
@@ -202,15 +202,15 @@ class ClosureModel(ABC):
         )
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """All parameter vectors that describe the very same loop as `x` (P,), shape (E, P)."""
+        """All parameter vectors that are equivalent to `x` (P,), shape (E, P)."""
         return np.asarray(x, dtype=np.float64)[None, :]
 
     def at_poses(self, poses: IntArray) -> Self:
-        """Return the model of a selection (or order) of poses: itself unless bound to its poses."""
+        """Return the model of a selection (or order) of poses; the same model unless it is bound to poses."""
         return self
 
     def parts(self) -> tuple[tuple[ClosureModel, Which, Which], ...]:
-        """Loops of one placement each, with the parameters and poses of the whole that are theirs."""
+        """Loops of one placement each, with the indices of their parameters and poses."""
         return ((self, slice(None), slice(None)),)
 
     def merged(self, found: Sequence[ReducedError]) -> ReducedError:
@@ -220,9 +220,9 @@ class ClosureModel(ABC):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the fixture's halves on table and hand, seen where the closure error is.
+        """Axes (m, 3, 3) of the fixture's halves on table and tool, in the frame of the closure error.
 
-        Of a loop of one placement; both stay as they are where neither half turns.
+        For a loop of one placement; identity where a half does not turn.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still
@@ -234,30 +234,30 @@ class ClosureModel(ABC):
 
     @abstractmethod
     def arm_rows(self) -> FloatArray:
-        """Nominal rows 1..n (4, n): theta_off, s, a, alpha; ValueError where no one table serves all poses."""
+        """Nominal rows 1..n (4, n): theta_off, s, a, alpha; ValueError where poses have different tables."""
 
     @property
     def hold(self) -> Hold | None:
-        """What the fixture holds still of the hand; None where nothing does."""
+        """Part of the tool that the fixture constrains; None without a constraint."""
         return None
 
     def held_entries(self, held: Held) -> dict[str, float]:
-        """Values of the fixture's unknowns, by name, when the hand is held like that; ValueError if nothing is."""
+        """Values of the fixture's unknowns, by name, for this constraint of the tool; ValueError without one."""
         raise ValueError(f"{type(self).__name__} holds nothing ({held})")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
-        """D-H table of links 0..n, entries as in `x` (P,); None if they are not all the loop has."""
+        """D-H table of links 0..n, entries as in `x` (P,); None if the loop has others."""
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Points of the arm (k, 3), m, and its fixture's axis (3,), in the base frame; None: no picture.
 
-        The last point is what the fixture holds; an axis of length zero is none.
+        The last point is the one at the fixture; a zero vector stands for no axis.
         """
         return None
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Where the fixture stands and its axis there (3,), as `drawn` sees it; None: no picture."""
+        """Place of the fixture and its axis (3,), in the frame of `drawn`; None: no picture."""
         return None
 
 
@@ -270,14 +270,14 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
 
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Unsensed angles (m, U) as `ClosureModel.initial_unsensed`: a block at a time, so that kinematics stay small."""
+    """Unsensed angles (m, U) as `ClosureModel.initial_unsensed`: a block at a time, to limit memory."""
     return np.concatenate([part.initial_unsensed(x, here) for part, here in pose_blocks(model, q)])
 
 
 def nearest_equivalent(
     model: ClosureModel, x: FloatArray, reference: FloatArray, length_scale_m: float = 1.0
 ) -> FloatArray:
-    """Of all equal descriptions of the loop `x`, the one nearest to `reference` (P,)."""
+    """Return the parameter vector equivalent to `x` that is nearest to `reference` (P,)."""
     parameters = model.parameters
     scale = np.array([1.0 if p.is_angle else 1.0 / length_scale_m for p in parameters])
     nearest, distance = np.asarray(x), np.inf
@@ -285,7 +285,7 @@ def nearest_equivalent(
         candidates = model.equivalents(nearest)
         squares = ((wrap_angles(parameters, candidates - reference) * scale) ** 2).sum(-1)
         best = int(np.argmin(squares))
-        # Several placements list only some of their many combinations: go on from the best of them.
+        # Several placements list only some of their many combinations: continue from the best of them.
         if not squares[best] < distance * (1.0 - 1e-12):
             return nearest
         here = bool((candidates[best] == nearest).all())
@@ -295,5 +295,5 @@ def nearest_equivalent(
 
 
 def poses_needed(parameters: int, equations_per_pose: int) -> int:
-    """Fewest poses that leave at least one degree of freedom; 0 where no number does."""
+    """Fewest poses that leave at least one degree of freedom; 0 where no number suffices."""
     return parameters // equations_per_pose + 1 if equations_per_pose > 0 else 0

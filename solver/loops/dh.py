@@ -1,6 +1,6 @@
 """The loop of every fixture that is itself a D-H link of the chain: rigid and hinge (paper, section 2.3).
 
-Reads beside the paper's eqs. 8 to 13.
+Follows the paper's eqs. 8 to 13.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class DhLoop(ArmLoop):
         return ((0,) if self.hinge else ()) + self.unsensed_joints
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
-        """Six closure components: rotation vector over position, in frame -1 (eqs. 8 and 10)."""
+        """Six closure components: rotation vector, then position, in frame -1 (eqs. 8 and 10)."""
         frames = self.frames(x, q, u)
         r = rotation_vector(frames.R_end)
         J = self.columns(frames)
@@ -68,16 +68,16 @@ class DhLoop(ArmLoop):
         return u
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Eliminate the hinge angle and see the loop in frame -1 (paper, eqs. 10 to 13).
+        """Eliminate the hinge angle and express the loop in frame -1 (paper, eqs. 10 to 13).
 
         The two rotations are the swing that carries z_-1 onto z_7. To first order they are
-        eq. 12's ``dx = -R23``, ``dy = R13``; unlike those they do not vanish again when the hand is
-        upside down, so a pose on the flipped branch cannot pass for a closed one.
+        eq. 12's ``dx = -R23``, ``dy = R13``; unlike those they do not vanish again when the tool is upside down, so a
+        pose on the flipped branch does not look closed.
 
         Raises
         ------
         ValueError
-            If arm joints are unsensed: eqs. 10-13 eliminate the hinge only.
+            Arm joints are unsensed; eqs. 10-13 eliminate the hinge only.
         """
         if not self.hinge or self.unsensed_joints:
             return ClosureModel.reduced(self, x, q, rates=rates)
@@ -91,8 +91,8 @@ class DhLoop(ArmLoop):
         turned = x_end.conj() / size
         n, p = turned * (R13 + 1j * R23), turned * (px + 1j * py)
         w, v = (turned * (moved[:, k] + 1j * moved[:, k + 1]) for k in (0, 3))
-        # theta_0 answers to every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns
-        # the end about z_-1, which is what w_z and the position feel of it.
+        # theta_0 follows every parameter so that R21 stays zero (eq. 12): w_z R11 = w_x R31. It turns the end about
+        # z_-1, which changes w_z and the position.
         w_z = w.real * (R31 / size)
         swing, swing_rate = _swing(n, R33, w, w_z)
         jac = np.empty((len(moved), 5, *moved.shape[2:]))
@@ -110,18 +110,18 @@ class DhLoop(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Frame -1 is on the hand; theta_0 turns it into the table's axes (eq. 11)."""
+        """Frame -1 is on the tool; theta_0 turns it into the table's axes (eq. 11)."""
         table, hand = ClosureModel.fixture_axes(self, x, q, u)
         if self.hinge:
             table = rotation_about_z(u[..., 0])
         return table, hand
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Eight equal descriptions of a hinge loop, none of which a rigid loop has.
+        """Eight equivalent parameter vectors of a hinge loop; a rigid loop has only its own.
 
         (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); likewise at link n; and the
         hinge axis turned round: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
-        A description needs all entries it changes to be free.
+        An equivalent vector exists only if all entries that it changes are free.
         """
         candidates = [np.asarray(x, dtype=np.float64)]
         if self.hinge:
@@ -134,7 +134,7 @@ class DhLoop(ArmLoop):
             index = {e.name: k for k, e in enumerate(self.entries)}
             unsensed = {f"theta_off_{j}" for j in self.unsensed_joints}
             for move in moves:
-                # An unsensed joint's offset is part of its per-pose angle and needs no entry.
+                # An unsensed joint's offset is part of its angle in each pose and needs no entry.
                 changes = [c for c in move if c[0] not in unsensed]
                 if all(name in index for name, _, _ in changes):
                     for y in list(candidates):
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Link 0, and what of joint 1 is measured from its common normal: s_1 and theta_off_1."""
+        """Link 0, and the entries of joint 1 that count from its common normal: s_1 and theta_off_1."""
         return tuple(
             e.name
             for e in self.entries
@@ -155,16 +155,16 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Link n whole: its offset too is measured to the common normal of the fixture's axis."""
+        """All of link n: its offset too counts to the common normal of the fixture's axis."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property
     def hold(self) -> Hold:
-        """A line of the hand, or the hand whole."""
+        """A line of the tool (hinge), or the whole tool (rigid)."""
         return Hold.AXIS if self.hinge else Hold.FRAME
 
     def held_entries(self, held: Held) -> dict[str, float]:
-        """D-H entries of the fixture when the hand is held like that."""
+        """D-H entries of the fixture for this constraint of the tool."""
         if not self.hinge:
             return held_frame_entries(held.rotation, held.ground_point_m, self.joint_count)
         return HeldAxis(
@@ -175,18 +175,18 @@ class DhLoop(ArmLoop):
         ).entries(self.joint_count)
 
     def dh_table(self, x: FloatArray) -> DhTable:
-        """Links 0..n are all there is."""
+        """D-H table of links 0..n."""
         return DhTable.from_stacked(self.tables(x))
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Origins of frames 0..n (n + 1, 3) and the hinge axis (3,), for joint angles `q` (n,)."""
-        # The hinge angle turns everything about the hinge: seen from frame 0 it changes nothing.
+        # The hinge angle turns everything about the hinge: in frame 0 it changes nothing.
         frames = self.frames(x, q[None, :], np.zeros((1, len(self.unsensed_rows))))
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
         return (frames.origins_m[0, 1:] - p_0) @ R_0, frames.axes[0, -1, :, 2] @ R_0
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Origin and z axis of frame -1, which no joint moves as frame 0 sees it."""
+        """Origin and z axis of frame -1, which are constant in frame 0."""
         still = np.zeros(self.joint_count)
         frames = self.frames(x, still[None, :], np.zeros((1, len(self.unsensed_rows))))
         R_0, p_0 = frames.axes[0, 1], frames.origins_m[0, 1]
@@ -198,7 +198,7 @@ def _swing(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Rotation in the xy plane that carries z onto a unit vector, and its rates.
 
-    With all that is across z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
+    With vectors across z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
     the vector over its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
 
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
@@ -212,7 +212,7 @@ def _swing(
 
     Returns
     -------
-    The swing (...), rad: angle between z and the vector, along z x n; and what each w makes of it (C, ...).
+    The swing (...), rad: angle between z and the vector, along z x n; and its rate for each w (C, ...).
     """
     sine = np.abs(n)
     # Below this the quotients lose digits and their series are exact to double precision.

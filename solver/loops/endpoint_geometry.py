@@ -1,8 +1,8 @@
-"""What a fixture holds, as plain geometry, turned into the D-H entries of a loop.
+"""Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line held in the hand and a line fixed in the ground. Seen in the arm's base frame with joint 1's
-offset and s_1 taken as zero (both only turn and shift that frame along z_0), and in the frame before the last
-link likewise, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
+A hinge is a line fixed in the tool and a line fixed in the table. Seen in the arm's base frame with joint 1's
+offset and s_1 taken as zero (both only turn and shift that frame along z_0), and likewise in the frame before the last
+link, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from solver.chain.parameters import wrap_angle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """A line in space: a point of it (3,), m, and its direction, a unit vector (3,)."""
+    """A line in space: a point on it (3,), m, and its direction, a unit vector (3,)."""
 
     point_m: FloatArray
     direction: FloatArray
@@ -25,7 +25,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldAxis:
-    """A line through the hand and the line in the ground with which it coincides.
+    """A line through the tool and the line in the table with which it coincides.
 
     Attributes
     ----------
@@ -44,14 +44,14 @@ class HeldAxis:
     def entries(self, n: int) -> dict[str, float]:
         """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi].
 
-        Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: the one
-        through the hand point, and one at the ground, are as good as any.
+        Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do, here the one
+        through the tool's or the table's point.
         """
-        # Hand: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
+        # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
         off_n = _bearing(self.hand_direction) + 0.5 * np.pi
         alpha_n = _tilt(self.hand_direction)
         t = turn_about_z(-off_n) @ self.hand_point_m
-        # How far the hand point lies along the line from the foot of the common normal with z_{n-1}.
+        # Distance of the tool point along the line from the foot of the common normal with z_{n-1}.
         slide = -_quotient(t[1], np.sin(alpha_n))
         # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
         off_1 = 0.5 * np.pi - _bearing(self.ground_direction)
@@ -72,9 +72,9 @@ class HeldAxis:
 
 
 def held_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
-    """D-H entries of a rigid loop whose hand frame (s_n = a_n = alpha_n = 0) is held at `R`, `p_m`.
+    """D-H entries of a rigid loop whose tool frame (s_n = a_n = alpha_n = 0) is fixed at `R`, `p_m`.
 
-    Both are seen as `HeldAxis.ground_direction` and include no theta_off_n.
+    Both are in the frame of `HeldAxis.ground_direction` and do not include theta_off_n.
     """
     z = np.array([0.0, 0.0, 1.0])
     axis = HeldAxis(

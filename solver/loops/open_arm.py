@@ -1,7 +1,7 @@
 """An open arm whose endpoint another instrument measures: every pose closes through the measurement.
 
-``T_instrument_base T_base_n(q) T_n_tip = measured`` (section 2.1, eqs. 4 to 7), seen in the instrument's frame.
-The instrument's noise is the closure's own (`NoiseModel.fixture_variance`).
+``T_instrument_base T_base_n(q) T_n_tip = measured`` (section 2.1, eqs. 4 to 7), in the instrument's frame. The
+instrument's noise is the noise of the closure (`NoiseModel.fixture_variance`).
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ TIP_TURN = ("tip_rx", "tip_ry", "tip_rz")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredClosure(ArmLoop):
-    """An arm of links 1..n observed from outside, bound to the poses that were measured.
+    """An arm of links 1..n observed by an instrument, bound to the measured poses.
 
-    base_* is where the arm's base frame stands in the instrument's frame and tip_* where the observed
-    target sits in the flange frame: a point, and a rotation vector that turns the nominal rotation,
-    ``R = exp(r) R_nominal`` (so that it stays small and its components are ordinary angles). `own` says
-    which of base_x .. tip_rz are unknown; position-only measurements see no tip_r*.
+    base_* is the placement of the arm's base frame in the instrument's frame, and tip_* that of the target in the
+    flange frame: a point, and a rotation vector applied to the nominal rotation, ``R = exp(r) R_nominal`` (so that it
+    stays small and its components are ordinary angles). `own` lists the unknown ones of base_x .. tip_rz; position-only
+    measurements do not determine tip_r*.
 
     Attributes
     ----------
     base_m, base_rotation, tip_m, tip_rotation
-        Nominal places: (3,) and (3, 3).
+        Nominal placements: (3,) and (3, 3).
     full_pose
         Whether orientations are measured too.
     endpoint_m
@@ -103,7 +103,7 @@ class MeasuredClosure(ArmLoop):
         return own[..., :3] + (R_base @ tip[..., None])[..., 0], R_tip
 
     def loop(self, x: FloatArray, q: FloatArray, u: FloatArray) -> LoopError:
-        """Predicted less measured: rotation vector (rad; full pose only) over position (m)."""
+        """Predicted minus measured: rotation vector (rad; full pose only), then position (m)."""
         if self.endpoint_m is None:
             raise ValueError("no endpoint measurements are bound to this model")
         if q.shape[-2] != len(self.endpoint_m):
@@ -129,7 +129,7 @@ class MeasuredClosure(ArmLoop):
         return self.loop_error(np.concatenate((r, position), axis=-1), J, jac_own)
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """The same place written with rotation vectors a full turn shorter, where they are long."""
+        """Equivalent parameters, with rotation vectors beyond half a turn shortened by a full turn."""
         x = np.asarray(x, dtype=np.float64)
         names = [p.name for p in self.parameters]
         candidates = [x]
@@ -146,12 +146,12 @@ class MeasuredClosure(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Where the instrument stands to the arm: base_*, as far as unknown."""
+        """Unknowns of the instrument's placement: base_*."""
         return tuple(name for name in self.own if name in BASE)
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """Where the target sits on the hand: tip_*, as far as unknown."""
+        """Unknowns of the target's placement on the tool: tip_*."""
         return tuple(name for name in self.own if name not in BASE)
 
     def at_poses(self, poses: IntArray) -> MeasuredClosure:
@@ -168,7 +168,7 @@ class MeasuredClosure(ArmLoop):
         return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Where the instrument saw the target, of a model bound to one pose; None else."""
+        """Measured target position of a model bound to one pose; None otherwise."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]
@@ -176,7 +176,7 @@ class MeasuredClosure(ArmLoop):
         return (self.endpoint_m[0] - own[:3]) @ R_base, np.zeros(3)
 
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
-        """Rates (..., m, 6, 12) of the target's turn and place for base_x .. tip_rz.
+        """Rates (..., m, 6, 12) of the target's rotation and position with base_x .. tip_rz.
 
         `R_hand` is the flange in the instrument's frame, `swung` the vector from base to target.
         """

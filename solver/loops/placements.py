@@ -1,15 +1,14 @@
-"""Several placements of a fixture in one data set: one arm, a fixture's unknowns for each.
+"""Several placements of a fixture in one data set: one arm, and unknowns of the fixture for each placement.
 
-The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With
-a single placement names stay plain.
+The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
+placement names have no number.
 
-What a hinge determines is not all on the fixture's side of the arm's first and last axis: theta_off_1
-is counted from the common normal of the hinge axis and joint 1's, s_1 from that normal's foot, and
-theta_off_n to the normal with joint n's. Another placement is another normal, so these entries belong
-to the placement (`ClosureModel.ground_side`, `hand_side`) and read ``theta_off_1[2]``. Nothing is lost by
-that: a turn of joint 1's zero is a turn of all placements about its axis, which no closed loop sees.
-If the hand kept its half of the fixture between placements (a ball that stays on the hand while
-sockets change), `same_hand` shares that side too, theta_off_n included.
+The entries of a hinge include some of the arm's first and last joint: theta_off_1 counts from the common normal of the
+hinge axis and joint 1's axis, s_1 from that normal's foot, and theta_off_n to the normal with joint n's axis. Another
+placement is another normal, so these entries belong to the placement (`ClosureModel.ground_side`, `hand_side`) and read
+``theta_off_1[2]``. No information is lost: a rotation of joint 1's zero is a rotation of all placements about its axis,
+which no closed loop determines. If the tool kept its half of the fixture between placements (a ball that stays on the
+tool while sockets change), `same_hand` shares that side too, including theta_off_n.
 """
 
 from __future__ import annotations
@@ -38,20 +37,20 @@ class Placements(ClosureModel):
     numbers
         The placements' numbers as the operator counts them, ascending.
     models
-        Each placement's own loop, with the same arm and the same kind of fixture.
+        Loop of each placement, with the same arm and the same kind of fixture.
     placement
         Number of the placement each pose belongs to, (m,).
     same_hand
-        Whether the hand's side of the fixture is the same in all placements.
+        Whether the tool's side of the fixture is the same in all placements.
     parameters
-        Shared unknowns first, then each placement's own, with its number in the name.
+        Shared unknowns first, then those of each placement, with its number in the name.
     """
 
     numbers: tuple[int, ...]
     models: tuple[ClosureModel, ...]
     placement: IntArray
     same_hand: bool
-    # Worked out once: estimators ask for them at every step.
+    # Computed once, since estimators need them at every step.
     parameters: tuple[Parameter, ...] = field(init=False, repr=False)
     _columns: tuple[IntArray, ...] = field(init=False, repr=False)
 
@@ -89,24 +88,24 @@ class Placements(ClosureModel):
 
     @property
     def components(self) -> int:
-        """That of any one placement."""
+        """The same as of one placement."""
         return self.models[0].components
 
     @property
     def equations_per_pose(self) -> int:
-        """That of any one placement."""
+        """The same as of one placement."""
         return self.models[0].equations_per_pose
 
     def columns(self, number: int) -> IntArray:
-        """Where the parameters of one placement's own model are in the whole vector (P_own,)."""
+        """Indices (P_own,) of one placement's parameters in the whole vector."""
         return self._columns[self.numbers.index(number)]
 
     def of(self, number: int) -> tuple[ClosureModel, IntArray]:
-        """One placement's own model and where its parameters are in the whole vector; ValueError if none."""
+        """Model of one placement and the indices of its parameters in the whole vector; ValueError if none."""
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def arm_rows(self) -> FloatArray:
-        """Each placement has a table of its own: ask one of `parts`."""
+        """Always a ValueError: each placement has its own table, see `parts`."""
         raise ValueError("several placements have no one table: ask their `parts`")
 
     def poses_of(self, number: int) -> IntArray:
@@ -138,7 +137,7 @@ class Placements(ClosureModel):
         )
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """First values of the unsensed angles of every pose."""
+        """Initial unsensed angles of every pose."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
         return _scatter(
@@ -178,14 +177,14 @@ class Placements(ClosureModel):
         )
 
     def equivalents(self, x: FloatArray) -> FloatArray:
-        """Equal descriptions of all loops together (E, P).
+        """Equivalent parameter vectors of all loops together (E, P).
 
-        Every placement has its own; those that change a shared entry have to agree on it. Beyond
-        a few thousand combinations only those are listed that differ in one placement.
+        Every placement has its own; those that change a shared entry have to agree on it. Beyond a few thousand
+        combinations only those that differ in one placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
         shared = self._shared_of(self.models[0])
-        # What each placement can be turned into, sorted by what that makes of the shared entries.
+        # Equivalent vectors of each placement, sorted by their values of the shared entries.
         choices: list[dict[tuple[float, ...], list[FloatArray]]] = []
         for number, model in zip(self.numbers, self.models, strict=True):
             here = [p.name in shared for p in model.parameters]
@@ -220,16 +219,16 @@ class Placements(ClosureModel):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Where the fixture stood, in all placements."""
+        """Unknowns of the fixture's place on the table, in all placements."""
         return self._side("ground_side")
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """How the hand held the fixture."""
+        """Unknowns of the fixture's place on the tool."""
         return self._side("hand_side")
 
     def without(self, names: Collection[str]) -> Placements:
-        """Return the same loops with the named unknowns held at their nominal values."""
+        """Return the same loops with the named unknowns fixed at their nominal values."""
         return replace(
             self,
             models=tuple(
@@ -266,7 +265,7 @@ class Placements(ClosureModel):
         return tuple(p.name for p in model.parameters if p.name not in own)
 
     def _name(self, name: str, number: int) -> str:
-        """What a placement's parameter is called here."""
+        """Name of a placement's parameter in the whole model."""
         if len(self.numbers) == 1 or name in self._shared_of(self.models[0]):
             return name
         return f"{name}[{number}]"
@@ -302,12 +301,12 @@ def place(
     Parameters
     ----------
     models
-        One loop whose nominal values serve every placement, or one for each, ascending numbers. A
-        model bound to measurements (`MeasuredClosure`) is bound to those of all poses, in order.
+        One loop with nominal values for every placement, or one for each in ascending order. A model bound to
+        measurements (`MeasuredClosure`) is bound to those of all poses, in order.
     placement
         Number of the placement of each pose, (m,).
     same_hand
-        Whether the hand kept its side of the fixture in all placements.
+        Whether the tool kept its side of the fixture in all placements.
     """
     numbers = tuple(int(k) for k in np.unique(placement))
     each = (

@@ -1,8 +1,8 @@
-"""A point of the hand held at a point of the ground: the loop of a ball joint.
+"""A point of the tool constrained to a point of the table: the loop of a ball joint.
 
 ``p_n(q) + R_n(q) b - g = 0`` seen in the arm's base frame: b is the ball's centre in the flange frame n
 (tip_x, tip_y, tip_z), g the socket's in the base frame (ground_x, ground_y, ground_z). The ball's own three
-rotations are eliminated by not asking about orientation: three equations a pose [3], [5].
+rotations are eliminated by leaving out the orientation: three equations for each pose [3], [5].
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ GROUND = ("ground_x", "ground_y", "ground_z")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PointClosure(ArmLoop):
-    """An arm of links 1..n whose hand carries a ball in a socket; `own` are of tip_x .. ground_z.
+    """An arm of links 1..n with a ball on the tool, in a socket; `own` lists the unknowns of tip_x .. ground_z.
 
     Attributes
     ----------
@@ -67,27 +67,27 @@ class PointClosure(ArmLoop):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """The socket stands in the base frame, the ball turns with the hand."""
+        """The socket is fixed in the base frame, the ball turns with the tool."""
         table, _ = ArmLoop.fixture_axes(self, x, q, u)
         return table, self.frames(x, q, u).R_end
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """ground_x .. ground_z, as far as unknown.
+        """The unknown ones of ground_x ..
 
-        The arm's theta_off_1 and s_1 stay the arm's: they are measured in its base frame, in which
-        all sockets are seen, and no number of sockets tells them from a turn or a lift of them all.
+        ground_z. The arm's theta_off_1 and s_1 are not among them: no number of sockets separates them from a rotation
+        or a lift of all sockets.
         """
         return tuple(name for name in self.own if name in GROUND)
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """tip_x .. tip_z, as far as unknown."""
+        """The unknown ones of tip_x .. tip_z."""
         return tuple(name for name in self.own if name in TIP)
 
     @property
     def hold(self) -> Hold:
-        """A point of the hand."""
+        """A point of the tool."""
         return Hold.POINT
 
     def held_entries(self, held: Held) -> dict[str, float]:
@@ -123,6 +123,6 @@ class PointClosure(ArmLoop):
         Raises
         ------
         ValueError
-            If arm joints are unsensed: then the readings alone do not tell.
+            Arm joints are unsensed, so the readings do not determine it.
         """
         return np.asarray(self.reduced(x, q).residual + self.own_values(x)[..., 3:])

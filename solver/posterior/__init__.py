@@ -1,1 +1,1 @@
-"""What a fit knows where the arm is used: corrections of readings, the best D-H table, the tool's uncertainty."""
+"""Results of a fit where the arm is used: corrections of readings, the best D-H table, the tool's uncertainty."""

@@ -1,14 +1,14 @@
-"""The D-H table that, without any correction, has the tool where the whole posterior has it.
+"""The D-H table that, without corrections of readings, comes closest to the tool position of the full model.
 
-Part of what a fit finds is in corrections of readings, which a controller or a URDF cannot apply. Of all
-tables T the best one minimises the mean square of fk_T(q) - fk(q), fk being the posterior mean with its
-corrections r(q) = S(q) b, over the poses where the arm is used (method, section 10, "Best table"). With J_T and
-J_q the rates of the tool with entries and joint angles that is one linear least squares,
+Part of a fit is in corrections of readings, which a controller or a URDF cannot apply. The best table T minimises the
+mean square of fk_T(q) - fk(q), fk being the posterior mean with its corrections r(q) = S(q) b, over the poses where the
+arm is used (method, section 10, "Best table"). With J_T and J_q the rates of the tool with entries and joint angles
+that is one linear least squares,
 
     min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
 
-d being how far an entry is ever off its file. Its covariance is that of the parameters with G's part of the
-corrections; what no table can hold, J_q S - J_T G, is in `left_m`.
+d being the largest plausible error of an entry. Its covariance is that of the parameters with G's part of the
+corrections; the part that no table can represent, J_q S - J_T G, is in `left_m`.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from solver.loops.point import TIP, PointClosure
 from solver.posterior.corrections import JointCorrections, JointsThere
 
 CLOSE_M = 1e-4
-"""s: tool error that is not worth an entry that is off its file by a tolerance."""
+"""s: tool error that does not justify changing an entry by its tolerance."""
 
 LENGTH_M, TWIST_RAD, OFFSET_RAD = 1e-3, radians(0.2), radians(1.0)
-"""d: entries that the poses leave open stay where the fit has them."""
+"""d: keeps entries that the poses do not determine at their values in the fit."""
 
 NEAR_RAD, NEAR_SHARE, ANYWHERE_SHARE, TIMES = np.deg2rad(20.0), 0.25, 0.01, 2
-"""A table is to be good at the poses of a session, a third as much within 20 deg of these, and a little anywhere:
-where it is asked for nothing it may do anything."""
+"""Weights of the session's poses, of poses within 20 deg of these, and of poses anywhere in the ranges, where a table
+without any weight could be arbitrary."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BestTable:
-    """A table, the tool's point in its last frame, and how well both are known.
+    """A table, the tool's point in its last frame, and their uncertainties.
 
     Attributes
     ----------
@@ -47,11 +47,11 @@ class BestTable:
     tip_m
         The tool's point in frame n (3,).
     entries, covariance
-        Entries and coordinates of the tip that it has a value of (k,), and their covariance (k, k), rad and m.
+        Entries and coordinates of the tip that it determines (k,), and their covariance (k, k), rad and m.
     left_m
-        Root mean square of what corrections tell of the tool and no table can hold, with its uncertainty.
+        Root mean square of the tool correction that no table can represent, with its uncertainty.
     sigma_m
-        Root mean square of the tool's distance from there, where the arm is used.
+        Root mean square of the tool's distance from its true position, where the arm is used.
     """
 
     rows: FloatArray
@@ -63,11 +63,11 @@ class BestTable:
 
     @property
     def table(self) -> DhTable:
-        """Its rows."""
+        """The D-H table of the rows."""
         return DhTable.from_stacked(self.rows)
 
     def tool(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tip in the base frame (m, 3), m, and the standard deviation of its distance from there (m,), m."""
+        """Tip in the base frame (m, 3), m, and the standard deviation of its error (m,), m."""
         point = tool_point(self.table, self.tip_m, _entries_of(self.entries))
         at = point.loop(nominal_vector(point.parameters), q, np.zeros((len(q), 0)))
         order = [p.name for p in point.parameters]
@@ -77,7 +77,7 @@ class BestTable:
 
 
 def tool_point(table: DhTable, tip_m: FloatArray, entries: Sequence[DhEntry]) -> PointClosure:
-    """Return an arm of links 1..n and a point of its hand, seen from a base at the origin."""
+    """Return the loop of an arm of links 1..n and a point of its tool, with the base at the origin."""
     return PointClosure(
         table=table, entries=tuple(entries), tip_m=tip_m, ground_m=np.zeros(3), own=TIP
     )
@@ -88,7 +88,7 @@ def _entries_of(names: Sequence[str]) -> list[DhEntry]:
 
 
 def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
-    """Entries of links 1..n that a table can hold: the offset, s or Hayati's beta (rows `hayati`), a and alpha."""
+    """Entries of links 1..n that a table can have: the offset, s or Hayati's beta (rows `hayati`), a and alpha."""
     return [
         DhEntry(kind, row)
         for row in range(1, links + 1)
@@ -101,7 +101,7 @@ def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
 def where_used(
     q: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Readings (m, n), rad, where an arm is used by a session's (k, n), and their weights (m,), which sum to 1.
+    """Readings (m, n), rad, that represent the use of an arm, from a session's (k, n), and weights (m,) of sum 1.
 
     The session's come first. `lower_rad` and `upper_rad` (n,) are the joints' ranges.
     """
@@ -117,10 +117,10 @@ def where_used(
 
 
 def even_steps(count: int, n: int) -> FloatArray:
-    """Points (count, n) of the unit cube, as even as random ones of many times their number.
+    """Points (count, n) of the unit cube, as evenly spread as many times as many random ones.
 
-    They follow an additive recurrence (Roberts' R_n: steps of powers of the root of ``g^(n+1) = g + 1``); no
-    machine's own sequence.
+    They follow an additive recurrence (Roberts' R_n: steps of powers of the root of ``g^(n+1) = g + 1``), the same on
+    every machine.
     """
     g = 2.0
     for _ in range(60):
@@ -146,14 +146,14 @@ def best_table(
     Parameters
     ----------
     there, weight
-        Poses where it is used, and their weights (m,), of sum 1; see `where_used`.
+        Poses where the arm is used, and their weights (m,), of sum 1; see `where_used`.
     known, covariance
-        Entries of `table` and of the tip (k,) that were fitted, and the covariance (k + c, k + c) of these with
-        the coefficients of the corrections.
+        Fitted entries of `table` and of the tip (k,), and the covariance (k + c, k + c) of these and the coefficients
+        of the corrections.
     fixed
-        Entries that stay as they are: of where the fixture stood.
+        Entries that do not change: those of the fixture's place.
     tip
-        Whether the tool's point may move in the last frame as well: of a ball, which no entry holds.
+        Whether the tool's point may move in the last frame as well: for a ball, whose centre is in no entry.
     """
     m = len(weight)
     point = tool_point(table, tip_m, every_entry(table.links, hayati))

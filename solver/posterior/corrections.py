@@ -1,4 +1,4 @@
-"""Corrections of joint readings as plain data: what a controller may apply beside the identified D-H table.
+"""Corrections of joint readings as plain data, which a controller may apply in addition to the identified D-H table.
 
 True angle = reading + theta_off + the sum of a joint's corrections, each a function of the readings q:
 
@@ -8,7 +8,7 @@ True angle = reading + theta_off + the sum of a joint's corrections, each a func
     offset     c1                                                           play that lies to one side
 
 `tests/solver/posterior/reference_corrections.py` is the same in plain Python. `JointCorrections` has their mean and
-covariance at any pose. What a fixture gives belongs to the mounting and is none of the arm's.
+covariance at any pose. A fixture's deflection belongs to the mounting and is not a correction of the arm.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from solver.estimators.linear_fit import LinearFit
 from solver.estimators.load_shapes import UNMODELLED_SHARE, shapes_of_sag, sides_of_play
 
 LEAST_RAD = 1e-9
-"""Less than this is no correction."""
+"""Smaller corrections are left out."""
 
 TURN_LIMIT = 1.2
-"""Beyond so many halves of its full scale an RVDT saturates."""
+"""Saturation of an RVDT, in halves of its full scale."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingCorrection:
-    """One correction of one joint; the module says what each kind is.
+    """One correction of one joint; the module describes each kind.
 
     Attributes
     ----------
     source
-        What an uncertainty budget calls it.
+        Its name in an uncertainty budget.
     joint
         1-based.
     coefficients
-        (c,), rad; of gravity mass and first moment of each link (4 n,), rad/(N m) times kg and kg m.
+        (c,), rad; for gravity (4 n,): mass and first moment of each link, rad/(N m) times kg and kg m.
     middle_rad, half_scale_rad
-        Of linearity: the sensor's electrical zero and half of its full scale.
+        For linearity: the sensor's electrical zero and half of its full scale.
     down
-        Of gravity: direction of its field in the base (3,).
+        For gravity: its direction in the base frame (3,).
     """
 
     source: str
@@ -69,9 +69,9 @@ class Corrections:
     Attributes
     ----------
     each
-        One by one.
+        The single corrections.
     rows
-        D-H rows 1..n (5, n), rad and m, by which gravity's levers are found: the arm file's.
+        D-H rows 1..n (5, n), rad and m, for gravity's levers: those of the arm file.
     """
 
     each: tuple[ReadingCorrection, ...]
@@ -104,7 +104,7 @@ class Corrections:
 
 
 def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
-    """Take the corrections out of a fit; play counts by its mean over some poses."""
+    """Return the corrections of a fit; play enters by its mean over some poses."""
     design = found.fit.design
     errors, b = design.errors, found.coefficients
     each: list[ReadingCorrection] = []
@@ -143,7 +143,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
             own, scale = some(width), np.sqrt(1.0 - UNMODELLED_SHARE) * design.sag[j]
             columns = gravity.turn.shape[-1]
             shapes = gravity.turn[j] @ own[:columns]
-            # Unsigned, what is expected of it is a column like the others.
+            # Without a sign, its expected value is a column like the others.
             shapes[0] += gravity.rate[j] * (1.0 if errors.signed else own[-1])
             each.extend(_gravity(int(j) + 1, scale * shapes, gravity.part.masses))
     kept = [c for c in each if np.abs(c.coefficients).max(initial=0.0) > LEAST_RAD]
@@ -153,7 +153,7 @@ def corrections_of(found: JointCorrections, there: JointsThere) -> Corrections:
 def _play(
     design: Layout, found: JointCorrections, there: JointsThere, here: slice
 ) -> Iterator[ReadingCorrection]:
-    """Mean over the readings of what play is expected to be and was found to be."""
+    """Mean correction of play over the readings, expected plus fitted."""
     mean = (there.shapes[:, here] * found.coefficients[here]).mean(axis=0)
     for k, j in enumerate(found.joint_of[here]):
         size = float(mean[k])
@@ -165,7 +165,7 @@ def _play(
 
 
 def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """From coefficients of a torque's shapes (s,) to those of masses and moments."""
+    """Convert coefficients of a torque's shapes (s,) to those of masses and moments."""
     n = len(masses.mass_kg)
     uncertain = (masses.moments_sd @ shapes[1 : 1 + 4 * n].reshape(n, 4, 1))[..., 0]
     by_down = [(masses.down, shapes[0] * masses.moments + uncertain)]
@@ -182,7 +182,7 @@ def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[Rea
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class JointsThere:
-    """What corrections are made of at m poses.
+    """Parts of the corrections at m poses.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ class JointsThere:
     shapes
         (m, c), rad for a unit of each coefficient.
     expected
-        Correction (m, n), rad, that is expected before anything is fitted.
+        Expected correction (m, n), rad, before the fit.
     side
         Expected side (m, n) of every joint's play, part of that.
     """
@@ -202,7 +202,7 @@ class JointsThere:
     side: FloatArray
 
     def first(self, count: int) -> JointsThere:
-        """Return the same of the first poses."""
+        """Return the same for the first poses."""
         return JointsThere(
             q=self.q[:count], shapes=self.shapes[:count], expected=self.expected[:count],
             side=self.side[:count],
@@ -227,7 +227,7 @@ class JointCorrections:
 
     @classmethod
     def of(cls, fit: LinearFit) -> JointCorrections:
-        """Take them out of a fit."""
+        """Return the effects of a fit."""
         design = fit.design
         first = design.hard + len(design.soft_index)
         return cls(fit=fit, first=first, end=first + len(design.along_joints.joint_of))
@@ -250,7 +250,7 @@ class JointCorrections:
         there = replace(
             errors,
             loads=None if errors.loads is None else errors.loads.joints_at(q),
-            # From which side a joint will come is not known: neither side of that play is.
+            # The direction of approach is unknown in advance, and so is that side of the play.
             approach=None if errors.approach is None else np.zeros_like(q),
         )
         play = sides_of_play(q, there)
@@ -265,7 +265,7 @@ class JointCorrections:
         )
 
     def with_parameters(self, index: IntArray) -> FloatArray:
-        """Covariance (k + c, k + c) of parameters (k,), by their place among all, and the coefficients; rad, m, 1."""
+        """Covariance (k + c, k + c) of parameters (k,), by their indices, and the coefficients; rad, m, 1."""
         fit, design = self.fit, self.fit.design
         soft = len(design.soft_index)
         place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))

@@ -1,4 +1,4 @@
-"""How large each source of error was found, stated = 1, and the share of a parameter's knowledge that poses brought."""
+"""Estimated size of each source of error over its stated size, and the poses' share of a parameter's information."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class Scale:
 
 
 def learned_scales(fit: LinearFit, found: Derivatives) -> tuple[Scale, ...]:
-    """Return the scale of every family that is learned.
+    """Return the scale of every family of errors whose size is estimated.
 
-    The variances of `fit` are at the posterior mean of the sizes, `found` the derivatives by these: the
+    The variances of `fit` are at the posterior mean of the sizes, `found` are the derivatives with these: the
     logarithm of a size is normal about its mode (Laplace's approximation; method, section 10).
     """
     components = fit.design.components
@@ -56,10 +56,10 @@ def learned_scales(fit: LinearFit, found: Derivatives) -> tuple[Scale, ...]:
 
 
 def shares_of_poses(fit: LinearFit) -> dict[str, float]:
-    """Share of what is known of each parameter that the poses brought, by name.
+    """Share of each parameter's information that comes from the poses, by name.
 
-    1 less posterior over prior variance; 1 of a parameter of which nothing was known before. The prior is the
-    one stated, whatever its family's scale was found to be.
+    It is 1 minus posterior over prior variance; 1 for a parameter without a prior. The prior is the stated one,
+    whatever scale its family was found to have.
     """
     design = fit.design
     names = [p.name for p in design.model.parameters]

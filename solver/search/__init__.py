@@ -1,1 +1,1 @@
-"""Global start: parameters from nothing known."""
+"""Global start: parameters without a first guess."""

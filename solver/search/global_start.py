@@ -1,9 +1,9 @@
-"""Calibration from nothing: offsets anywhere in +-180 deg, the fixture unknown.
+"""Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
-Many starts go down in one batch on a few poses that spread; where the fixture can be projected out
-(`inner_search`) only the inner joints' offsets are guessed. The best basins are then polished with all
-unknowns on all poses, and judged there: how many starts led to the best, whether another loop, not
-merely another description of the same one, fits as well. Deterministic for a seed.
+Many starts are minimised in one batch on a few spread poses; where the fixture can be projected out
+(`inner_search`) only the inner joints' offsets are guessed. The best minima are then refined with all unknowns on all
+poses and compared: how many starts led to the best, and whether a solution that is not equivalent fits as well.
+Deterministic for a seed.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from solver.search.starts import StartSearch
 
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
-"""Default numbers of starts. Where the hand's direction is held too (hinge, rigid), 4 to 40 % of the starts
-arrive; of a ball's, on joints that moved little, 1 %."""
+"""Default numbers of starts. Where the tool's direction is constrained too (hinge, rigid), 4 to 40 % of the starts
+reach the solution; with a ball and joints that moved little, 1 %."""
 
 FIRST_POLISH = 12
 HOPELESS = 100.0
-"""A basin whose cost is this many times the best after the first polish is not polished further: no
-rival comes from ten times the rms closure. Its `rms` is then an upper bound."""
+"""A minimum with this many times the best cost after the first refinement is not refined further: no alternative has
+ten times the rms closure. Its `rms` is then an upper bound."""
 
 MIXED = 0.03
-"""An rms closure (1 m : 1 rad) that no real arm leaves: poses of both branches may be mixed."""
+"""An rms closure (1 m : 1 rad) larger than any real arm's: poses of both branches may be mixed."""
 
 HINGE_EQUATIONS = 5
 SAMPLES = 8
@@ -40,14 +40,14 @@ NEAR_M, NEAR_RAD = 0.1, 0.3
 EXPLAINED = 0.9
 
 SAME_LOOP = 1e-4
-"""Polished parameters that differ by less than this (rad, m) are one solution."""
+"""Refined parameters that differ by less than this (rad, m) count as one solution."""
 
 FITS_AS_WELL = 1.5
-"""A solution whose rms closure is within this factor of the best cannot be told from it: with 200
-degrees of freedom noise alone makes a factor of 1.2 a 1 % event, and systematic errors make more."""
+"""A solution whose rms closure is within this factor of the best is indistinguishable from it: with 200 degrees of
+freedom noise alone causes a factor of 1.2 in 1 % of cases, and systematic errors cause more."""
 
 CLOSED = 1e-9
-"""An rms closure below this is closed, whatever the ratio."""
+"""An rms closure below this counts as closed, whatever the ratio."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,13 +57,13 @@ class LocalMinimum:
     Attributes
     ----------
     x
-        Parameters (P,) in the description nearest to the nominal one.
+        Parameters (P,); of all equivalent ones, those nearest to the nominal values.
     rms
         Root mean square of the reduced closure error over all poses (1 m : 1 rad).
     starts
-        How many starts ended here.
+        Number of starts that ended here.
     flipped
-        Poses (indices) that this solution puts on the flipped branch: it is no solution then.
+        Poses (indices) that this solution puts on the flipped branch, which makes it invalid.
     """
 
     x: FloatArray
@@ -74,7 +74,7 @@ class LocalMinimum:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GlobalStart:
-    """What the search found.
+    """Result of the search.
 
     Attributes
     ----------
@@ -85,8 +85,8 @@ class GlobalStart:
     search_poses
         Number of poses the search itself used.
     set_aside
-        Poses (indices) taken with the hand the other way round on the hinge: no part of any solution.
-        `LocalMinimum.flipped` counts among the others.
+        Poses (indices) taken with the tool upside down on the hinge: they are in no solution. `LocalMinimum.flipped`
+        does not include them.
     """
 
     minima: tuple[LocalMinimum, ...]
@@ -96,7 +96,7 @@ class GlobalStart:
 
     @property
     def best(self) -> LocalMinimum:
-        """The best solution: where an estimator should start."""
+        """The best solution, as a start for an estimator."""
         return self.minima[0]
 
     @property
@@ -119,7 +119,7 @@ def global_start(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> GlobalStart:
-    """Search for parameters of `model` that close the poses `q` (m, n), rad, from everywhere.
+    """Search for parameters of `model` that close the poses `q` (m, n), rad, without a first guess.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def global_start(
         Number of starts; the first is the nominal one, the rest are random. By default enough for
         the kind of fixture.
     seed
-        Of the random starts: the same seed gives the same result.
+        Seed of the random starts; the same seed gives the same result.
     progress
         Called after each iteration of the search; may raise to cancel.
 
@@ -136,7 +136,7 @@ def global_start(
     TooFewPosesError
         No degree of freedom would be left.
     ValueError
-        If there is no start to go from.
+        There is no start.
     """
     if starts is not None and starts < 1:
         raise ValueError("at least one start is needed")
@@ -168,7 +168,7 @@ def _solve(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> GlobalStart:
-    """Search, polish on all of `q`, and tell solutions apart."""
+    """Search, refine on all of `q`, and separate distinct solutions."""
     search = StartSearch(sensed, q, starts, rng, progress)
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
@@ -214,10 +214,10 @@ def _upright(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> BoolArray:
-    """Poses on the branch that most are on (m,), found from few poses at a time.
+    """Poses on the majority branch (m,), found from few poses at a time.
 
-    A few poses taken with the hand the other way round spoil a fit of all. Some small sample has none of
-    them; its loop closes on the poses of its own branch and is upside down on the rest.
+    A few poses taken with the tool upside down spoil a fit of all. Some small sample has none of them; its loop closes
+    on the poses of its own branch and is upside down on the rest.
     """
     best = np.ones(len(q), dtype=np.bool_)
     score = (0, -np.inf)
@@ -228,7 +228,7 @@ def _upright(
         near = np.linalg.norm(error.residual[:, error.rotation_rows :], axis=-1) < NEAR_M
         swing = np.linalg.norm(error.residual[:, : error.rotation_rows], axis=-1)
         upright, over = near & (swing < NEAR_RAD), near & (swing > np.pi - NEAR_RAD)
-        # A sample without strangers explains nearly every pose, one way or the other, and exactly.
+        # A sample of one branch explains nearly every pose exactly, on either branch.
         explained = upright | over
         here = (int(explained.sum()), -float(np.median(np.linalg.norm(error.residual, axis=-1))))
         if here[0] >= EXPLAINED * len(q) and upright.sum() > over.sum() and here > score:

@@ -1,17 +1,17 @@
-"""The offsets of the inner joints alone, with everything a fixture adds projected out.
+"""Estimates the offsets of the inner joints alone, with the fixture's unknowns projected out.
 
-What a passive fixture holds, seen from the base, does not move: of M_i = R_1 .. R_{n-1} Rz(theta_n) and
+The part constrained by a passive fixture does not move in the base frame: of M_i = R_1 .. R_{n-1} Rz(theta_n) and
 p_i, the frame before the last link at pose i,
 
-    hinge:  M_i h = const (a line of the hand has one direction),  p_i + M_i t = const (and one place),
+    hinge:  M_i h = const (a line of the tool has one direction),  p_i + M_i t = const (and one place),
     ball:                                                          p_i + M_i t = const,
     rigid:  M_i   = const,                                         p_i = const.
 
-Given the offsets of joints 2 .. n-1 the hand's h and t and the constants follow in closed form: h is the
+For given offsets of joints 2 .. n-1 the tool's h and t and the constants follow in closed form: h is the
 dominant right singular vector of the mean of M_i, t solves linear equations, the constants are means. So a
 hinge problem with 14 unknowns is a search over 5 angles (variable projection, Golub & Pereyra, with
-Kaufman's Jacobian), in which nothing has to be guessed about the fixture. The direction of the line is
-common to all poses, so a pose on the flipped branch never passes for a closed one.
+Kaufman's Jacobian), in which nothing has to be guessed about the fixture. The direction of the line is common to all
+poses, so a pose on the flipped branch never looks closed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solver.chain.parameters import DhKind, wrap_angle
 from solver.loops.closure import ClosureModel, Held, Hold, Which
 
 RIDGE = 1e-9
-"""Keeps the projection defined where t may slide along h; far below anything that matters."""
+"""Keeps the projection defined where t may slide along h; negligibly small."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,11 +41,11 @@ class InnerProblem:
     searched
         Joints (1-based) whose offsets are sought, none of them 1 or n.
     hold
-        What the fixture holds.
+        Constraint of the fixture.
     q
         Joint angles (m, n), rad.
     per_m
-        Weight of positions against directions, 1/m.
+        Weight of positions relative to directions, 1/m.
     """
 
     table: DhTable
@@ -84,7 +84,7 @@ class InnerProblem:
         if by_point is not None:
             basis.append(by_point)
         count = len(offsets)
-        # Constants of the ground are means over the poses: taking those out is projecting onto them.
+        # The table's constants are means over the poses, so subtracting the means projects them out.
         r = np.stack(rows, axis=-2)
         r = (r - r.mean(-3, keepdims=True)).reshape(count, -1)
         J = np.swapaxes(np.stack(rates, axis=-3), -1, -2)
@@ -97,7 +97,7 @@ class InnerProblem:
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
     def held(self, offsets: FloatArray) -> Held:
-        """What the fixture must be, given the offsets (K,)."""
+        """Geometry of the fixture for given offsets (K,)."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
@@ -120,7 +120,7 @@ class InnerProblem:
     def _projected(
         self, M: FloatArray, M_c: FloatArray, p: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Best direction h (S, 3) and point t (S, 3) of the hand; t is zero for a held frame."""
+        """Best direction h (S, 3) and point t (S, 3) of the tool; t is zero for a rigid fixture."""
         count = len(M)
         if self.hold is Hold.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
@@ -142,7 +142,7 @@ def _tangents(h: FloatArray) -> FloatArray:
 def spread_poses(q: FloatArray, count: int) -> FloatArray:
     """Choose `count` of the poses (m, n) that are far from each other, independent of their order.
 
-    Farthest-point choice over the points (cos q, sin q), from the pose farthest from their mean.
+    Farthest-point selection over the points (cos q, sin q), from the pose farthest from their mean.
     """
     if len(q) <= count:
         return q
@@ -158,7 +158,7 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """One placement: its loop, its poses, and the inner problem they make."""
+    """One placement: its loop, its poses, and their inner problem."""
 
     model: ClosureModel
     columns: Which
@@ -176,7 +176,7 @@ class Part:
 
 
 def projectable_parts(model: ClosureModel, q: FloatArray) -> list[Part]:
-    """Placements whose fixture can be projected out; none if there is one whose cannot."""
+    """Placements whose fixture can be projected out; none if any fixture cannot."""
     parts = []
     for piece, columns, poses in model.parts():
         if piece.hold is None:

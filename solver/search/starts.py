@@ -1,6 +1,6 @@
 """The batch of starts of a global start: which unknowns are guessed, and their damped Gauss-Newton iteration.
 
-Every start has its own damping; starts that have arrived leave the batch. `global_start` polishes the results.
+Every start has its own damping; starts that have converged leave the batch. `global_start` refines the results.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from solver.search.inner import InnerProblem, projectable_parts, spread_poses
 
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
-"""After a few steps the best third goes on. Of the starts that would have arrived, 80 to 100 % are among
-them (wild hinges, a ball), so that for the same work twice as many arrive."""
+"""After a few steps only the best third continues. It has 80 to 100 % of the starts that would have reached the
+solution (random hinges, a ball), so for the same work twice as many do."""
 
 SEARCH_EQUATIONS = 72
-"""Closure equations the search works on: a few times the unknowns of any usual arm."""
+"""Closure equations in the search: a few times the unknowns of any usual arm."""
 
 POLISHED = 6
-"""Basins that are polished: the true one's cost is orders below the next, so it is among the first."""
+"""Minima that are refined: the cost of the true one is orders below the next, so it is among the first."""
 
 SAME_MINIMUM = 0.02
-"""Starts that end within this of each other (rad) ended in one basin."""
+"""Starts that end within this distance of each other (rad) count as one minimum."""
 
 
 class StartSearch:
-    """Starts that have come down.
+    """Starts after minimisation.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class StartSearch:
             self.fit = self._blind(starts, rng)
 
     def candidates(self) -> list[tuple[FloatArray, int]]:
-        """Whole starts (P,) of the best basins with the number of starts that ended there."""
+        """Complete parameter vectors (P,) of the best minima, with the number of starts that ended there."""
         return [
             (self._whole(self.fit.x[members[0]]), len(members))
             for members in _minima(self.fit, self._angles())[:POLISHED]
@@ -95,7 +95,7 @@ class StartSearch:
         return x
 
     def _blind(self, starts: int, rng: np.random.Generator) -> BatchFit:
-        """Search over everything, for models whose fixture cannot be projected out."""
+        """Search over all unknowns, for models whose fixture cannot be projected out."""
         parameters = self.model.parameters
         turned = [k for k, p in enumerate(parameters) if p.name.startswith("theta_off_")]
         x0 = np.tile(self._nominal, (starts, 1))
@@ -122,7 +122,7 @@ class StartSearch:
 
 
 def _minima(fit: BatchFit, angles: list[int]) -> list[IntArray]:
-    """Members of each basin, by rising cost; the first member of each is its best."""
+    """Members of each minimum, by rising cost; the first member is the best."""
     left = np.argsort(fit.cost, kind="stable")
     found = []
     while len(left):
@@ -134,7 +134,7 @@ def _minima(fit: BatchFit, angles: list[int]) -> list[IntArray]:
 
 
 BatchProblem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Unknowns (S, K) to residuals (S, R) and Jacobian (S, R, K)."""
+"""Function from unknowns (S, K) to residuals (S, R) and Jacobian (S, R, K)."""
 
 FIRST_DAMPING = 1e-2
 EASIER, HARDER = 0.2, 5.0
@@ -144,7 +144,7 @@ STEP_TOLERANCE = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatchFit:
-    """Where each start ended: unknowns (S, K) and sum of squared residuals (S,)."""
+    """End of each start: unknowns (S, K) and sum of squared residuals (S,)."""
 
     x: FloatArray
     cost: FloatArray
@@ -165,10 +165,10 @@ def minimise_batch(
     Parameters
     ----------
     max_step
-        Longest component of one step: beyond it a linearised rotation means nothing.
+        Longest component of one step: beyond it a linearised rotation is invalid.
     halt_after, survivors
-        After this many iterations only so many of the starts go on, those of least cost; the rest
-        stay where they are. What is going to arrive is nearly always ahead by then.
+        After this many iterations only this many of the starts continue, those of least cost; the others stop. Starts
+        that will reach the solution nearly always lead by then.
     """
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)

@@ -170,8 +170,8 @@ class CapturePlan(StrictRecord):
     seed
         Of the sequence of poses.
     requested_sigma
-        With a plan: standard deviations at which it may end sooner, by parameter name with unit. The sensors'
-        errors alone count here: lengths, twists and give, which the result's sigmas hold, no pose narrows.
+        With a plan: standard deviations at which it may end sooner, by parameter name with unit: combined, with every
+        stated error at its stated size.
     """
 
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"

@@ -18,7 +18,7 @@ from solver.closing import close_loops
 from solver.design.d_optimal import choose_poses
 from solver.design.motion import drive_straight
 from solver.design.paths import LINE_STEP_RAD, MotionLimits
-from solver.design.pose_information import planning_noise, pose_information
+from solver.design.plan import PlanningTask, information_of
 from solver.diagnostics.identifiability import identifiability
 from solver.estimators.estimate import closure_at_readings
 from solver.estimators.paper import estimate_paper
@@ -231,25 +231,23 @@ def _followed(
 
 
 def most_informative(
-    arm: ArmModel,
-    model: ClosureModel,
+    task: PlanningTask,
     x: FloatArray,
     *,
     taken_rad: FloatArray,
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint whose pose adds most information to the captured ones (m, n) (D-optimality)."""
+    """Return the waypoint whose pose adds most information to the captured ones (m, n), as a plan counts it."""
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None
-    sigma = np.maximum(arm.sigma_rad(), 1e-6)
-    noise = planning_noise(sigma, unsensed_joints=model.unsensed_joints)
-    everything = np.concatenate((taken_rad, forecast.q_rad[candidates]))
-    closed = close_loops(model, x, everything, sigma_rad=sigma)
-    information = pose_information(model, x, closed.q, closed.u, noise)
+    closed = close_loops(task.model, x, forecast.q_rad[candidates])
+    told = information_of(task, x, taken_rad, closed.q, closed.u)
     taken = len(taken_rad)
-    best = choose_poses(information.root[taken:], 1, fixed=information.of(range(taken)))
+    best = choose_poses(
+        told.root[taken:], 1, parameters=len(told.parameters), fixed=told.of(range(taken))
+    )
     return candidates[best.chosen[0]]
 
 

@@ -146,7 +146,7 @@ def preview(
                 f"the poses so far give no estimate to plan on ({estimate.text})",
                 "capture more poses, or plan from nominal geometry: leave --session out",
             )
-        x, task = estimate.x, replace(task, noise=estimate.noise)
+        x = estimate.x
     prediction = predict_drives(arm, task.model, x, start, seed=seed)
     mobility = prediction.manifold.motion.degrees
     if position_joints is None:

@@ -18,9 +18,9 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
+from solver.design.interim import CURVE_SHARE, UNSENSED_SIGMA_RAD, planning_noise
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask, StatedErrors
-from solver.design.pose_information import CURVE_SHARE, UNSENSED_SIGMA_RAD, planning_noise
 from solver.estimators.error_model import ErrorModel
 from solver.loops.closure import ClosureModel
 

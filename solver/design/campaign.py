@@ -223,7 +223,7 @@ class Campaign:
             return True
         sets = self.task.drive_sets or (self.drives,)
         ordered = (self.drives, *(d for d in sets if d != self.drives))
-        task = replace(self.task, drive_sets=ordered, noise=self.estimate.noise)
+        task = replace(self.task, drive_sets=ordered)
         plan = self._plan_with(task, left)
         if plan is None and self._taken:
             # A pose a little nearer to a fold, or fewer poses, are better than none.
@@ -353,9 +353,8 @@ class Campaign:
     def _judge(self) -> StopDecision | None:
         if not self.settings.requested or self.plan is None:
             return None
-        task = self.task if self.estimate is None else replace(self.task, noise=self.estimate.noise)
-        readings = self.readings_rad
-        all_poses = information_of(task, self.plan.x, readings, self.plan.manifold, self.drives)
+        readings, manifold = self.readings_rad, self.plan.manifold
+        all_poses = information_of(self.task, self.plan.x, readings, manifold.q, manifold.u)
         return stop_decision(
             all_poses.of(range(len(readings))),
             all_poses.at_poses(slice(len(readings), None)),

@@ -230,8 +230,3 @@ def _log_det_one_plus(S: FloatArray) -> FloatArray:
     r = S.shape[-1]
     diagonal = np.linalg.cholesky(S + np.eye(r))[..., range(r), range(r)]
     return np.asarray(2.0 * np.log(diagonal).sum(-1))
-
-
-def efficiency(first: float, second: float, parameters: int) -> float:
-    """D-efficiency of a design of log det `first` against `second`: 0.5 needs twice the poses."""
-    return float(np.exp((first - second) / parameters))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,10 @@ from solver.loops.closure import ClosureModel
 UNEXPLAINED = 3.0
 """chi2 per degree of freedom above which sensor noise alone does not explain the closures."""
 GIVE_ROUNDS = 4
+CURVE_SHARE = 0.5
+"""Share of a sensor's linearity that is allowed for as if it were noise."""
+UNSENSED_SIGMA_RAD = 1.0
+"""Noise that stands for no sensor at all: a joint read this badly tells nothing about an offset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +30,6 @@ class InterimEstimate:
     ----------
     x, covariance
         Values (P,) and covariance (P, P).
-    noise
-        The noise that explains the closures; plans are made with it.
     trusted
         Whether planning may use it.
     text
@@ -36,7 +38,6 @@ class InterimEstimate:
 
     x: FloatArray
     covariance: FloatArray
-    noise: NoiseModel
     trusted: bool
     text: str
 
@@ -81,7 +82,6 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
         return InterimEstimate(
             x=found.x,
             covariance=found.covariance * scatter,
-            noise=used,
             trusted=trusted,
             text=f"chi2 per degree of freedom {scatter:.1f}; "
             f"{model.parameters[largest].name} is farthest from nominal",
@@ -98,3 +98,28 @@ def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseMod
     turned, shift = found.sigmas.orientation_rad, found.sigmas.position_m.rms
     turn = 0.0 if turned is None else turned.rms
     return replace(noise, fixture_variance=np.array([turn**2] * 3 + [shift**2] * 3))
+
+
+def planning_noise(
+    sigma_rad: FloatArray,
+    *,
+    unsensed_joints: Sequence[int] = (),
+    wrist_curve_rad: FloatArray | None = None,
+) -> NoiseModel:
+    """Noise of interim estimates: one reading's standard deviations (n,), joints not to be relied upon apart.
+
+    Parameters
+    ----------
+    unsensed_joints
+        Joints (1-based) whose reading will not be used. They stay in the model, for their angle can
+        be predicted, with a noise that tells nothing.
+    wrist_curve_rad
+        Systematic deviation of each sensor (n,) to be allowed for as if it were noise (an RVDT's
+        linearity); None for none.
+    """
+    variance = np.asarray(sigma_rad, dtype=np.float64) ** 2
+    if wrist_curve_rad is not None:
+        variance = variance + wrist_curve_rad**2
+    variance = variance.copy()
+    variance[[j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
+    return NoiseModel(joint_variance=variance)

@@ -74,13 +74,6 @@ class ChainMotion:
         passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
         return np.asarray(np.linalg.svd(self.jacobian[..., passive], compute_uv=False)[..., -1])
 
-    def fixture_load(self, drives: Sequence[int]) -> FloatArray:
-        """Wrench on the fixture for torques on the passive joints (m,): Frobenius norm of J_p^-1."""
-        passive = [c for c in range(self.jacobian.shape[-1]) if c + 1 not in drives]
-        return np.asarray(
-            np.linalg.norm(np.linalg.pinv(self.jacobian[..., passive]), axis=(-2, -1))
-        )
-
 
 def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray) -> ChainMotion:
     """First-order motion at closed poses `q` (m, n), `u` (m, U), rad, for parameters `x` (P,).

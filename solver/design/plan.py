@@ -7,7 +7,7 @@ joints reliably.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
@@ -27,7 +27,6 @@ from solver.design.paths import MotionLimits, PathGraph
 from solver.design.pose_information import (
     PoseInformation,
     about_parameters,
-    information_under,
     pose_information,
 )
 from solver.design.stop_rule import standard_deviations
@@ -66,7 +65,7 @@ class PlanningTask:
     margin_rad
         Distance of planned poses and paths from the ends of the ranges, scalar or (n,).
     noise
-        Noise of the readings, for interim estimates, and for the information of a pose where `errors` is None.
+        Noise of the readings, for interim estimates.
     errors
         Error model under which the information of a pose is computed, as in the final calibration.
     parameters
@@ -92,7 +91,7 @@ class PlanningTask:
     ranges: Ranges
     margin_rad: float | FloatArray
     noise: NoiseModel
-    errors: StatedErrors | None = None
+    errors: StatedErrors
     parameters: tuple[str, ...] | None = None
     drive_sets: tuple[tuple[int, ...], ...] | None = None
     limits: MotionLimits = field(default_factory=MotionLimits)
@@ -194,7 +193,7 @@ def make_plan(
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
     before = np.zeros((0, len(q_start))) if captured is None else captured
-    all_poses = information_of(task, x, before, manifold, sets[0])
+    all_poses = information_of(task, x, before, manifold.q, manifold.u)
     information = all_poses.at_poses(slice(len(before), None))
     known = all_poses.of(range(len(before)))
     allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
@@ -264,10 +263,10 @@ def information_of(
     task: PlanningTask,
     x: FloatArray,
     readings: FloatArray,
-    manifold: Manifold | None = None,
-    drives: tuple[int, ...] = (),
+    closed_q: FloatArray | None = None,
+    closed_u: FloatArray | None = None,
 ) -> PoseInformation:
-    """Information of captured readings (c, n), then of every pose of a manifold.
+    """Information of captured readings (c, n), then of closed poses (m, n), (m, U) that may follow.
 
     Captured poses are evaluated on the nearest closed loops. Where they scatter more than stated, the same is assumed
     for the others.
@@ -276,34 +275,15 @@ def information_of(
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
     closed = close_loops(task.model, x, readings, sigma_rad=np.sqrt(variance.mean(axis=0)))
     q, u = closed.q, closed.u
-    if manifold is not None:
-        readings = np.concatenate((readings, manifold.q))
-        q, u = np.concatenate((q, manifold.q)), np.concatenate((u, manifold.u))
-    if task.errors is None:
-        noise = _noise_by_pose(task.noise, manifold, drives, c)
-        found = pose_information(task.model, x, q, u, noise)
-    else:
-        model = task.model.freed(task.errors.toleranced)
-        values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
-        every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-        found = information_under(model, every, readings, q, u, task.errors.at_readings(readings))
-        found = found.with_errors_scaled(found.at_poses(slice(c)).error_scale())
+    if closed_q is not None and closed_u is not None:
+        readings = np.concatenate((readings, closed_q))
+        q, u = np.concatenate((q, closed_q)), np.concatenate((u, closed_u))
+    model = task.model.freed(task.errors.toleranced)
+    values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
+    every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
+    found = pose_information(model, every, readings, q, u, task.errors.at_readings(readings))
+    found = found.with_errors_scaled(found.at_poses(slice(c)).error_scale())
     return found if task.parameters is None else found.about(task.parameters)
-
-
-def _noise_by_pose(
-    noise: NoiseModel, manifold: Manifold | None, drives: tuple[int, ...], captured: int
-) -> NoiseModel:
-    """Deflection of the fixture, larger where the passive joints are badly conditioned.
-
-    Free joints bear no torque: loads on them act through the passive Jacobian on the fixture, ``w = J_p^-T tau``. The
-    size of ``J_p^-1`` relative to the start's scales the deflection.
-    """
-    if noise.fixture_variance is None or manifold is None:
-        return noise
-    load = manifold.motion.fixture_load(drives)
-    share = np.concatenate((np.ones(captured), (load / load[0]) ** 2))
-    return replace(noise, fixture_variance=noise.fixture_variance * share[:, None])
 
 
 def prediction_sigma(

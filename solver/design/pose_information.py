@@ -1,9 +1,8 @@
 """Information of a pose about the parameters, for thousands of candidate poses at once.
 
 The same linearisation as the estimators', at closed poses: a pose adds ``A' V^-1 A`` to the Fisher
-information (method, section 3). Under stated errors the same rows have columns for the effects as well
-(lengths, twists, encoders, play, sag, compliance), which a thousand similar poses determine no better than one (section
-10).
+information (method, section 3). The rows have columns for the effects of stated errors as well (lengths, twists,
+encoders, play, sag, compliance), which a thousand similar poses determine no better than one (section 10).
 """
 
 from __future__ import annotations
@@ -16,14 +15,8 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.estimators.effects import LinearModel
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.implicit import NoiseModel, linearise
 from solver.estimators.linearisation import Linearisation, State
 from solver.loops.closure import ClosureModel
-
-CURVE_SHARE = 0.5
-"""Share of a sensor's linearity that is allowed for as if it were noise."""
-UNSENSED_SIGMA_RAD = 1.0
-"""Noise that stands for no sensor at all: readings this noisy have no information about an offset."""
 
 EFFECTS = 40
 """Combinations of effects used in planning, those that poses determine best: on the packaged arms they carry 99.9 % of
@@ -92,7 +85,7 @@ def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
     return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))
 
 
-def information_under(
+def pose_information(
     model: ClosureModel,
     x: FloatArray,
     q: FloatArray,
@@ -125,68 +118,15 @@ def information_under(
     try:
         parts = [design.whiten(equations.part(here), sizes, root, here) for here in design.parts()]
     except np.linalg.LinAlgError as error:
-        raise ValueError(NOISELESS) from error
+        raise ValueError("joints without noise leave closure components without any") from error
     columns, w = (np.concatenate(rows) for rows in zip(*((p.M, p.w) for p in parts), strict=True))
-    effects = columns[..., design.hard :].reshape(-1, design.width - design.hard)
+    effects = columns[..., design.hard :]
     # Leading combinations of independent effects are independent effects again.
-    _, turn = np.linalg.eigh(effects.T @ effects)
-    leading = (effects @ turn[:, : -EFFECTS - 1 : -1]).reshape(*w.shape, -1)
+    rows = effects.reshape(w.size, design.width - design.hard)
+    _, turn = np.linalg.eigh(rows.T @ rows)
+    leading = effects @ turn[:, : -EFFECTS - 1 : -1]
     return PoseInformation(
         parameters=tuple(model.parameters[k].name for k in design.hard_index),
         root=np.concatenate((columns[..., : design.hard], leading), axis=-1),
         misclosure=w,
     )
-
-
-NOISELESS = "joints without noise leave closure components without any"
-
-
-def pose_information(
-    model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArray, noise: NoiseModel
-) -> PoseInformation:
-    """Information of closed poses `q` (m, n), `u` (m, U) about the parameters `x` (P,) of `model`.
-
-    The noise's fixture variance may be (6,) or one row a pose, (m, 6).
-
-    Raises
-    ------
-    ValueError
-        If a closure component has no noise at all (exact joints and a stiff fixture).
-    """
-    variance = np.broadcast_to(noise.joint_variance, q.shape)
-    give = np.zeros(6) if noise.fixture_variance is None else np.asarray(noise.fixture_variance)
-    system = linearise(model.loop(x, q, u), np.zeros_like(q), variance, give)
-    try:
-        L = np.linalg.cholesky(system.V)
-    except np.linalg.LinAlgError as error:
-        raise ValueError(NOISELESS) from error
-    return PoseInformation(
-        parameters=tuple(p.name for p in model.parameters),
-        root=np.linalg.solve(L, system.A),
-        misclosure=np.linalg.solve(L, system.w[..., None])[..., 0],
-    )
-
-
-def planning_noise(
-    sigma_rad: FloatArray,
-    *,
-    unsensed_joints: Sequence[int] = (),
-    wrist_curve_rad: FloatArray | None = None,
-) -> NoiseModel:
-    """Noise to plan with: standard deviations of one reading (n,), larger for joints not to be relied upon.
-
-    Parameters
-    ----------
-    unsensed_joints
-        Joints (1-based) whose reading will not be used. They stay in the model, because their angle can be predicted,
-        with noise so large that it carries no information.
-    wrist_curve_rad
-        Systematic deviation of each sensor (n,) to be allowed for as if it were noise (an RVDT's
-        linearity); None for none.
-    """
-    variance = np.asarray(sigma_rad, dtype=np.float64) ** 2
-    if wrist_curve_rad is not None:
-        variance = variance + wrist_curve_rad**2
-    variance = variance.copy()
-    variance[[j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
-    return NoiseModel(joint_variance=variance)

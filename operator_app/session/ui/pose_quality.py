@@ -17,10 +17,12 @@ from operator_app.planning.live import (
     most_informative,
     predict,
 )
+from operator_app.planning.task import planning_task
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.session import Session
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
+from solver.design.plan import PlanningTask
 from solver.loops.closure import ClosureModel, poses_needed
 
 
@@ -50,6 +52,7 @@ class PoseQuality:
         self._session = session
         self.plan: tuple[Mapping[int, float], ...] = ()
         self.forecast: Forecast | None = None
+        self._task: PlanningTask | None = None
         self._placed: EndpointConstraint | None = None
         self._live: LiveQuality | None = None
 
@@ -65,6 +68,14 @@ class PoseQuality:
             plan=plan,
             poses=session.procedure.capture.poses,
         )
+        if session.fixture.holds_hand:
+            self._task = planning_task(
+                session.model,
+                session.fixture,
+                drive_sets=None,
+                unsensed_joints=session.procedure.unsensed_joints,
+                samples=session.procedure.capture.samples_per_pose,
+            )
 
     def evaluate(self, state: SessionState) -> PoseQualityResult:
         """Return the quality of the poses of `state`."""
@@ -84,14 +95,12 @@ class PoseQuality:
         )
 
     def _most_informative_waypoint(self, state: SessionState, left: list[int]) -> int | None:
-        if self._live is None or self.forecast is None or not left:
+        if self._live is None or self.forecast is None or self._task is None:
             return None
-        if not self._session.fixture.holds_hand:
-            return None
+        names = [p.name for p in self._nominal_loop.parameters]
         return most_informative(
-            self._session.model,
-            self._nominal_loop,
-            self._live.x,
+            self._task,
+            self._live.x[[names.index(p.name) for p in self._task.model.parameters]],
             taken_rad=np.array([p.mean_rad for p in state.used_poses]),
             forecast=self.forecast,
             open_waypoints=left,

@@ -13,6 +13,7 @@ from operator_app.planning.task import planning_task
 from solver.chain.parameters import nominal_vector
 from solver.design.plan import information_of, make_plan
 from solver.design.stop_rule import standard_deviations
+from tests.solver.design.conftest import of_noise
 
 ARM = load_arm("sarcos_dextrous")
 POSES = 12
@@ -39,7 +40,7 @@ def combined(task, x, q: np.ndarray) -> np.ndarray:
 
 
 def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan) -> None:
-    by_noise = make_plan(replace(task, errors=None), x, ARM.home_rad, POSES)
+    by_noise = make_plan(replace(task, errors=of_noise(ARM.sigma_rad())), x, ARM.home_rad, POSES)
     ratio = combined(task, x, plan.poses_rad) / combined(task, x, by_noise.poses_rad)
     assert ratio.max() < 1.02
     assert np.exp(np.log(ratio).mean()) < 0.9
@@ -53,7 +54,7 @@ def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan) -> None:
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
 
     assert np.median(left(task)) > 0.25
-    assert left(replace(task, errors=None)) == pytest.approx(0.1)
+    assert left(replace(task, errors=of_noise(ARM.sigma_rad()))) == pytest.approx(0.1)
 
 
 def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x, plan) -> None:

@@ -7,7 +7,9 @@ import pytest
 
 from solver.chain.parameters import nominal_vector
 from solver.design.manifold import Manifold, Ranges, grow_manifold
-from solver.design.pose_information import PoseInformation, planning_noise, pose_information
+from solver.design.plan import StatedErrors
+from solver.design.pose_information import PoseInformation, pose_information
+from solver.estimators.error_model import ErrorModel
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import ENCODER_SD
@@ -15,6 +17,15 @@ from tests.solver.conftest import loop_of
 
 HOME = paper_truth().home
 SIGMA = np.array([ENCODER_SD] * 5 + [6e-3] * 2)
+
+
+def of_noise(sigma_rad: np.ndarray) -> StatedErrors:
+    """Readings with independent noise (n,), and nothing else that is not exact."""
+
+    def at_readings(q_rad: np.ndarray) -> ErrorModel:
+        return ErrorModel(joint_variance=np.broadcast_to(sigma_rad**2, q_rad.shape))
+
+    return StatedErrors(toleranced=(), at_readings=at_readings)
 
 
 def paper_ranges() -> Ranges:
@@ -45,4 +56,5 @@ def region(loop: DhLoop, x: np.ndarray, ranges: Ranges) -> Manifold:
 
 @pytest.fixture(scope="session")
 def told(loop: DhLoop, x: np.ndarray, region: Manifold) -> PoseInformation:
-    return pose_information(loop, x, region.q, region.u, planning_noise(SIGMA))
+    errors = of_noise(SIGMA).at_readings(region.q)
+    return pose_information(loop, x, region.q, region.q, region.u, errors)

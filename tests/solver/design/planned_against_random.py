@@ -17,13 +17,14 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import Rvdt
 from solver.closing import close_loops
+from solver.design.interim import planning_noise
 from solver.design.manifold import Ranges
 from solver.design.motion import drive_straight
 from solver.design.plan import PlanningTask, information_of, make_plan
-from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, closed_poses
+from tests.solver.design.conftest import of_noise
 
 WRIST = ("theta_off_6", "theta_off_7")
 DRIVES = ((1, 5),)
@@ -42,6 +43,7 @@ def planning_task(model: DhLoop, arm: ArmModel, *, candidates: int) -> PlanningT
         ranges=Ranges(lower_rad=arm.lower_rad, upper_rad=arm.upper_rad),
         margin_rad=np.deg2rad(3.0) + np.array(curve),
         noise=planning_noise(arm.sigma_rad()),
+        errors=of_noise(arm.sigma_rad()),
         drive_sets=DRIVES,
         candidates=candidates,
     )

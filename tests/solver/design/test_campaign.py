@@ -8,11 +8,10 @@ import pytest
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign, CampaignSettings
-from solver.design.interim import InterimEstimate, implicit_interim
+from solver.design.interim import InterimEstimate, implicit_interim, planning_noise
 from solver.design.plan import PlanningTask
-from solver.design.pose_information import planning_noise
 from tests.oracles.simulated_loops import Simulation
-from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
+from tests.solver.design.conftest import HOME, SIGMA, of_noise, paper_ranges
 
 
 @pytest.fixture
@@ -22,6 +21,7 @@ def task(loop) -> PlanningTask:
         ranges=paper_ranges(),
         margin_rad=np.deg2rad(3.0),
         noise=planning_noise(SIGMA),
+        errors=of_noise(SIGMA),
         drive_sets=((1, 5),),
         candidates=250,
     )
@@ -29,9 +29,7 @@ def task(loop) -> PlanningTask:
 
 def knows(task: PlanningTask, x) -> Callable[[np.ndarray], InterimEstimate]:
     """An interim calibration that knows the truth."""
-    known = InterimEstimate(
-        x=x, covariance=np.eye(14) * 1e-12, noise=task.noise, trusted=True, text="known"
-    )
+    known = InterimEstimate(x=x, covariance=np.eye(14) * 1e-12, trusted=True, text="known")
     return lambda _q: known
 
 
@@ -157,7 +155,6 @@ def test_interim_calibration_of_a_giving_fixture_is_not_overconfident(loop, x) -
     simulation = Simulation(poses=14, flexure_m=2e-3, flexure_rad=3e-3, wrist_sd=6e-3)
     found = implicit_interim(loop, planning_noise(SIGMA))(simulation.readings(3))
     assert found.trusted
-    assert found.noise.fixture_variance is not None
     pull = np.abs(found.x - nominal_vector(loop.parameters)) / np.sqrt(np.diag(found.covariance))
     assert pull.max() < 6.0
 

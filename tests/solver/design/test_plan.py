@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from operator_app.config.arm_file import load_arm
+from solver.design.interim import planning_noise
 from solver.design.plan import PlanningTask, information_of, make_plan, prediction_sigma
-from solver.design.pose_information import planning_noise
 from solver.design.stop_rule import standard_deviations
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
-from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
+from tests.solver.design.conftest import HOME, SIGMA, of_noise, paper_ranges
 from tests.solver.design.planned_against_random import compare
 
 JUDGED = [k for k, name in enumerate(NAMES) if name not in ("theta_off_6", "theta_off_7")]
@@ -24,6 +24,7 @@ def task(loop) -> PlanningTask:
         ranges=paper_ranges(),
         margin_rad=np.deg2rad(3.0),
         noise=planning_noise(SIGMA),
+        errors=of_noise(SIGMA),
         drive_sets=((1, 5),),
     )
 

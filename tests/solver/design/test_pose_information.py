@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.design.pose_information import planning_noise, pose_information
+from solver.design.interim import UNSENSED_SIGMA_RAD
+from solver.design.pose_information import pose_information
 from tests.oracles.loop_oracle import information, paper_truth
-from tests.solver.design.conftest import SIGMA
+from tests.solver.design.conftest import SIGMA, of_noise
 
 TRUTH = paper_truth()
 
@@ -22,8 +23,9 @@ def test_agrees_with_the_oracle(loop, x, region, told) -> None:
 
 def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, x, region) -> None:
     poses = [0, 5, 50, 200, 400, 700, 900]
-    noise = planning_noise(SIGMA, unsensed_joints=(6, 7))
-    told = pose_information(loop, x, region.q[poses], region.u[poses], noise)
+    q, sigma = region.q[poses], SIGMA.copy()
+    sigma[5:] = UNSENSED_SIGMA_RAD
+    told = pose_information(loop, x, q, q, region.u[poses], of_noise(sigma).at_readings(q))
     names = [n for n in told.parameters if n not in ("theta_off_6", "theta_off_7")]
     mine = told.about(names).of(range(len(poses)))
     angles = np.concatenate((region.u[poses], region.q[poses]), axis=1)
@@ -35,5 +37,6 @@ def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, 
 
 
 def test_joints_without_noise_are_refused(loop, x, region) -> None:
+    q = region.q[:2]
     with pytest.raises(ValueError, match="without noise"):
-        pose_information(loop, x, region.q[:2], region.u[:2], planning_noise(np.zeros(7)))
+        pose_information(loop, x, q, q, region.u[:2], of_noise(np.zeros(7)).at_readings(q))

@@ -119,7 +119,9 @@ def choose_poses(
     search = _Search(root / scale, P, _Pool(usable, q if apart_rad > 0.0 else None, apart_rad))
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int]] = (-np.inf, [])
-    for start in range(1 + min(MOST_RESTARTS, RESTART_WORK // (m * count * N))):
+    # The best single pose is the best.
+    restarts = min(MOST_RESTARTS, RESTART_WORK // (m * count * N)) if count > 1 else 0
+    for start in range(1 + restarts):
         chosen, current = [], M.copy()
         if start > 0:
             # Half at random, the rest greedily: another local optimum, and a good one.

@@ -1,1 +1,1 @@
-"""The arm and the bus: what commands and readings travel, and the virtual controller."""
+"""The arm and the bus: protocols, commands, readings, and the virtual controller."""

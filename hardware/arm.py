@@ -64,7 +64,7 @@ class ArmIdentity:
     Attributes
     ----------
     serial_number
-        Of the supervisor, e.g. ``SDA-0007``.
+        Serial number of the supervisor, e.g. ``SDA-0007``.
     speaks
         Protocol of its nodes, for people.
     by_hand

@@ -33,11 +33,11 @@ class ArmOrder:
     description
         Joints of the arm file in order, with names, ranges (rad), speeds (rad/s) and sensors.
     channel
-        ``-c``, in the package's own meaning; empty if not given.
+        Text of ``-c``, in a form that the package defines; empty if absent.
     bitrate
-        ``-b``; None if not given.
+        Bit rate of ``-b``; None if absent.
     record_to
-        File of ``--record``; None if not given.
+        File of ``--record``; None if absent.
     """
 
     description: ArmDescription

@@ -155,7 +155,7 @@ class OutsideArm:
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move; `CommandRefused` before the arm gets it if a limit forbids it."""
+        """Move; `CommandRefused`, before the arm gets the command, if a limit forbids it."""
         self._require_no_stop()
         joints = self._checked_snapshot(self._connected).joints
         for number, target in targets_rad.items():

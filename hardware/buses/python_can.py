@@ -1,4 +1,4 @@
-"""Settings of a CAN bus and of the arm on it, and opening it by python-can, with errors that name a remedy.
+"""Settings of a CAN bus and of its arm; opens the bus by python-can, with errors that name a remedy.
 
 Settings use python-can's names and sources, strongest first: command-line options
 (``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
@@ -53,7 +53,7 @@ class BusSettings:
         ``virtual`` (inside this process), ``loopback`` (between processes of this machine),
         ``socketcan``, or any other interface python-can knows.
     channel
-        What the interface calls the bus.
+        Name of the bus in this interface.
     bitrate
         In bit/s; None keeps the present one. ``virtual``, ``loopback`` and ``socketcan`` ignore it.
     options

@@ -1,4 +1,4 @@
-"""Reads by SDO how a drive is set up: its PDOs, heartbeats, windows, quick stop, and what describes it."""
+"""Reads the set-up of a drive by SDO: its PDOs, heartbeats, windows, quick stop, and descriptive objects."""
 
 from __future__ import annotations
 

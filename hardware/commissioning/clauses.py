@@ -43,7 +43,7 @@ class Ranged(Protocol):
 
 
 def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
-    """Model of the arm file, a serial number, and one node or part for each joint in order."""
+    """The arm reports the model of the arm file, a serial number, and one node or part for each joint in order."""
     yield Clause(
         name="name",
         passed=identity.model == model,
@@ -144,7 +144,7 @@ def is_enabled_unmoved(arm: ArmInterface, bounds: Bounds) -> Iterator[Clause]:
 
 
 def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[Clause]:
-    """Every joint reports the mode it was given, then position mode after `hold`."""
+    """Every joint reports the requested mode, then position mode after `hold`."""
     arm.set_modes(modes)
     given = [j.joint for j, m in zip(arm.snapshot().joints, modes, strict=True) if j.mode is not m]
     arm.hold()
@@ -166,7 +166,7 @@ def is_refused(
     kind: type[HardwareError] = CommandRefused,
     joint: int | None = None,
 ) -> Clause:
-    """The act is refused with a reason; it is harmless if not refused."""
+    """The action is refused with a reason; it is harmless if not refused."""
     try:
         act()
     except kind as error:

@@ -268,7 +268,7 @@ class StartUp:
             failure.kept_writes = tuple(self._zeroed)
 
     def _check_drives(self, identity: ArmIdentity) -> tuple[ArmIdentity, tuple[float, ...]]:
-        """Compare PDOs and arm with profile and description; write the PDOs first if the profile says so.
+        """Compare PDOs and arm with profile and description; write the PDOs first if the profile requires it.
 
         Returns the identity with the joints whose drives do not monitor the operator, and rated torques in N m.
         """

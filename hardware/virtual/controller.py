@@ -47,7 +47,7 @@ _STORM_EMERGENCY = objects.EMCY.pack(0x1000, objects.ErrorBit.GENERIC, bytes(5))
 
 
 class VirtualController:
-    """One drive node for each of `axes`, and a supervisor, on one bus.
+    """Simulated controller on one bus: a drive node for each of `axes`, and a supervisor.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ class VirtualController:
         self._in_turn = None
 
     def _hear(self, message: can.Message) -> None:
-        """Handle a frame after the wire's faults."""
+        """Handle a frame that has passed the faulty wire."""
         wire = self.disturbances.wire_in
         if wire is None:
             self._take_in(message)

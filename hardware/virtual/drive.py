@@ -16,7 +16,7 @@ from hardware.command_limits import refuse_target
 from hardware.virtual.axis import AxisSettings, JointCommand
 
 _WARNINGS = frozenset({EmergencyCode.REFERENCE_LIMIT})
-"""Errors that only refuse a command."""
+"""Errors whose only effect is a refused command."""
 
 
 class Drive:

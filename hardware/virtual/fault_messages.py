@@ -122,7 +122,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="5 % of all frames come 5 to 50 ms late",
             says=(
                 *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
-                # A target that comes after its successors is a step back; a controlword takes back what they did.
+                # A target that arrives after its successors is a step back; a controlword undoes their effect.
                 *("target refused", "the drive is in"),
             ),
             goes_on=True,
@@ -156,7 +156,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "bus-off": FaultDescription(
             broken="the bus is out for 3 s, and back (bus-off, a plug pulled and put in again)",
             says=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
-            # Where it is back as the nodes are waited for: those that are heard are told once more.
+            # If the bus is back while the nodes are awaited: those that are heard get the command again.
             goes_on=True,
             remedy=f"{_CABLE} The drives hold meanwhile; `sarcal reset` clears their 8130h.",
             arm=ArmReaction.HOLDS,
@@ -196,7 +196,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="a joint's TPDO1 carries its speed where its position belongs",
             says=(
                 "are not set up as this program drives them",
-                # In mid-session: seen as its pose is read, if the joint does not seem to jump before.
+                # In mid-session: detected at the reading of a pose, if the joint does not seem to jump before.
                 *("these nodes were set up otherwise", "jumped by", "counts from its target"),
             ),
             remedy=_COMMISSION,
@@ -223,7 +223,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "restart-node": FaultDescription(
             broken="a joint's drive restarts, its counter at zero",
-            # Near zero where the arm has sagged before anybody connects again.
+            # Near zero if the arm has sagged before the next connection.
             says=(
                 "has left operation",
                 "has restarted",
@@ -266,7 +266,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "sensor-jump": FaultDescription(
             broken="a sensor, encoder or RVDT, reads 2 deg more from one SYNC to the next",
-            # Of a joint that is led: its drive makes up for it, which is a jerk of all joints.
+            # For a driven joint: its drive compensates, which is a jerk of all joints.
             says=(*_COUNT_LOSS, "overspeed"),
             goes_on=True,
             remedy=_COUNT_LOSS_REMEDY,
@@ -282,7 +282,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="a sensor's reading is frozen",
             says=(
                 "reads the same count as at pose",
-                # Of a joint that is led: its drive, or this program, misses it on the way.
+                # For a driven joint: its drive, or this program, detects the deviation on the way.
                 *("following error", "counts from its target"),
             ),
             remedy=_SENSOR,
@@ -345,7 +345,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "lost-enable": FaultDescription(
             broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
-            # One that drops out before it has said that it is enabled is told to be until it says so.
+            # A drive that drops out before it reports enabled gets the command until it does.
             says=("the drive is in",),
             goes_on=True,
             remedy="Find out who switched it off, and why: it is not enabled again automatically. Reset (R, or "

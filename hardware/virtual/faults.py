@@ -47,7 +47,7 @@ class FaultTarget(Protocol):
         """The controller's clock."""
 
     def restart(self) -> None:
-        """Power-cycle all nodes; in the control loop."""
+        """Power-cycle all nodes; call in the control loop."""
 
     def hang(self) -> None:
         """Suspend the control loop until `unhang`."""
@@ -294,7 +294,7 @@ class ScriptedFault:
 
 
 FaultAction = Callable[[FaultInjector, int], None]
-"""Injects a fault; the number is the joint, for faults of one joint."""
+"""Injects a fault; the number is that of the joint, for faults of one joint."""
 
 
 def _frames(**shares: float) -> FaultAction:

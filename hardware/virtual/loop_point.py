@@ -92,7 +92,7 @@ class ChainPoint(ABC):
 
 
 class LoopPoint(ChainPoint):
-    """Frame n held in frame -1: rotation vector (rad) over position (m).
+    """Frame n fixed in frame -1: rotation vector (rad), then position (m).
 
     Without a `hinge` theta_0 must stay zero.
     """
@@ -126,7 +126,7 @@ class LoopPoint(ChainPoint):
 
 
 class BallPoint(ChainPoint):
-    """Point `tip_m` (3,) of the last link held at `ground_m` (3,) of the base: ball minus socket, m.
+    """Point `tip_m` (3,) of the last link constrained to `ground_m` (3,) of the base: ball minus socket, m.
 
     Frame -1 is the base: row 0 of the table is empty, and theta_0 stays zero.
     """

@@ -2,7 +2,7 @@
 
 A document is written to the slot that is not active: temporary file, fsync, rename, fsync of the folder; then the
 pointer changes in the same way. Every slot has a SHA-256, so that damage is detected; the active slot is always
-whole. The schema of documents is the operator program's, given as `Validate`.
+whole. The operator program supplies the schema of documents as `Validate`.
 """
 
 from __future__ import annotations

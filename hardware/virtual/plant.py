@@ -32,7 +32,7 @@ RESTING_RAD = 1e-13
 BOUND_HINGE_NM_PER_RAD = 6e4
 """Stiffness of a blocked hinge: that of ten servos."""
 MAX_NEWTON_STEP_RAD = 0.1
-"""Near a fold a joint wants to jump: let it run, but over a path that the chain can follow."""
+"""Largest step near a fold, where a joint would jump: the chain must be able to follow it."""
 
 
 def fixture_stiffness(*, n_per_m: float, nm_per_rad: float, components: int = 6) -> FloatArray:
@@ -139,7 +139,7 @@ class Plant:
 
     @property
     def closure_error(self) -> FloatArray:
-        """Deflection of the fixture: closure components (k,), rotation vector (rad) over position (m)."""
+        """Deflection of the fixture: closure components (k,), rotation vector (rad), then position (m)."""
         return self._point.error + self._slip
 
     def slip(self, slip_m: float) -> None:
@@ -227,7 +227,7 @@ class Plant:
             if longest < CONVERGED_RAD:
                 break
         else:
-            # Nothing to go by: the next period starts from this one's motion alone.
+            # No earlier motion: the next period starts from this one's motion alone.
             self._last = angles - start
         self._last_but_one, self._last = self._last, angles - start
         if self._rubs:

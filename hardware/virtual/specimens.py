@@ -95,9 +95,9 @@ class _Specimen:
     Attributes
     ----------
     free
-        (5, n): of entries that may be identified.
+        (5, n): differences of entries that may be identified.
     maker
-        (4, n): of s (m), a (m), alpha, beta (rad) that are not.
+        (4, n): differences of s (m), a (m), alpha and beta (rad) that are not.
     """
 
     free: FloatArray

@@ -73,11 +73,11 @@ class SupervisorNode(VirtualNode):
     Parameters
     ----------
     arm
-        Which arm this is.
+        Model and serial number of the arm.
     axes
-        Its joints.
+        Joints of the arm.
     store
-        Where committed documents live.
+        Store of committed documents.
     validate
         Strict parse of a document.
     hooks

@@ -38,7 +38,7 @@ class FixtureSpec:
     Attributes
     ----------
     name
-        What the operator calls it.
+        Name shown to the operator.
     fixture
         The loop it closes, at its nominal placement.
     checklist

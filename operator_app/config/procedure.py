@@ -237,7 +237,7 @@ class Procedure:
     Attributes
     ----------
     name
-        What the operator calls it.
+        Name shown to the operator.
     arm, fixture
         As read from their files; the arm with this procedure's home, and without the free entries that
         it holds.

@@ -292,7 +292,7 @@ def identifiability_of_fit(
     Parameters
     ----------
     taken
-        (m,): when each pose of the fit was taken, its place among the others.
+        (m,): rank in time of each pose of the fit.
     without
         Joints (1-based) whose readings are not used.
     """

@@ -1,6 +1,6 @@
 """Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
-Both halves of a fixture give by a compliance, constant in that half's own axes. It is symmetric and
+Each half of a fixture has a compliance, constant in that half's own axes. It is symmetric and
 positive: C = S M S, S one size for angles and one for positions, M of mean I and with the second moments
 of a Wishart matrix of nu degrees of freedom,
 
@@ -26,34 +26,33 @@ from solver.chain.statics import LinkMasses, torque_rates
 from solver.loops.closure import ClosureModel
 
 WISHART_DOF = 6.0
-"""nu: the fewest for which a 6 x 6 compliance is positive."""
+"""nu: the fewest degrees of freedom for which a 6 x 6 compliance is positive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pulled:
-    """A fixture that is pulled at m poses.
+    """A fixture loaded at m poses.
 
     Attributes
     ----------
     pull
-        (m, k, a): wrenches S W for a unit of each of a uncertain coefficients, seen where the
-        displacement is.
+        (m, k, a): wrenches S W for a unit of each of the a uncertain coefficients, in the frame of the deflection.
     halves
-        Of each half its share of the give, and its axes (m, k, k) seen there; None where they are the
-        same. They turn angles and positions apart, and S with them.
+        For each half its share of the compliance, and its axes (m, k, k) in that frame; None where they are the same.
+        They rotate angles and positions separately, and S with them.
     """
 
     pull: FloatArray
     halves: tuple[tuple[float, FloatArray | None], ...]
 
     def at_poses(self, poses: IntArray) -> Pulled:
-        """Return the same at some of the poses."""
+        """Return the same for a selection of poses."""
         halves = tuple((s, None if turn is None else turn[poses]) for s, turn in self.halves)
         return Pulled(pull=self.pull[poses], halves=halves)
 
 
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
-    """S (k,) with which moments and forces of unit size give as stated, rms a component.
+    """S (k,) for which unit moments and forces cause the stated deflection, rms of each component.
 
     With a and b the squares of its two sizes, by the module head's covariance summed over three components,
 
@@ -65,7 +64,7 @@ def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray
         return np.array([0.0] * rotations + [(shift / own) ** 0.25] * 3)
     if shift == 0.0:
         return np.array([(turn / own) ** 0.25] * rotations + [0.0] * 3)
-    # Divided by b^2 turn and shift leave a quadratic equation for a / b.
+    # Divided by b^2 the two equations leave a quadratic one for a / b.
     ratio = turn / shift
     half = 0.5 * other * (1.0 - ratio) / own
     quotient = -half + np.sqrt(half**2 + ratio)
@@ -74,14 +73,14 @@ def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray
 
 
 def blocks(k: int) -> list[slice]:
-    """Rows of k closure components that have one unit: rotations and positions, or positions alone."""
+    """Rows of k closure components with the same unit: rotations and positions, or positions alone."""
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
 def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
-    """Covariance (k m, k m') of the displacements at two lots of poses (module's head).
+    """Covariance (k m, k m') of the displacements at two sets of poses (module's head).
 
-    Seen from outside a half's own axes have no part in the first term.
+    The rotation of a half's axes does not affect the first term.
     """
     k, a, b = len(s), len(one.pull), len(two.pull)
     seen = (one.pull.reshape(a * k, -1) @ two.pull.reshape(b * k, -1).T).reshape(a, k, b, k)
@@ -96,12 +95,12 @@ def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
 
 
 def _back(turn: FloatArray | None) -> FloatArray | None:
-    """Turn (m, k, k) the other way."""
+    """Return the inverse rotations of (m, k, k)."""
     return None if turn is None else np.swapaxes(turn, -1, -2)
 
 
 def _turned(C: FloatArray, here: FloatArray | None, there: FloatArray | None) -> FloatArray:
-    """``T C T'``, C (a, k, b, k), by the turns (a, k, k) of its rows and (b, k, k) of its columns."""
+    """``T C T'``, C (a, k, b, k), with the rotations (a, k, k) of its rows and (b, k, k) of its columns."""
     if here is None or there is None:
         return C
     a, k, b, _ = C.shape
@@ -111,7 +110,7 @@ def _turned(C: FloatArray, here: FloatArray | None, there: FloatArray | None) ->
 
 
 def variance(held: Pulled, s: FloatArray) -> FloatArray:
-    """Diagonal (m, k) of `covariance`: at one and the same pose axes have no part in it."""
+    """Diagonal (m, k) of `covariance`, which does not depend on the axes of a half."""
     squares = (held.pull**2).sum(-1)
     every = squares + (squares + squares.sum(-1, keepdims=True)) / WISHART_DOF
     return np.asarray(sum(share**2 for share, _ in held.halves) * every * s**2)
@@ -136,8 +135,8 @@ class ArmPoses:
     def arm_rows(self) -> FloatArray:
         """D-H rows 1..n (5, n) of the arm alone.
 
-        The offsets of the first and the last joint are those of the arm's file: calibrated ones are
-        counted from the fixture's axis, and neither gravity nor the hand's centre knows of that.
+        The offsets of the first and the last joint are those of the arm's file: calibrated ones count from the
+        fixture's axis, which is no reference for gravity.
         """
         rows = self.model.arm_rows().copy()
         ends = {f"{DhKind.THETA_OFF.symbol}_{j}" for j in (1, rows.shape[1])}
@@ -150,11 +149,11 @@ class ArmPoses:
 
     @property
     def shapes(self) -> int:
-        """Number s of shapes of a torque."""
+        """Number s of shapes of the torque."""
         return 1 + 4 * len(self.masses.mass_kg) + len(self.masses.tilted)
 
     def torques(self, poses: slice) -> FloatArray:
-        """Gravity's torque (m, n, s): as stated, by uncertain moments, by a tilted base."""
+        """Gravity's torque (m, n, s): as stated, from uncertain moments, from a tilted base."""
         arm, masses = self.arm(poses), self.masses
         rates = torque_rates(arm, np.vstack((masses.down, masses.tilted)))
         stated, *tilts = (rates * masses.moments).sum((-1, -2))
@@ -165,6 +164,6 @@ class ArmPoses:
 def by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
     """Torque (m, n, 4 n) for a unit of each uncertain moment."""
     m, n = rates.shape[:2]
-    # One product for every link: all joints at all poses with its moments.
+    # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd
     return by_link.reshape(n, m, n, 4).transpose(1, 2, 0, 3).reshape(m, n, -1)

@@ -27,8 +27,8 @@ class Estimate:
     estimator
         ``paper`` or ``implicit``.
     parameters, x
-        The unknowns and their values (P,), rad and m; angles in (-pi, pi], in the description
-        nearest to the nominal one.
+        The unknowns and their values (P,), rad and m; angles in (-pi, pi]. Of all equivalent values, those nearest to
+        the nominal ones.
     covariance
         (P, P) of `x` under the estimator's own noise model.
     residual, rotation_rows
@@ -44,9 +44,9 @@ class Estimate:
     pose_chi2
         Each pose's share of `chi2` (m,); None where the estimator has no noise model.
     corrections
-        Joint corrections (m, n), rad, adjusted minus measured; None likewise.
+        Joint corrections (m, n), rad, adjusted minus measured; None without a noise model.
     iterations, converged
-        How the iteration went.
+        Number of iterations, and whether they converged.
     """
 
     estimator: Literal["paper", "implicit"]
@@ -75,7 +75,7 @@ class Estimate:
         return None if self.chi2 is None else self.chi2 / self.dof
 
     def without(self, names: Collection[str]) -> Estimate:
-        """Return the same estimate with some parameters not listed."""
+        """Return the same estimate without some of its parameters."""
         kept = [k for k, p in enumerate(self.parameters) if p.name not in names]
         if len(kept) == len(self.parameters):
             return self
@@ -87,7 +87,7 @@ class Estimate:
         )
 
     def given(self, names: Collection[str]) -> Estimate:
-        """Return what would be known of the others if some parameters were known exactly."""
+        """Return the estimate of the other parameters if some were known exactly."""
         left = [k for k, p in enumerate(self.parameters) if p.name not in names]
         rest = self.without(names)
         if len(left) == len(self.parameters):
@@ -99,7 +99,7 @@ class Estimate:
         return replace(rest, covariance=rest.covariance - explained)
 
     def at_poses(self, poses: IntArray) -> Estimate:
-        """Return the same with what belongs to single poses for these, each as often as it is named."""
+        """Return the same estimate with the per-pose results of a selection of poses, which may repeat."""
         return replace(
             self,
             residual=self.residual[poses],
@@ -116,7 +116,7 @@ class Estimate:
 def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> int:
     """Degrees of freedom of `poses` poses; TooFewPosesError when none is left.
 
-    `known` parameters are not counted: a prior brings one equation for each of them.
+    `known` parameters are not counted: a prior adds one equation for each of them.
     """
     count = len(model.parameters) - known
     dof = poses * model.equations_per_pose - count
@@ -132,10 +132,10 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoReadings:
-    """One figure in the two readings of the paper's formula.
+    """One figure in the two interpretations of the paper's formula.
 
-    `rms` divides inside the root, sqrt(sum / (k m)), the only reading that gives figures of the
-    paper's size; `as_printed` divides outside it, sqrt(sum) / (k N).
+    `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that leads to figures of the paper's size;
+    `as_printed` divides outside it, sqrt(sum) / (k N).
     """
 
     rms: float
@@ -146,7 +146,7 @@ class TwoReadings:
 class ClosureSigmas:
     """Standard deviations of the closure error: position in m, orientation in rad.
 
-    `orientation_rad` is None where the loops say nothing of it: a ball, measured positions.
+    `orientation_rad` is None where the loops have no orientation: a ball, measured positions.
     """
 
     position_m: TwoReadings
@@ -183,7 +183,7 @@ class ClosureAtReadings:
 def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ClosureAtReadings:
     """Closure error at the *measured* joints (m, n), so that all estimators share one scale.
 
-    Unsensed joints take the angles that close each loop best: their readings are not evidence.
+    Unsensed joints take the angles that close each loop best; their readings are not used.
     """
     found = [
         (error.residual, error.unsensed, error.flipped, error.rotation_rows)
@@ -201,7 +201,7 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Cl
 def _at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ReducedError:
     if not model.unsensed_joints:
         return model.reduced(x, q, rates=False)
-    # Offsets of unsensed joints may belong to a placement: each fills in its own.
+    # Offsets of unsensed joints may belong to a placement, so each uses its own.
     parts = model.parts()
     found = [_at_unsensed_angles(part, x[here], q[poses]) for part, here, poses in parts]
     return model.with_all_joints_sensed().merged(found)

@@ -71,7 +71,7 @@ POSES_FOR_VARIANCES = 600
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MixedFit:
-    """Where the iteration ended; poses in the order given.
+    """Result of the iteration; poses in the order given.
 
     Attributes
     ----------

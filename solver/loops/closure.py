@@ -167,7 +167,7 @@ class ClosureModel(ABC):
 
     @abstractmethod
     def without(self, names: Collection[str]) -> Self:
-        """Return the same loop with the named unknowns held at their nominal values."""
+        """Return the same loop with the named unknowns fixed at their nominal values."""
 
     @abstractmethod
     def freed(self, entries: Sequence[DhEntry]) -> Self:

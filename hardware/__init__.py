@@ -1,1 +1,1 @@
-"""The arm and the bus: protocols, commands, readings, and the virtual controller."""
+"""The arm and the bus: commands, readings, and the virtual controller."""

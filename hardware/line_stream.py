@@ -15,9 +15,9 @@ END_S = 3.0
 """Time-out for the reader to end."""
 LONGEST = 64 * 1024
 """Largest length of a line, characters."""
-CHUNK = 64 * 1024
+CHUNK_BYTES = 64 * 1024
 """Bytes read at once."""
-KEPT = 1024 * 1024
+KEPT_BYTES = 1024 * 1024
 """Bytes buffered; older ones are dropped."""
 IN_TRANSIT = 16 * 1024 * 1024
 """More bytes than a connection can hold: what follows them was sent after the question."""
@@ -72,7 +72,7 @@ class LineStream:
         while not self._ended:
             self._ready(None)
             with self._news:
-                full = self._take() == CHUNK
+                full = self._take() == CHUNK_BYTES
                 self._news.notify_all()
             if full:
                 time.sleep(0.001)  # a sender without pause must not starve the bus
@@ -88,7 +88,7 @@ class LineStream:
         if self._ended or not self._ready(0.0):
             return 0
         try:
-            data = os.read(self._descriptor, CHUNK)
+            data = os.read(self._descriptor, CHUNK_BYTES)
         except OSError:
             data = b""
         if not data:
@@ -100,7 +100,7 @@ class LineStream:
             _, end, data = data.partition(b"\n")
             self._skipping = not end
         self._came += data
-        if len(self._came) > KEPT:
+        if len(self._came) > KEPT_BYTES:
             self._drop()
         return count
 

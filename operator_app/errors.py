@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-COMMANDS = ("pip ", "sarcal ")
+COMMAND_WORDS = ("pip ", "sarcal ")
 
 
 def _as_sentence(remedy: str) -> str:
     """Return the remedy with a capital, unless it begins with a command to type."""
-    return remedy if remedy.startswith(COMMANDS) else remedy[:1].upper() + remedy[1:]
+    return remedy if remedy.startswith(COMMAND_WORDS) else remedy[:1].upper() + remedy[1:]
 
 
 class SessionError(Exception):

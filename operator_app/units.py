@@ -78,7 +78,7 @@ class Figure:
     def shown(self) -> str:
         """The number as people read it, without its unit."""
         if self.value is None:
-            return NOT_KNOWN
+            return NOT_AVAILABLE
         value = self.quantity.per_si * self.value
         if self.places is None:
             return significant(value, self.digits)
@@ -186,14 +186,14 @@ SILENCE = Kind(TIME, places=1)
 
 
 MINUS = "\N{MINUS SIGN}"
-NOT_KNOWN = "n/a"
+NOT_AVAILABLE = "n/a"
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def fixed(value: float, places: int, *, signed: bool = False) -> str:
     """Return `value` with this many decimal places; zero has no sign."""
     if not math.isfinite(value):
-        return NOT_KNOWN
+        return NOT_AVAILABLE
     # Rounded first, so that what rounds to nothing shows no sign.
     rounded = round(value, places) + 0.0
     return f"{rounded:{'+' if signed and rounded > 0.0 else ''}.{places}f}"
@@ -202,7 +202,7 @@ def fixed(value: float, places: int, *, signed: bool = False) -> str:
 def significant(value: float, digits: int = 3) -> str:
     """Return `value` to so many significant digits, with a power of ten where zeros would pile up."""
     if not math.isfinite(value):
-        return "infinite" if value == math.inf else NOT_KNOWN
+        return "infinite" if value == math.inf else NOT_AVAILABLE
     if value == 0.0:
         return "0"
     written = f"{value:.{digits - 1}e}"

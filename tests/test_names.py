@@ -1,4 +1,4 @@
-"""One idea, one name: class and module names across the product, and words that are no names of the field."""
+"""One idea, one name: class, module and constant names across the product, and words that are no names of the field."""
 
 import ast
 import re
@@ -34,6 +34,13 @@ NAMED_TWICE = {
     "rvdt": "calibration's, by the solver's",
 }
 """Module names of two modules, with the reason."""
+
+CONSTANTS_TWICE = {
+    "CHUNK", "CENTRES", "GIVE_COLUMNS", "SAG_COLUMNS",  # sizes of the solver's own bases, each by one module
+    "FREE", "NEAR_RAD", "ROUNDS", "SEEN", "TIMES", "TINY",  # limits of its iterations
+    "MAX_ITERATIONS", "RANK_TOLERANCE", "STEP_TOLERANCE",  # likewise
+}  # fmt: skip
+"""Constants of two modules with two values, with the reason."""
 
 EXCEPTIONS = {"test_a_drive_joint_goes_where_it_is_told_and_back"}
 """A test of the contract that other packages run: its name is public."""
@@ -84,6 +91,39 @@ def test_a_module_name_stands_once() -> None:
             places[path.stem].append(str(path))
     twice = {name: found for name, found in places.items() if len(found) > 1}
     assert set(twice) == set(NAMED_TWICE), twice
+
+
+def constants(module: ast.Module) -> dict[str, str]:
+    """Return the values of the constants that a module defines for itself and others."""
+    found = {}
+    for node in module.body:
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Tuple(elts=values)):
+                pairs = list(zip(names, values, strict=True))
+            case ast.Assign(targets=[name], value=value) | ast.AnnAssign(target=name, value=value):
+                pairs = [(name, value)]
+            case _:
+                continue
+        for name, value in pairs:
+            alias = isinstance(value, ast.Name) or "TypeVar" in ast.dump(value or node)
+            if (
+                isinstance(name, ast.Name)
+                and re.fullmatch("[A-Z][A-Z0-9_]+", name.id)
+                and not alias
+            ):
+                found[name.id] = ast.unparse(value or node)
+    return found
+
+
+def test_a_constant_has_one_meaning() -> None:
+    values = defaultdict(lambda: defaultdict(list))
+    for path, module in modules():
+        for name, value in constants(module).items():
+            values[name][value].append(str(path))
+    twice = {name: dict(found) for name, found in values.items() if len(found) > 1}
+    assert set(twice) == CONSTANTS_TWICE, {
+        n: f for n, f in twice.items() if n not in CONSTANTS_TWICE
+    }
 
 
 def test_names_are_words_of_the_field() -> None:

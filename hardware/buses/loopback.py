@@ -23,7 +23,7 @@ import can
 from can.typechecking import AutoDetectedConfig, CanFilters
 
 DEFAULT_CHANNEL = "sarcal"
-PORT = 43_117
+MULTICAST_PORT = 43_117
 HOST = "127.0.0.1"
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 
@@ -153,7 +153,7 @@ class LoopbackBus(can.BusABC):
         self.receive_own_messages = receive_own_messages
         self._can_protocol = can.CanProtocol.CAN_20
         self._tag = channel_tag(name)
-        self._group = (channel_group(name), PORT)
+        self._group = (channel_group(name), MULTICAST_PORT)
         try:
             self._sender = _sending_socket()
             try:
@@ -295,7 +295,7 @@ def _receiving_socket(group: str | None) -> socket.socket:
             made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             # Without this a socket also hears groups that other programs joined elsewhere.
             made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
-        made.bind((group, PORT))
+        made.bind((group, MULTICAST_PORT))
         membership = socket.inet_aton(group) + socket.inet_aton(HOST)
         made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
     except OSError:

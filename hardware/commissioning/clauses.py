@@ -20,7 +20,7 @@ from hardware.errors import CommandRefused, HardwareError, Stopped
 
 STOPS_WITHIN_S: Final = 0.5
 FRESH_S: Final = 1.0
-LARGEST_RAD: Final = 4.0 * math.pi
+LARGEST_READING_RAD: Final = 4.0 * math.pi
 NO_DOCUMENT: Final = b"no parameter document"
 _WINDOW, _LONG_SYNCS, _SHORT_SYNCS = 5, 500, 20
 _POLL_S: Final = 0.005
@@ -70,7 +70,7 @@ def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
         wrong.append(f"{len(found.joints)} joints instead of {joints}, or in another order")
     if not (np.all(np.isfinite(found.positions_rad)) and np.all(np.isfinite(found.torques_nm))):
         wrong.append("a position or a torque is not finite")
-    elif np.abs(found.positions_rad).max(initial=0.0) >= LARGEST_RAD:
+    elif np.abs(found.positions_rad).max(initial=0.0) >= LARGEST_READING_RAD:
         wrong.append("a position is beyond two turns: angles must be in radians")
     oldest_s = max((joint.age_s for joint in found.joints), default=0.0)
     if not 0.0 <= oldest_s < FRESH_S:

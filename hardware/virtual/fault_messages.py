@@ -28,7 +28,7 @@ class ArmReaction(StrEnum):
     )
 
 
-POSES = "every pose accepted before"
+ALL_POSES = "every pose accepted before"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +58,7 @@ class FaultDescription:
     goes_on: bool = False
     remedy: str
     arm: ArmReaction = ArmReaction.STANDS
-    kept: str = POSES
+    kept: str = ALL_POSES
     at_connect: bool = False
 
     def seen(self) -> str:
@@ -89,8 +89,8 @@ _DIVERGED = (
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
 """The second when the first pose is repeated: in position mode the drive compensates its sensor's loss."""
 _COUNT_LOSS_KEPT = (
-    f"{POSES}; if a joint in position mode is reported when the first pose is repeated, none since then (for a degree: "
-    "at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"
+    f"{ALL_POSES}; if a joint in position mode is reported when the first pose is repeated, none since then "
+    "(for a degree: at the next pose, from the 11th on; for less: at the end, and the verdict refuses to mix them)"
 )
 _COUNT_LOSS_REMEDY = (
     "Retake the marked poses; if the first pose reads differently, start a new session. Check the encoder's coupling "
@@ -213,7 +213,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             says=("Node 16 does not answer when asked for",),
             goes_on=True,
             remedy=_RECONNECT,
-            kept=f"{POSES}; of an upload, the document that was active",
+            kept=f"{ALL_POSES}; of an upload, the document that was active",
         ),
         "sdo-abort": FaultDescription(
             broken="a joint refuses every object access (08000000h)",
@@ -232,7 +232,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
                 "near zero",
             ),
             remedy="Find out why it lost its power; reference its counter, then connect again.",
-            kept=f"{POSES}; not the zero of that drive's counter",
+            kept=f"{ALL_POSES}; not the zero of that drive's counter",
         ),
         "restart": FaultDescription(
             broken="the whole controller restarts",

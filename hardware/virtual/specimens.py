@@ -1,6 +1,6 @@
 """A specimen of any arm in any fixture: a truth drawn by seed within the tolerances of their files.
 
-Drawn are: offsets within `OFFSET_RAD`, the fixture within the tolerance of its file (three standard deviations), and
+Drawn are: offsets within `SPECIMEN_OFFSET_RAD`, the fixture within the tolerance of its file (three sigma), and
 the maker's lengths and twists with the standard deviations of the arm file. Entries that are not free or not
 observable keep their nominal values.
 """
@@ -25,7 +25,7 @@ from solver.loops.dh import DhLoop
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.point import PointClosure
 
-OFFSET_RAD = float(np.deg2rad(3.0))
+SPECIMEN_OFFSET_RAD = float(np.deg2rad(3.0))
 """Largest difference of true offsets from the arm file's."""
 OFFSET_TOLERANCE_RAD = float(np.deg2rad(10.0))
 """Difference in offsets up to which a file may describe an arm."""
@@ -109,7 +109,7 @@ class _Specimen:
         n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
         stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
         free, maker = np.zeros((5, n)), np.zeros((4, n))
-        free[DhKind.THETA_OFF] = OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
+        free[DhKind.THETA_OFF] = SPECIMEN_OFFSET_RAD * rng.uniform(-1.0, 1.0, n)
         free[1:4] = 3.0 * stated * _truncated_normal(rng, (3, n))
         maker[:3] = stated * rng.standard_normal((3, n))
         # For parallel axes (Hayati) a twist about y replaces the offset along z.

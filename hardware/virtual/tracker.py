@@ -22,7 +22,7 @@ from hardware.virtual.true_loop import OpenTruth
 from solver.arrays import FloatArray
 from solver.chain.rotations import rotation_matrix, rotation_vector
 
-FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
+ENDPOINT_FIELDS = ("x_m", "y_m", "z_m", "rx_deg", "ry_deg", "rz_deg")
 
 
 class SimulatedTracker:
@@ -73,12 +73,12 @@ class SimulatedTracker:
             return json.dumps({"error": 'ask {"measure": "12"} for a measurement of pose 12'})
         found = self.measured().tolist()
         found[3:] = map(math.degrees, found[3:])
-        return json.dumps({"pose": pose, **dict(zip(FIELDS, found, strict=False))})
+        return json.dumps({"pose": pose, **dict(zip(ENDPOINT_FIELDS, found, strict=False))})
 
 
-HOST, PORT = "127.0.0.1", 7327
+HOST, TRACKER_PORT = "127.0.0.1", 7327
 """Default address, reachable from this machine only."""
-LONGEST = 4096
+LONGEST_QUESTION = 4096
 """Largest length of a question, characters; the connection is closed beyond it."""
 CLIENTS = 16
 """Simultaneous clients, one thread each; a further one gets an error and is disconnected."""
@@ -115,7 +115,7 @@ class _Server(socketserver.ThreadingTCPServer):
 
 @contextmanager
 def serve_tracker(
-    answer: Callable[[str], str], port: int = PORT, *, host: str = HOST
+    answer: Callable[[str], str], port: int = TRACKER_PORT, *, host: str = HOST
 ) -> Iterator[int]:
     """Answer every line on `port` with a line; 0 takes any free port. Yields the port.
 
@@ -126,7 +126,7 @@ def serve_tracker(
         def handle(self) -> None:
             while True:
                 try:
-                    question = self.rfile.readline(LONGEST)
+                    question = self.rfile.readline(LONGEST_QUESTION)
                     if not question.endswith(b"\n"):
                         return
                     reply = answer(question.decode(errors="replace"))

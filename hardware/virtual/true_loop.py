@@ -202,7 +202,7 @@ def with_length_errors(
     return replace(truth, table=replace(truth.table, **columns))
 
 
-PLACEMENT = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
+PLACEMENT_ENTRIES = ("a_0", "s_0", "alpha_0", "s_1", "a_7", "s_7", "alpha_7")
 """D-H entries of the hinge's placement."""
 
 
@@ -242,10 +242,10 @@ def draw_wild_loop(
     rng: np.random.Generator, *, spread: WildSpread, reading_rad: FloatArray
 ) -> LoopTruth:
     """Draw a truth whose loop closes exactly at the reading `reading_rad` (n,), home in sensor coordinates."""
-    loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT), hinge=True)
+    loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT_ENTRIES), hinge=True)
     nominal = nominal_vector(loop.parameters)
     reach = np.where([p.is_angle for p in loop.parameters], spread.hinge_rad, spread.hinge_m)
-    twists = [PLACEMENT.index("alpha_0"), PLACEMENT.index("alpha_7")]
+    twists = [PLACEMENT_ENTRIES.index("alpha_0"), PLACEMENT_ENTRIES.index("alpha_7")]
     home = np.asarray(reading_rad, dtype=np.float64)
     while True:
         x = nominal + reach * rng.uniform(-1.0, 1.0, reach.shape)

@@ -61,7 +61,7 @@ from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
 from solver.search.global_start import GlobalStart
 
-UNEXPLAINED = {
+UNEXPLAINED_KINDS = {
     FindingKind.UNEXPLAINED_SCATTER,
     FindingKind.UNEXPLAINED_PATTERN,
     FindingKind.POSES_DO_NOT_FIT,
@@ -254,7 +254,9 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
         )
     elif not by_tests:
         by_tests = rvdt_causes(case.known.rvdt, case.arm)
-    unexplained = len(by_tests) == 1 and by_tests[0].blocking and by_tests[0].kind in UNEXPLAINED
+    unexplained = (
+        len(by_tests) == 1 and by_tests[0].blocking and by_tests[0].kind in UNEXPLAINED_KINDS
+    )
     nothing_fits = unexplained and not alternatives
     explained = not (alternatives or case.gross or nothing_fits)
     if by_tests and explained and not _single_cause(diagnosis):

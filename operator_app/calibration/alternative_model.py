@@ -51,7 +51,7 @@ from solver.loops.endpoint_geometry import Line
 _T = TypeVar("_T")
 
 
-ITERATIONS = 15
+MODEL_ITERATIONS = 15
 """A rival that is right is near its solution by then."""
 
 
@@ -73,7 +73,9 @@ def start(arm: ArmModel, alternative: AlternativeModel) -> tuple[FloatArray, flo
     if not alternative.unsensed:
         model = loop_of_poses(arm, alternative.fixture, alternative.poses)
         problem = ClosureProblem.of(model, q)
-        found = solve_damped(problem, nominal_vector(model.parameters), max_iterations=ITERATIONS)
+        found = solve_damped(
+            problem, nominal_vector(model.parameters), max_iterations=MODEL_ITERATIONS
+        )
         return found.x, 2.0 * found.cost / len(q)
     fit = without_readings(arm, alternative)
     return fit.x, float((fit.corrections**2).mean())
@@ -92,7 +94,7 @@ def without_readings(arm: ArmModel, alternative: AlternativeModel) -> ImplicitFi
         q,
         replace(noise, joint_variance=floor),
         nominal_vector(model.parameters),
-        max_iterations=ITERATIONS,
+        max_iterations=MODEL_ITERATIONS,
     )
 
 

@@ -54,13 +54,13 @@ PER_FREEDOM = 4.6
 LEAST_M = 2e-3
 """Lengths that differ by less are exchanged within what a tolerance may be."""
 
-LEAST_RAD = np.deg2rad(0.05)
+LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this are none in either unit."""
 
 TRIED = 3
 """How many of the most promising are solved to the end."""
 
-SECONDS = 4.0
+LONGEST_S = 4.0
 """Of CPU time of this thread: nobody waits longer for an explanation, and what runs beside takes none."""
 
 
@@ -90,7 +90,7 @@ def find_alternatives(
     sensors
         With `near` also a sensor that says nothing in any pose.
     """
-    deadline = thread_time() + SECONDS
+    deadline = thread_time() + LONGEST_S
     as_it_is = np.inf
     if not near and not unsensed:
         plain = AlternativeModel(finding=NOTHING, poses=poses, fixture=fixture)
@@ -214,7 +214,7 @@ def _same_loop(
             changed = replace(poses, q_rad=mistake.q_rad)
             yield AlternativeModel(finding=finding, poses=changed, fixture=fixture)
     offsets = arm.table.theta_off_rad
-    if LEAST_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
+    if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         finding = Finding(kind=FindingKind.OFFSETS_IN_RADIANS)
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
         yield AlternativeModel(finding=finding, poses=poses, fixture=fixture, arm=meant)

@@ -35,7 +35,7 @@ from operator_app.calibration.failure_analysis import (
 )
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.calibration.multistart import (
-    FEW,
+    SCREENING_POSES,
     best_about_nominal,
     evenly,
     fit_from_starts,
@@ -519,7 +519,7 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
     yield None if x0 is None else in_order(model, identifiable, x0)
     yield nominal_vector(model.parameters)
     if not task.unsensed_joints:
-        few = evenly(len(q), FEW)
+        few = evenly(len(q), SCREENING_POSES)
         yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
 
 

@@ -135,10 +135,10 @@ def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
     return T
 
 
-MOST_POSES = 100
+MOST_POSES_SAMPLED = 100
 """Poses of a session, evenly among all, at which a best table is looked for."""
 
-EVERYWHERE = 300
+RANGE_SAMPLES = 300
 """Poses over the joints' ranges: their rms is known to some 4 %."""
 
 
@@ -162,13 +162,13 @@ class HandErrors:
 def hand_accuracy(errors: HandErrors) -> HandAccuracy:
     """Sum up how far off the hand is before and after calibration."""
     return HandAccuracy(
-        before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=EVERYWHERE
+        before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=RANGE_SAMPLES
     )
 
 
 def even_poses(arm: ArmModel) -> FloatArray:
     """Readings (m, n), rad, evenly over the ranges of all joints."""
-    even = even_steps(EVERYWHERE, arm.joint_count)
+    even = even_steps(RANGE_SAMPLES, arm.joint_count)
     return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
 
 
@@ -237,7 +237,7 @@ def with_best_table(
     here = np.arange(len(solution.estimate.x))[columns]
     index = here[[plain.index(name) for name in own.free]]
     joints = JointCorrections.of(found.linear)
-    some = q[evenly(len(q), MOST_POSES)]
+    some = q[evenly(len(q), MOST_POSES_SAMPLED)]
     used, weight = where_used(some, arm.lower_rad, arm.upper_rad)
     there = joints.at(used)
     best = best_table(
@@ -273,10 +273,10 @@ def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
     return DhTable.from_stacked(rows)
 
 
-STEP_RAD = 1e-4
+DERIVATIVE_STEP_RAD = 1e-4
 """Of the differences that give rates."""
 
-NOTHING = 2e-3
+NEGLIGIBLE = 2e-3
 """Rate (m/rad) of the hand below which an offset does not matter to it: 0.03 mm a degree."""
 
 
@@ -317,7 +317,7 @@ def with_held(
         rate = _rate(found, j, taken_over, q)
         if known is not None:
             square = square + (known * rate) ** 2
-        elif (rms := spread_of(rate).rms) > NOTHING:
+        elif (rms := spread_of(rate).rms) > NEGLIGIBLE:
             name = DhEntry(DhKind.THETA_OFF, j).name
             value = float(arm.table.theta_off_rad[j - 1])
             held.append(HeldOffset(name=name, value_rad=value, rate_m_per_rad=rms))
@@ -333,7 +333,7 @@ def _rate(
     offset = DhEntry(DhKind.THETA_OFF, joint)
     changes = {offset.name: 1.0} | {e: moved.get(e, 0.0) for e in found.entries}
     places = []
-    for step in (-STEP_RAD, STEP_RAD):
+    for step in (-DERIVATIVE_STEP_RAD, DERIVATIVE_STEP_RAD):
         values = {}
         for name, rate in changes.items():
             entry = DhEntry.parse(name)
@@ -346,4 +346,4 @@ def _rate(
             tip_m=found.tip_m + step * np.array(tip),
         )
         places.append(there.T_base(q)[:, :3, 3])
-    return np.asarray(np.linalg.norm(places[1] - places[0], axis=-1) / (2.0 * STEP_RAD))
+    return np.asarray(np.linalg.norm(places[1] - places[0], axis=-1) / (2.0 * DERIVATIVE_STEP_RAD))

@@ -24,7 +24,7 @@ from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
 
-ROUNDS, LONGEST_STEP, CLOSED = 40, 0.5, 1e-6
+GATE_ROUNDS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
 """Most steps, the longest of them (rad, m), and the error (rad, m) below which a loop is closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
@@ -86,10 +86,10 @@ class LoopAtReading:
         x, q = x0.copy(), q0.copy()
         u = model.initial_unsensed(x, q[None])
         dof, size, moved, by_prior = 0, np.inf, np.inf, 0.0
-        for _ in range(ROUNDS):
+        for _ in range(GATE_ROUNDS):
             error = model.loop(x, q[None], u)
             size = float(np.abs(error.residual).max())
-            if size < CLOSED and moved < CLOSED:
+            if size < CLOSURE_TOLERANCE and moved < CLOSURE_TOLERANCE:
                 break
             reduced = reduced_equations(error)
             w, A, B = reduced.w[0], reduced.A[0], reduced.B[0]
@@ -104,7 +104,7 @@ class LoopAtReading:
             dx, dq = share * dx, share * dq
             u = u + unsensed_step(error, (error.jac_x @ dx + (error.jac_q @ dq[..., None])[..., 0]))
             x, q = x + dx, q + dq
-        if not size < CLOSED:
+        if not size < CLOSURE_TOLERANCE:
             return ClosureFit(chi2=math.inf, dof=dof, q_rad=q)
         by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
         by_readings[unknown] = 0.0

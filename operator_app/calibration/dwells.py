@@ -15,7 +15,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.poses import PoseSet
 
 DWELL_S = 1.0
-SPREAD_RAD = float(np.deg2rad(0.05))
+DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
 """At rest for this long, within this (largest less smallest reading of each joint), by default."""
 
 LEAST_SAMPLES = 5
@@ -69,7 +69,7 @@ def find_dwells(
     q_rad: FloatArray,
     *,
     dwell_s: float = DWELL_S,
-    spread_rad: float = SPREAD_RAD,
+    spread_rad: float = DWELL_SPREAD_RAD,
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
     """Find the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and what is refused."""
     if len(time_s) < LEAST_SAMPLES:

@@ -23,7 +23,7 @@ from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
-STEPS, LARGEST_RAD, NO_STEP = 25, 0.5, 1e-6
+REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 """Of Gauss and Newton to the places of base and target: most, how far one may turn, and what is none."""
 
 DIGITS = 4
@@ -139,7 +139,7 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
     for start in turns:
         R_base = start
         base, tip = np.array(instrument.base_m), np.array(instrument.tip_m)
-        for step in range(STEPS):
+        for step in range(REGISTRATION_STEPS):
             swung = (p + R @ tip) @ R_base.T
             J = np.zeros((*swung.shape, 9))
             J[..., 0:3] = -skew(swung)
@@ -150,7 +150,7 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
             left = measured - base - swung
             d = np.zeros(9)
             d[used] = np.linalg.lstsq(J[..., used].reshape(-1, used.sum()), left.reshape(-1))[0]
-            turn = d[:3] * min(1.0, LARGEST_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
+            turn = d[:3] * min(1.0, LARGEST_STEP_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
             R_base = rotation_matrix(turn) @ R_base
             base, tip = base + d[3:6], tip + d[6:]
             if step > 0 and np.abs(d).max() < NO_STEP:

@@ -29,7 +29,7 @@ from solver.estimators.variance_components import Calibrated, estimate_with_erro
 from solver.loops.closure import ClosureModel
 from solver.loops.point import GROUND
 
-FEW = 600
+SCREENING_POSES = 600
 """Poses, evenly among all, that tell which of several starts is the best one."""
 
 
@@ -49,11 +49,11 @@ def fit_from_starts(
     PosesDoNotFitError
         No start leads to anything.
     """
-    starts, several = iter(starts), len(q) > 2 * FEW
+    starts, several = iter(starts), len(q) > 2 * SCREENING_POSES
     first = islice(starts, 1) if several else starts
     found, least = _best_fit(model, q, errors, first, group=group, progress=progress)
     if several and not least < CHI2_PER_DOF_SECOND_START:
-        some = evenly(len(q), FEW)
+        some = evenly(len(q), SCREENING_POSES)
         few, misfit = _best_fit(
             model.at_poses(some),
             q[some],
@@ -113,7 +113,7 @@ def gross_misfit(found: Calibrated) -> float:
 SOCKET = frozenset((*GROUND, *(f"{name}[1]" for name in GROUND)))
 """Coordinates of the socket that a ball's file describes; of several the first."""
 
-STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
+LOCAL_STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
 ITERATIONS = 25
 
 
@@ -211,7 +211,7 @@ def _best(hard: ClosureModel, problem: ClosureProblem) -> Fit:
     angles = np.array([p.is_angle for p in hard.parameters])
     rng = np.random.default_rng(0)
     spread = np.where(angles, SPREAD_RAD, SPREAD_M)
-    starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (STARTS, len(nominal))))]
+    starts = [nominal, *(nominal + spread * rng.uniform(-1.0, 1.0, (LOCAL_STARTS, len(nominal))))]
     fits = [solve_damped(problem, x, max_iterations=ITERATIONS) for x in starts]
     return min(fits, key=lambda fit: fit.cost)
 

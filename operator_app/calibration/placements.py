@@ -27,7 +27,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
 from solver.loops.point import GROUND, PointClosure
 
-SINGULAR = 1e-10
+SINGULAR_DISTANCE = 1e-10
 """Directions of a correlation matrix in which nothing is known of a difference."""
 
 
@@ -102,13 +102,15 @@ def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArr
     if np.any(difference[~known] != 0.0):
         return np.full(len(sd), np.inf), np.inf
     z, scale = difference[known] / sd[known], np.outer(sd[known], sd[known])
-    inverse = np.linalg.pinv(covariance[np.ix_(known, known)] / scale, SINGULAR, hermitian=True)
+    inverse = np.linalg.pinv(
+        covariance[np.ix_(known, known)] / scale, SINGULAR_DISTANCE, hermitian=True
+    )
     sigmas = np.zeros(len(sd))
     sigmas[known] = np.abs(z)
     return sigmas, float(z @ inverse @ z)
 
 
-MOST = 45
+MOST_PAIRS = 45
 """Pairs of ten placements; of more only neighbours are listed."""
 
 
@@ -151,7 +153,7 @@ def distances(
     pairs = [
         (a, b)
         for a, b in combinations(range(len(where)), 2)
-        if len(where) * (len(where) - 1) <= 2 * MOST
+        if len(where) * (len(where) - 1) <= 2 * MOST_PAIRS
         or b == a + 1
         or frozenset((placements[a], placements[b])) in stated
     ]

@@ -22,7 +22,7 @@ from solver.loops.closure import ClosureModel
 LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
 """Shape of a slip of a fixture that is stated to be rigid."""
 
-SIZES = np.geomspace(1.0, 1e4, 200)
+SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 """Times the stated give at which a slip of the fixture is tried."""
 
 
@@ -159,10 +159,10 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
     """Return the same for a slip of the fixture, and the slip in units of the columns."""
     values, vectors = np.linalg.eigh(columns @ columns.T)
     along = vectors.T @ d
-    spread = 1.0 + SIZES[:, None] ** 2 * np.maximum(values, 0.0)
+    spread = 1.0 + SLIP_SIZES[:, None] ** 2 * np.maximum(values, 0.0)
     gain = 0.5 * (along**2 * (1.0 - 1.0 / spread) - np.log(spread)).sum(-1)
     best = int(np.argmax(gain))
-    slip = SIZES[best] ** 2 * columns.T @ (vectors @ (along / spread[best]))
+    slip = SLIP_SIZES[best] ** 2 * columns.T @ (vectors @ (along / spread[best]))
     return max(0.0, float(gain[best])), np.asarray(slip)
 
 

@@ -29,7 +29,7 @@ from solver.loops.point import PointClosure
 
 VERSION = 1
 
-KINDS: Mapping[type, tuple[type, ...]] = {
+STORED_TYPES: Mapping[type, tuple[type, ...]] = {
     ClosureModel: (DhLoop, PointClosure, MeasuredClosure, Placements)
 }
 """What may stand where an interface is declared; the name of the class is kept as ``kind``."""
@@ -71,7 +71,7 @@ def _encoded_fields(value: object) -> dict[str, Any]:
 
 def _encoded(value: object) -> Any:
     if dataclasses.is_dataclass(value):
-        known = any(type(value) in some for some in KINDS.values())
+        known = any(type(value) in some for some in STORED_TYPES.values())
         return ({"kind": type(value).__name__} if known else {}) | _encoded_fields(value)
     match value:
         case Enum():
@@ -118,8 +118,8 @@ def _decoded(hint: Any, data: Any) -> Any:
         return tuple(_decoded(a, v) for a, v in zip(arguments, data, strict=True))
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return {arguments[0](k): _decoded(arguments[1], v) for k, v in data.items()}
-    if hint in KINDS:
-        hint = {kind.__name__: kind for kind in KINDS[hint]}[data["kind"]]
+    if hint in STORED_TYPES:
+        hint = {kind.__name__: kind for kind in STORED_TYPES[hint]}[data["kind"]]
     if isinstance(hint, type) and dataclasses.is_dataclass(hint):
         hints = _hints(hint)
         if upgraded := getattr(hint, "upgraded_record", None):

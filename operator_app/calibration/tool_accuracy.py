@@ -11,7 +11,7 @@ from solver.closing import close_loops
 from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureModel
 
-AT_ONCE = 2000
+POSES_AT_ONCE = 2000
 """Poses at a time: memory stays flat."""
 
 
@@ -123,8 +123,8 @@ def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigm
     ground = set(model.ground_side)
     base = [p.name in ground for p in model.parameters]
     squares = []
-    for start in range(0, len(q), AT_ONCE):
-        here = np.arange(start, min(start + AT_ONCE, len(q)))
+    for start in range(0, len(q), POSES_AT_ONCE):
+        here = np.arange(start, min(start + POSES_AT_ONCE, len(q)))
         part, at = model.at_poses(here), q[here]
         if model.unsensed_joints:
             closed = close_loops(part, x, at)

@@ -29,7 +29,7 @@ from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
 
-STEPS = 3
+NEWTON_STEPS = 3
 """Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
 
 
@@ -316,7 +316,7 @@ def _stood(
     """Find where the fixture stands from the poses themselves; free from there as if never known."""
     here = [k for k, p in enumerate(model.parameters) if p.name in unknown]
     x, covariance = x.copy(), covariance.copy()
-    for _ in range(STEPS):
+    for _ in range(NEWTON_STEPS):
         reduced = reduced_equations(model.loop(x, q, model.initial_unsensed(x, q)))
         A = reduced.A[..., here].reshape(-1, len(here))
         x[here] -= np.linalg.lstsq(A, reduced.w.reshape(-1), rcond=None)[0]

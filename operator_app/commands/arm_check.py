@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 STAGES = ("look", "hold", "move", "free", "leave", "silence")
 """Names of `hardware.commissioning.stages.Stage`; copied, so that --help does not load the bus."""
-MARK = {True: "ok", False: "FAILED", None: "-"}
+RESULT_MARKS = {True: "ok", False: "FAILED", None: "-"}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -123,7 +123,7 @@ def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> st
 def _line(finding: CheckFinding) -> str:
     who = "" if finding.joint is None else f"joint {finding.joint}"
     return (
-        f"{MARK[finding.passed]:<7} {finding.stage.value:<8} {who:<9} {finding.name:<16} "
+        f"{RESULT_MARKS[finding.passed]:<7} {finding.stage.value:<8} {who:<9} {finding.name:<16} "
         f"{harmless(finding.text)}"
     )
 

@@ -244,7 +244,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
 @contextmanager
 def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str]:
     """Serve the tracker of an open arm; yields the option for the command that connects to it."""
-    from hardware.virtual.tracker import HOST, PORT, serve_tracker
+    from hardware.virtual.tracker import HOST, TRACKER_PORT, serve_tracker
 
     if tracker is None:
         if port is not None:
@@ -253,7 +253,7 @@ def _tracker(tracker: SimulatedTracker | None, port: int | None) -> Iterator[str
         return
     if port is not None and not 0 <= port < 65536:
         raise UsageError("--tracker-port: ports are 1 to 65535, 0 takes any that is free")
-    with serve_tracker(tracker.answer, PORT if port is None else port) as found:
+    with serve_tracker(tracker.answer, TRACKER_PORT if port is None else port) as found:
         yield f" --tracker tcp:{HOST}:{found}"
 
 

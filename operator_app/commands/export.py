@@ -162,10 +162,10 @@ def execute(args: argparse.Namespace) -> int:
 def _converted(args: argparse.Namespace, what: Calibration, kind: str) -> tuple[str, bytes]:
     """Return file name and contents for another tool."""
     from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
-    from operator_app.report.exports import FILES, in_format, into_description
+    from operator_app.report.exports import EXPORT_FILES, in_format, into_description
 
     if args.into is None:
-        return FILES[kind], in_format(what, kind)
+        return EXPORT_FILES[kind], in_format(what, kind)
     data = read_limited(expanded(args.into), str(args.into), limit=DESCRIPTION_LIMIT_BYTES)
     name = f"{args.into.stem}_calibrated{args.into.suffix}"
     return name, into_description(what, data, args.into.name)

@@ -234,7 +234,7 @@ def _recorded(
 
     from operator_app.calibration.dwells import (
         DWELL_S,
-        SPREAD_RAD,
+        DWELL_SPREAD_RAD,
         find_dwells,
         poses_of,
         quietest_rad,
@@ -244,7 +244,9 @@ def _recorded(
 
     dwell_s = DWELL_S if args.dwell_s is None else args.dwell_s
     spread_deg = (
-        round(float(np.rad2deg(SPREAD_RAD)), 9) if args.spread_deg is None else args.spread_deg
+        round(float(np.rad2deg(DWELL_SPREAD_RAD)), 9)
+        if args.spread_deg is None
+        else args.spread_deg
     )
     if not 0.01 <= dwell_s <= 3600.0:
         raise UsageError(f"--dwell-s {dwell_s:g}: seconds, 0.01 to 3600")

@@ -12,7 +12,7 @@ from operator_app.commands.options import bus_options, json_option, record_optio
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
-POLL_S = 0.1
+BUS_POLL_S = 0.1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,7 +47,7 @@ def execute(args: argparse.Namespace) -> int:
     try:
         say(f"Watching {settings}; Ctrl-C ends it.", err=True)
         while args.seconds is None or time.monotonic() < begun + args.seconds:
-            message = wire.receive(POLL_S)
+            message = wire.receive(BUS_POLL_S)
             now = time.monotonic()
             if message is not None:
                 _say(args, seen.take_in(message.arbitration_id, bytes(message.data), now))

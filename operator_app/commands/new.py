@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from operator_app.config.any_file import FileKind
     from solver.arrays import FloatArray
 
-COMMENT = """\
+URDF_COMMENT = """\
 {line}
 Made from {urdf} by `sarcal new arm`. Geometry, ranges, speeds and torques are that file's.
 Check these before use; the URDF does not state them:
@@ -164,7 +164,7 @@ def _arm(args: argparse.Namespace) -> int:
     bent = bent_home(parse_arm(dump_strict(body), args.urdf))
     if bent is not None:
         body["home_deg"] = short_degrees(bent)
-    comment = COMMENT.format(
+    comment = URDF_COMMENT.format(
         line=schema_line("arm"),
         urdf=Path(args.urdf).name,
         counts=COUNTS_PER_REV,

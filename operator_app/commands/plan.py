@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from operator_app.planning.advice import RankedPlacement
     from operator_app.planning.preview import PlanningBasis, Preview
 
-POSES = 12
+DEFAULT_POSES = 12
 """Poses of a plan if the procedure is for explored ones."""
 TRIES = 24
 
@@ -41,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--fixture", type=a_name, help="another fixture file or built-in name than the procedure's"
     )
     parser.add_argument(
-        "--poses", type=pose_count, metavar="N", help=f"how many poses to plan (default {POSES})"
+        "--poses",
+        type=pose_count,
+        metavar="N",
+        help=f"how many poses to plan (default {DEFAULT_POSES})",
     )
     parser.add_argument(
         "--unsensed",
@@ -82,7 +85,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--tries: at least 1")
     procedure, known, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
-    poses = args.poses or (capture.poses if capture.strategy == "planned" else POSES)
+    poses = args.poses or (capture.poses if capture.strategy == "planned" else DEFAULT_POSES)
     shown = preview(
         procedure.arm,
         procedure.fixture.fixture,

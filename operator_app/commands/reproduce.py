@@ -8,7 +8,7 @@ from operator_app.commands.options import json_option, pose_count
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
-FEWEST, MOST = 8, 120
+FEWEST_POSES, LARGEST_POSES = 8, 120
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,8 +24,8 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.planning.reproduction import published
     from operator_app.report.results.reproduction import published_json, published_text
 
-    if not FEWEST <= args.poses <= MOST:
-        raise UsageError(f"--poses: between {FEWEST} and {MOST}")
+    if not FEWEST_POSES <= args.poses <= LARGEST_POSES:
+        raise UsageError(f"--poses: between {FEWEST_POSES} and {LARGEST_POSES}")
     say("Capturing six sets of poses and calibrating ten times: about 30 s.", err=True)
     found = published(poses=args.poses)
     say(as_json(published_json(found)) if args.json else published_text(found))

@@ -8,7 +8,7 @@ from operator_app.commands.options import a_name, json_option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
-MEANING = {
+SETTINGS_MEANING = {
     "interface": "the bus, as -i",
     "channel": "as -c, with that interface",
     "bitrate": "as -b, with that interface",
@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=a_name,
         nargs="*",
         metavar="KEY=VALUE",
-        help="set it; KEY= removes it. Keys: " + ", ".join(MEANING),
+        help="set it; KEY= removes it. Keys: " + ", ".join(SETTINGS_MEANING),
     )
     json_option(parser)
 
@@ -58,7 +58,7 @@ def execute(args: argparse.Namespace) -> int:
         say(as_json({"file": str(path), "settings": found.stated}))
         return ExitCode.ACCEPTED
     say(f"File       {path}{'' if path.exists() else ' (there is none)'}")
-    for key, meaning in MEANING.items():
+    for key, meaning in SETTINGS_MEANING.items():
         say(f"{key:<10} {found.stated.get(key, '-')!s:<20} {meaning}")
     say(
         "Precedence: command line, session, procedure, environment (CAN_INTERFACE), can.conf, these settings.\n"

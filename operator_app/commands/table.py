@@ -54,7 +54,7 @@ def parser_of(command: str) -> argparse.ArgumentParser:
 
 BY_DEST: dict[str, Any] = {"arm": "arm", "fixture": "fixture", "procedure": "procedure"}
 COPIED = "packaged"
-SESSIONS = ("session", "name", "a", "b", "resume")
+SESSION_ARGUMENTS = ("session", "name", "a", "b", "resume")
 
 
 def words_to_complete(environ: Mapping[str, str] = os.environ) -> list[str] | None:
@@ -78,7 +78,7 @@ def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser |
     for action in () if command is None else command._actions:  # noqa: SLF001 - it has no other list
         if action.dest == "topic":
             action.completer = _topics  # type: ignore[attr-defined]
-        elif action.dest in (*BY_DEST, *SESSIONS, COPIED):
+        elif action.dest in (*BY_DEST, *SESSION_ARGUMENTS, COPIED):
             action.completer = _names(action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 

@@ -104,7 +104,7 @@ def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
 
 
 AnyKind = Literal["arm", "fixture", "procedure", "profile", "parameters", "poses"]
-SCHEMA = re.compile(r"^schema\s*:\s*[\"']?sarcal/([a-z]+)/", re.MULTILINE)
+SCHEMA_LINE = re.compile(r"^schema\s*:\s*[\"']?sarcal/([a-z]+)/", re.MULTILINE)
 
 Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | LoadedPoses
 
@@ -141,7 +141,7 @@ def read_any(path: str) -> Resource:
 def kind_of(source: Resource) -> AnyKind | None:
     """Tell what kind of file this is: by its ``schema`` line, else by its keys or its header."""
     text = source.data.decode("utf-8", errors="replace")
-    kinds = SCHEMA.search(text)
+    kinds = SCHEMA_LINE.search(text)
     for kind in FILES:
         if kinds is not None and kinds[1] == kind:
             return kind

@@ -15,14 +15,14 @@ from operator_app.config.errors import ConfigError, Problem, only
 from operator_app.safe_output import harmless
 
 MOST_PROBLEMS = 100
-NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
 FORMULA = re.compile(r"'*(?:\s*[=+\-@]|[\t\r\n])")
 """Words that a spreadsheet takes for a formula, apostrophes before them or not: one more makes them text."""
 ESCAPED = re.compile(r"(\\+)u\{([0-9a-f]{1,6})\}")
 LOOKS_ESCAPED = re.compile(r"(\\+)(u\{[0-9a-f]{1,6}\})")
 HIDDEN_CANDIDATE = re.compile(r"(\\*)([^\\])", re.DOTALL)
-SHOWN = "\t\n"
+SHOWN_BLANKS = "\t\n"
 """What a cell may have in it beside characters that are shown."""
 
 Record = tuple[int, list[str]]
@@ -156,10 +156,10 @@ def number(cell: str) -> float:
     cell = cell.strip()
     if not cell:
         raise BadCell("the cell is empty", "fill it in or take the row out")
-    if NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
+    if CSV_NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
         return float(cell)
     shown = cell[:40]
-    if NOT_FINITE.fullmatch(cell) or NUMBER.fullmatch(cell):
+    if NOT_FINITE.fullmatch(cell) or CSV_NUMBER.fullmatch(cell):
         raise BadCell(
             f"{shown} is not a finite number", "measure the pose again or take the row out"
         )
@@ -201,14 +201,14 @@ def text_of(cell: str) -> str:
 def _as_text(words: str) -> str:
     # Backslashes before an escape are doubled, so that words that look like one stay what they are.
     safe = LOOKS_ESCAPED.sub(r"\1\1\2", words)
-    if harmless(safe, keep=SHOWN) != safe:
+    if harmless(safe, keep=SHOWN_BLANKS) != safe:
         safe = HIDDEN_CANDIDATE.sub(_escaped, safe)
     return f"'{safe}" if FORMULA.match(safe) else safe
 
 
 def _escaped(match: re.Match[str]) -> str:
     before, character = match.groups()
-    if harmless(character, keep=SHOWN) == character:
+    if harmless(character, keep=SHOWN_BLANKS) == character:
         return match[0]
     return f"{before}{before}\\u{{{ord(character):x}}}"
 
@@ -219,7 +219,7 @@ def _unescaped(match: re.Match[str]) -> str:
     if len(before) % 2 == 0:
         return f"{half}u{{{code}}}"
     character = chr(int(code, 16)) if int(code, 16) <= sys.maxunicode else ""
-    return match[0] if harmless(character, keep=SHOWN) == character else f"{half}{character}"
+    return match[0] if harmless(character, keep=SHOWN_BLANKS) == character else f"{half}{character}"
 
 
 def _quoted(cell: str) -> str:

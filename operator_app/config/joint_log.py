@@ -17,8 +17,8 @@ import numpy as np
 from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, number
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.poses_file import (
-    EXAMPLE,
-    FEW,
+    FEWEST_POSES_FOR_UNIT,
+    HEADER_EXAMPLE,
     LIMIT_BYTES,
     THETA,
     LoadedPoses,
@@ -31,9 +31,9 @@ from solver.chain.poses import PoseSet
 
 Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
-MOST_PLACEMENTS = 100
+MOST_LOGGED_PLACEMENTS = 100
 JOINT_NAME = re.compile(r"(.*?)(\d{1,3})(\D*)")
-BESIDE = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
+OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
 """What a log has beside its joints."""
 
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
@@ -101,7 +101,7 @@ def load_joint_log(
     left = [k for k in there if k != by]
     where = find_columns(columns, header, left, joint_count, file)
     q = _angles(body, where, file, radians=unit == "rad")
-    if unit is None and len(q) >= FEW and np.abs(q).max() < 2.0 * np.pi:
+    if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
         text = (
             f"does not say its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
         )
@@ -128,7 +128,7 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
     if all(WHOLE.fullmatch(name) for name in names):
         return [int(name) for name in names], None
     order = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
-    if len(order) > MOST_PLACEMENTS:
+    if len(order) > MOST_LOGGED_PLACEMENTS:
         text = f"column {by + 1} has {len(order)} different entries"
         remedy = "--placement wants the column with the same entry in every pose of a placement"
         raise only(file, None, None, text, remedy)
@@ -184,14 +184,16 @@ def find_columns(
         first = max(1, there - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
         if header:
-            likely = [header[k] for k in left if not BESIDE.fullmatch(header[k])][:joint_count]
+            likely = [header[k] for k in left if not OTHER_COLUMNS.fullmatch(header[k])][
+                :joint_count
+            ]
             example = ",".join(likely) if len(likely) == joint_count else example
         raise only(
             file,
             None,
             None,
             text,
-            f"say which are its joints, e.g. --columns {example}; or {EXAMPLE}",
+            f"say which are its joints, e.g. --columns {example}; or {HEADER_EXAMPLE}",
         )
     found: list[int] = []
     for word in (part.strip() for part in wanted.split(",")):

@@ -40,7 +40,7 @@ ROTATION = ("rx_deg", "ry_deg", "rz_deg")
 ROLL_PITCH_YAW = ("roll_deg", "pitch_deg", "yaw_deg")
 QUATERNION = ("qw", "qx", "qy", "qz")
 EULER = re.compile(r"euler_([xyz]{3})_[123]_deg")
-EXAMPLE = (
+ROTATION_EXAMPLE = (
     "rx_deg,ry_deg,rz_deg (rotation vector), roll_deg,pitch_deg,yaw_deg, "
     "euler_zyx_1_deg,euler_zyx_2_deg,euler_zyx_3_deg or qw,qx,qy,qz"
 )
@@ -119,8 +119,8 @@ def _of_quaternions(q: FloatArray) -> FloatArray:
     return np.asarray(q[:, 1:] * scale)
 
 
-POSITION = ("x_m", "y_m", "z_m")
-BESIDE = ("pose", "lost", "utc", "error")
+POSITION_COLUMNS = ("x_m", "y_m", "z_m")
+OTHER_KEYS = ("pose", "lost", "utc", "error")
 
 
 class BadLine(ValueError):
@@ -186,7 +186,7 @@ def _line_of(found: Mapping[str, Any]) -> EndpointLine:
     if lost:
         return EndpointLine(pose=pose, endpoint=frozen(np.zeros(0)), lost=lost)
     _require_names(found)
-    position = np.array([_number(name, found[name]) for name in POSITION])
+    position = np.array([_number(name, found[name]) for name in POSITION_COLUMNS])
     for group in groups_in(found):
         values = np.array([[_number(name, found[name]) for name in group]])
         try:
@@ -205,7 +205,7 @@ def _line_of(found: Mapping[str, Any]) -> EndpointLine:
 
 def _require_names(names: Any) -> None:
     """Refuse what is unknown, missing, or two ways of writing one turn."""
-    known = (*POSITION, *BESIDE, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
+    known = (*POSITION_COLUMNS, *OTHER_KEYS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
     for name in names:
         if name in known or group_of(name) is not None:
             continue
@@ -216,12 +216,12 @@ def _require_names(names: Any) -> None:
             right = "degrees" if meant[0].endswith("_deg") else "metres"
             raise BadLine(f"has {name}: give {right} and call it {meant[0]}")
         raise BadLine(f"has {name}, which is unknown" + (f": {near[0]}?" if near else ""))
-    missing = [name for name in POSITION if name not in names]
+    missing = [name for name in POSITION_COLUMNS if name not in names]
     if missing:
         raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")
     groups = groups_in(names)
     if len(groups) > 1:
-        raise BadLine(f"says twice how the target is turned: choose one of {EXAMPLE}")
+        raise BadLine(f"says twice how the target is turned: choose one of {ROTATION_EXAMPLE}")
     absent = [name for group in groups for name in group if name not in names]
     if absent:
         raise BadLine(f"has no {', '.join(absent)} beside {groups[0][0]}")
@@ -241,7 +241,7 @@ def _number(name: str, value: Any) -> float:
         found = math.inf
     if not math.isfinite(found):
         raise BadLine(f"has {name} {str(value)[:40]!r}, which is no number")
-    doubt = length_doubt(found) if name in POSITION else ""
+    doubt = length_doubt(found) if name in POSITION_COLUMNS else ""
     doubt = doubt or (angle_doubt(found) if name.endswith("_deg") else "")
     if doubt:
         raise BadLine(f"has {name} {found:g}: {doubt}")
@@ -257,7 +257,7 @@ MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
 """A pose whose targets are farther than both from the common triangle, in metres and in the usual distance, has one
 that moved or two that were exchanged."""
 
-ROUNDS = 5
+TRIANGLE_ROUNDS = 5
 """Of turning all triangles onto their mean; the second changes it by the square of the noise."""
 
 
@@ -281,7 +281,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     seen = points - centroid[:, None, :]
     shape = seen[0]
     _require_a_triangle(shape)
-    for _ in range(ROUNDS):
+    for _ in range(TRIANGLE_ROUNDS):
         shape = (seen @ _turns(shape, seen)).mean(axis=0)
     turns = _turns(shape, seen)
     _require_the_same(np.linalg.norm(seen @ turns - shape, axis=-1).max(axis=1), labels)

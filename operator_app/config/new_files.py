@@ -43,7 +43,7 @@ Made by `sarcal new procedure` for {arm} in {fixture}. Look at these:
 
 EXPLORED_DEG = 20.0
 """Travel of each joint of an open arm, either way from home."""
-POSES = {"planned": 12, "explore": 40}
+POSES_BY_STRATEGY = {"planned": 12, "explore": 40}
 FASTEST_DEG_PER_S = 10.0
 SLOW = 0.1
 """Share of its speed that no joint exceeds."""
@@ -125,7 +125,7 @@ def procedure_file(
     plan = "planned" if closed else "explore"
     capture: dict[str, Any] = {
         "plan": plan,
-        "poses": POSES[plan],
+        "poses": POSES_BY_STRATEGY[plan],
         **({} if closed else {"exploration": _boxes(arm)}),
         "speed_deg_per_s": round(min(FASTEST_DEG_PER_S, max(0.05, slowest * SLOW)), 3),
         "settle": {

@@ -193,7 +193,7 @@ class DocumentWarning(StrictRecord):
 
 
 CORRELATION_PLACES, SHARE_PLACES = 5, 4
-SUM = 0.01
+BUDGET_SUM_TOLERANCE = 0.01
 """What rounding leaves of a sum of shares that should be 1."""
 
 Correlation = Annotated[Number, Field(ge=-1.0, le=1.0)]
@@ -248,7 +248,7 @@ def complaints_of_budget(
         total = sum(shares.values())
         if name not in names:
             yield (name,), "is not listed as calibrated", "leave its budget out"
-        elif abs(total - 1.0) > SUM:
+        elif abs(total - 1.0) > BUDGET_SUM_TOLERANCE:
             yield (name,), f"has shares that add up to {total:g}, not 1", _WHOLE
 
 

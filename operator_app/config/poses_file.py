@@ -48,18 +48,18 @@ from solver.chain.poses import PoseSet
 LIMIT_BYTES = 32 * 1024 * 1024
 """100,000 poses of seven joints with their standard deviations are some 20 MB."""
 
-FEW = 5
+FEWEST_POSES_FOR_UNIT = 5
 """Fewer poses than this are too few to suspect their unit."""
 
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
 TEXTS = ("pose", "utc", "note")
-POSITION = ("x_m", "y_m", "z_m")
+POSITION_COLUMNS = ("x_m", "y_m", "z_m")
 THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
 SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
 NUMBERED = re.compile(r"(\D*)(\d{1,15})", re.ASCII)
 """A label that is a number, or ends in one: `12`, `pose 12`."""
-EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
+HEADER_EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,11 +99,11 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     ConfigError
         With all that is wrong (the first hundred problems of a file that is wrong all over).
     """
-    records = read_records(decode_text(data, file), file, example=EXAMPLE)
+    records = read_records(decode_text(data, file), file, example=HEADER_EXAMPLE)
     line, header = next(records)
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
-        remedy = f"a raw log goes in with: sarcal import {file}; of a poses file {EXAMPLE}"
+        remedy = f"a raw log goes in with: sarcal import {file}; of a poses file {HEADER_EXAMPLE}"
         raise only(file, line, None, "this line is no header of a poses file", remedy)
     problems = [
         Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
@@ -144,7 +144,7 @@ def format_poses(poses: PoseSet) -> bytes:
     columns |= {"utc": poses.utc} if poses.utc is not None else {}
     columns |= {"note": poses.notes} if poses.notes is not None else {}
     if poses.endpoint is not None:
-        columns |= _columns(POSITION, poses.endpoint[:, :3])
+        columns |= _columns(POSITION_COLUMNS, poses.endpoint[:, :3])
         if poses.endpoint.shape[1] == 6:
             columns |= _columns(ROTATION, degrees_for_file(poses.endpoint[:, 3:]))
     rows = (map(str, row) for row in zip(*columns.values(), strict=True))
@@ -171,7 +171,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
     # Columns that a misspelt one was probably meant to be: not missing as well.
     meant: set[str] = set()
-    endpoints = (*POSITION, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
+    endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
     every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
     missing = [c for c in every if c not in names]
     other_unit = {
@@ -209,16 +209,16 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     )
     turns = groups_in(sorted(there))
     targets = bool(there & {*TARGETS})
-    if targets and (both := [c for c in names if c in POSITION or group_of(c)]):
+    if targets and (both := [c for c in names if c in POSITION_COLUMNS or group_of(c)]):
         yield None, both[0], "the three targets say where the hand is", "keep these or those"
     for other in turns[1:]:
         text = f"says how the target is turned, and so does {turns[0][0]}"
         yield None, other[0], text, "keep one of the two"
     for group, wanted, more, remedy in (
-        (KEY, True, "", EXAMPLE),
+        (KEY, True, "", HEADER_EXAMPLE),
         (theta, True, f" {have}", ""),
         (sd, bool(there & {*sd}), "", "give one for every joint, or none"),
-        (POSITION, bool(turns or there & {*POSITION}), "", endpoint),
+        (POSITION_COLUMNS, bool(turns or there & {*POSITION_COLUMNS}), "", endpoint),
         *((turn, True, "", endpoint) for turn in turns),
         (TARGETS, targets, "", endpoint),
     ):
@@ -228,7 +228,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
 
 
 def _known(name: str) -> bool:
-    fixed = name in (*KEY, *OPTIONAL, *POSITION, *TARGETS) or group_of(name) is not None
+    fixed = name in (*KEY, *OPTIONAL, *POSITION_COLUMNS, *TARGETS) or group_of(name) is not None
     return fixed or bool(THETA.fullmatch(name) or SD.fullmatch(name))
 
 
@@ -301,7 +301,7 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
     def texts(name: str) -> tuple[str, ...] | None:
         return tuple(columns[name]) if name in columns else None
 
-    endpoint = table(POSITION) if POSITION[0] in columns else None
+    endpoint = table(POSITION_COLUMNS) if POSITION_COLUMNS[0] in columns else None
     for group in groups_in(columns):
         if endpoint is not None:
             endpoint = np.concatenate((endpoint, rotation_vectors(group, table(group))), axis=1)
@@ -323,7 +323,7 @@ def _pose_set(columns: Mapping[str, Sequence[Any]]) -> PoseSet:
 def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
     found = _euler_suspected(poses)
     largest_deg = float(np.max(np.abs(np.rad2deg(poses.q_rad))))
-    if len(poses) < FEW or largest_deg >= 2.0 * np.pi:
+    if len(poses) < FEWEST_POSES_FOR_UNIT or largest_deg >= 2.0 * np.pi:
         return found
     text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
     return (

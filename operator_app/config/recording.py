@@ -18,11 +18,11 @@ from operator_app.config.joint_log import Unit, find_column, find_columns, is_nu
 from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray
 
-LIMIT_BYTES = 1024 * 1024 * 1024
+RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 """A CSV log of seven joints at 1 kHz over an hour is some 500 MB."""
 
-LARGEST_RAD = 20.0 * np.pi
-NUMBERED = re.compile(r"(.*\D|)(\d+)(\D*)")
+LARGEST_ANGLE_RAD = 20.0 * np.pi
+NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
 """From this size on times since 1970 count nanoseconds, microseconds, milliseconds, seconds."""
 
@@ -84,7 +84,7 @@ def load_timed_log(
         With what is wrong.
     """
     file = str(path)
-    text = decode_text(read_limited(expanded(path), file, limit=LIMIT_BYTES), file)
+    text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
     lines = read_rows(text)
     if len(lines) < 2:
         remedy = "a line of time and angles for each sample is wanted"
@@ -165,7 +165,7 @@ def recording_of(
     rising, kept = np.unique(time_s[whole], return_index=True)
     found = q_rad[whole][kept]
     joint = int(np.argmax(np.abs(found).max(axis=0)))
-    if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_RAD:
+    if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_ANGLE_RAD:
         text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
         raise only(file, None, None, text, "degrees where radians belong, or no revolute joint?")
     return JointRecording(
@@ -201,7 +201,7 @@ def find_joints(
         return tuple(joints)
     families: dict[tuple[str, str], dict[int, str]] = defaultdict(dict)
     for name in names:
-        if match := NUMBERED.fullmatch(name):
+        if match := NUMBERED_JOINT.fullmatch(name):
             families[match[1], match[3]][int(match[2])] = name
     whole = [
         f for f in families.values() if sorted(f) in (list(range(count)), list(range(1, count + 1)))
@@ -212,7 +212,7 @@ def find_joints(
     return tuple(whole[0][k] for k in sorted(whole[0]))
 
 
-FILES = (".mcap", ".db3")
+BAG_SUFFIXES = (".mcap", ".db3")
 TOPIC = "/joint_states"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
@@ -221,7 +221,7 @@ def is_bag(path: str | Path) -> bool:
     """Whether it is a file of a ROS 2 bag, or the folder of one."""
     where = expanded(path)
     try:
-        return where.suffix in FILES or (where / "metadata.yaml").is_file()
+        return where.suffix in BAG_SUFFIXES or (where / "metadata.yaml").is_file()
     except OSError:  # a name too long; who opens the file says so
         return False
 

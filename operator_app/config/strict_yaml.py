@@ -25,8 +25,8 @@ from operator_app.config.resources import YAML_LIMIT_BYTES
 MAX_DEPTH = 20
 
 INTEGER = re.compile(r"[-+]?(?:0|[1-9][0-9]*)")
-NUMBER = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
-NOT_FINITE = re.compile(
+YAML_NUMBER = re.compile(r"[-+]?(?:(?:0|[1-9][0-9]*)(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
+YAML_NOT_FINITE = re.compile(
     r"[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)|[-+]?(?:inf|infinity|nan)", re.IGNORECASE
 )
 NULLS = ("", "~", "null", "Null", "NULL")
@@ -114,9 +114,9 @@ def resolve_plain(text: str) -> Scalar:
         if len(text) > 40:
             raise ValueError("a number of more than 40 digits")
         return int(text)
-    if NUMBER.fullmatch(text):
+    if YAML_NUMBER.fullmatch(text):
         return float(text)
-    if NOT_FINITE.fullmatch(text):
+    if YAML_NOT_FINITE.fullmatch(text):
         return math.inf
     return text
 

@@ -24,7 +24,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
 
-BASE, FLANGE, TIP = "base_link", "flange", "tip"
+BASE_LINK, FLANGE, TIP_LINK = "base_link", "flange", "tip"
 
 
 def format_urdf(
@@ -49,9 +49,9 @@ def format_urdf(
     if len({re.sub(r"\s", "", name) for name in names} & set(names)) != len(names):
         names = [f"joint_{j}" for j in range(1, len(names) + 1)]
     robot = ET.Element("robot", name=_xml_text(arm.name))
-    ET.SubElement(robot, "link", name=BASE)
+    ET.SubElement(robot, "link", name=BASE_LINK)
     origin = {"xyz": "0 0 0", "rpy": "0 0 0"}
-    parent = BASE
+    parent = BASE_LINK
     for j, (joint, row) in enumerate(zip(arm.joints, table.stacked().T.tolist(), strict=True), 1):
         element = ET.SubElement(robot, "joint", name=_xml_text(names[j - 1]), type="revolute")
         ET.SubElement(element, "origin", origin)
@@ -68,7 +68,7 @@ def format_urdf(
         ET.SubElement(robot, "link", name=f"link_{j}")
         parent = f"link_{j}"
         origin = origin_words(link_transform(row))
-    ends = {FLANGE: origin} | ({} if T_tip is None else {TIP: origin_words(T_tip)})
+    ends = {FLANGE: origin} | ({} if T_tip is None else {TIP_LINK: origin_words(T_tip)})
     for link, place in ends.items():
         element = ET.SubElement(robot, "joint", name=f"{link}_fixed", type="fixed")
         ET.SubElement(element, "origin", place)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hardware.buses.python_can import BusSettings
 
 FILE_NAME = "settings.yaml"
-SCHEMA = "sarcal/settings/1"
+SETTINGS_SCHEMA = "sarcal/settings/1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,9 +152,9 @@ def changed(words: Mapping[str, str]) -> UserSettings:
             "settings", None, None, f"there is no interface {interface!r}", f"one of {known}"
         )
     typed = {k: int(v) if k == "bitrate" and _is_rate(v) else v for k, v in words.items() if v}
-    parse_settings(dump_strict({"schema": SCHEMA, **typed}), "settings")
+    parse_settings(dump_strict({"schema": SETTINGS_SCHEMA, **typed}), "settings")
     kept = {k: v for k, v in before.items() if k not in words and k != "schema"}
-    schema = before.get("schema", SCHEMA)
+    schema = before.get("schema", SETTINGS_SCHEMA)
     try:
         return parse_settings(dump_strict({"schema": schema, **kept, **typed}), file)
     except ConfigError:
@@ -170,7 +170,7 @@ def _is_rate(text: str) -> bool:
 
 def format_settings(settings: UserSettings) -> bytes:
     """Write them as a file."""
-    return dump_strict({"schema": SCHEMA, **settings.stated})
+    return dump_strict({"schema": SETTINGS_SCHEMA, **settings.stated})
 
 
 def save_settings(settings: UserSettings) -> Path:

@@ -163,14 +163,14 @@ def _cell(text: str) -> str:
 def reference() -> Mapping[str, Callable[[], str]]:
     """Return what makes each page."""
     return {
-        **{f"{kind}-file": partial(_file, kind) for kind in FILES},
+        **{f"{kind}-file": partial(_file, kind) for kind in FILE_PAGES},
         **{
             topic: partial(_of_code, topic) for topic in ("exit-codes", "keys", "faults", "objects")
         },
     }
 
 
-FILES = ("arm", "fixture", "procedure", "profile", "parameters")
+FILE_PAGES = ("arm", "fixture", "procedure", "profile", "parameters")
 
 
 def _file(kind: str) -> str:

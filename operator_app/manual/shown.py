@@ -17,9 +17,9 @@ from rich.text import Text
 
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)\s]+)\)")
 PICTURE = re.compile(r"!\[([^\]]*)\]\([^)]*\)")
-COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
+HTML_COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
 CODE, FENCE = re.compile(r"(`[^`\n]+`)"), re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
-PLAIN = str.maketrans("─•", "--")
+PLAIN_GLYPHS = str.maketrans("─•", "--")
 """Terminals without these characters show pages too."""
 MANY_COLUMNS, TALLEST = 4, 8
 """A table of so many columns, with a row of more lines than that, cannot be read side by side."""
@@ -29,12 +29,12 @@ def as_text(markdown: str, width: int) -> str:
     """Return a page as text, at most `width` characters wide but for lines of code longer than that."""
     text = "".join(
         part if part.startswith("```") else _inline(part)
-        for part in FENCE.split(COMMENT.sub("", markdown))
+        for part in FENCE.split(HTML_COMMENT.sub("", markdown))
     )
     file = io.StringIO()
     console = Console(file=file, width=width, color_system=None, force_terminal=False, emoji=False)
     console.print(_Page(text, hyperlinks=False), crop=False)
-    shown = file.getvalue().translate(PLAIN)
+    shown = file.getvalue().translate(PLAIN_GLYPHS)
     return "\n".join(line.rstrip() for line in shown.splitlines()).strip("\n") + "\n"
 
 

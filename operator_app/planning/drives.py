@@ -25,12 +25,12 @@ from solver.loops.closure import ClosureModel
 
 REGION_POSES = 700
 """Enough to distinguish pairs of joints."""
-TRIED = 4
+TRIED_SETS = 4
 """Number of sets for a trial."""
 MOST_SETS = 3
 """Largest number of drive sets of a plan."""
 INEXACT_RAD = float(np.deg2rad(0.5))
-FEWEST = 10
+FEWEST_WAYPOINTS = 10
 """Smallest number of reachable poses."""
 WORTH_A_CHANGE = 0.03
 """Smallest share of the region that another set has to add."""
@@ -121,7 +121,7 @@ def predict_drives(
             "check the arm's position and the fixture's measures, or name the joints: "
             "modes: {position: [1, 5]}",
         ) from error
-    if manifold.size < FEWEST:
+    if manifold.size < FEWEST_WAYPOINTS:
         raise SessionError(
             f"the arm can hardly move from its present pose{_beyond(arm, manifold)}",
             "move it nearer to the middle of the ranges, or correct the fixture's measures",
@@ -133,7 +133,7 @@ def sets_to_try(
     prediction: DrivePrediction, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[tuple[int, ...], ...]:
     """Return the best usable sets for a trial, the best first."""
-    return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED])
+    return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED_SETS])
 
 
 def choose_drives(

@@ -18,7 +18,7 @@ from operator_app.config.procedure import CapturePlan, Exploration
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 
-RANGE_MARGIN_RAD = float(np.deg2rad(2.0))
+RANGE_END_MARGIN_RAD = float(np.deg2rad(2.0))
 """A move ends when a joint comes this close to the end of its range."""
 
 DEFAULT_SPAN_DEG = 25.0
@@ -76,10 +76,12 @@ def box_of(
         joints=joints,
         centre_rad=centre,
         lower_rad=np.maximum(
-            (arm.lower_rad + RANGE_MARGIN_RAD)[columns], centre + [box.lower_rad for box in boxes]
+            (arm.lower_rad + RANGE_END_MARGIN_RAD)[columns],
+            centre + [box.lower_rad for box in boxes],
         ),
         upper_rad=np.minimum(
-            (arm.upper_rad - RANGE_MARGIN_RAD)[columns], centre + [box.upper_rad for box in boxes]
+            (arm.upper_rad - RANGE_END_MARGIN_RAD)[columns],
+            centre + [box.upper_rad for box in boxes],
         ),
     )
 
@@ -149,8 +151,8 @@ def range_watch(arm: ArmModel, braking_s: float) -> Watch:
     Free joints may be faster than the drives: the limit applies where a joint would come to rest, its speed times
     `braking_s` ahead (`hardware.control.trajectory.coming_to_rest_s`); 0 for planned paths.
     """
-    lower = arm.lower_rad + RANGE_MARGIN_RAD
-    upper = arm.upper_rad - RANGE_MARGIN_RAD
+    lower = arm.lower_rad + RANGE_END_MARGIN_RAD
+    upper = arm.upper_rad - RANGE_END_MARGIN_RAD
 
     def watch(snapshot: ArmSnapshot) -> str | None:
         for joint, low, high, limits in zip(snapshot.joints, lower, upper, arm.joints, strict=True):

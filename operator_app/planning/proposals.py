@@ -23,7 +23,7 @@ from solver.closing import close_loops
 from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
 
-TRIED = 2000
+TRIED_HOMES = 2000
 """Number of poses tried."""
 MIDDLE = 0.6
 """Share of every range, around its middle, from which they are drawn."""
@@ -31,7 +31,7 @@ CLEAR = 0.1
 """Share of a range that a home keeps from either end."""
 AS_GOOD = 0.6
 """A pose nearer to the middle of the ranges is preferred if its score is this share of the best."""
-FAR_RAD = float(np.deg2rad(30.0))
+HOME_DISTANCE_RAD = float(np.deg2rad(30.0))
 """Largest distance of a home from a closed pose: more than an error of measuring the fixture."""
 CONDITION_LIMIT = 100.0
 """Limit of the paper for the scaled condition number from a home."""
@@ -63,7 +63,7 @@ def closing_home(
     """
     off = from_home.from_home_rad
     if not fixture.holds_hand or (
-        not from_home.refused and off is not None and float(np.abs(off).max()) <= FAR_RAD
+        not from_home.refused and off is not None and float(np.abs(off).max()) <= HOME_DISTANCE_RAD
     ):
         return None
     model = fixture.model(arm)
@@ -127,7 +127,7 @@ def _drawn(arm: ArmModel) -> FloatArray:
     from scipy.stats import qmc
 
     ranges = _ranges(arm)
-    share = qmc.Halton(arm.joint_count, scramble=False).random(TRIED)
+    share = qmc.Halton(arm.joint_count, scramble=False).random(TRIED_HOMES)
     return np.asarray(ranges.mean(axis=1) + MIDDLE * (share - 0.5) * np.diff(ranges, axis=1)[:, 0])
 
 

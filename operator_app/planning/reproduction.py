@@ -25,8 +25,8 @@ from solver.chain.parameters import DhEntry
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 
-POSES = 40
-SIGMA_POS_M, SIGMA_ORI_RAD, CONDITION = 2.7e-3, 6.6e-3, 28.0
+PUBLISHED_POSES = 40
+SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 """Figures of the paper."""
 
 
@@ -78,7 +78,7 @@ class Published:
         return float(np.max(np.abs(e.x - printed) / e.standard_deviation))
 
 
-def published(*, poses: int = POSES) -> Published:
+def published(*, poses: int = PUBLISHED_POSES) -> Published:
     """Reproduce the experiment of section 3 and the analysis of section 4."""
     procedure = load_procedure("hinge")
     all_three = scenario("as_reported")

@@ -24,11 +24,11 @@ from solver.chain.sensors import NoSensor, Rvdt
 from solver.design.manifold import Manifold, candidate_poses
 from solver.loops.closure import ClosureModel
 
-OFFSET_RAD = float(np.deg2rad(2.0))
+PLANTED_OFFSET_RAD = float(np.deg2rad(2.0))
 """Standard deviation of the offsets if the arm file states none."""
 OF_TOLERANCE = 0.5
 """Largest error of the placement, as a share of the fixture's tolerance."""
-TRIES = 40
+SIMULATION_TRIES = 40
 ROOM = 4
 """Closed poses to choose from, per wanted pose."""
 
@@ -101,8 +101,8 @@ def _moving(
 ) -> tuple[FloatArray, Manifold]:
     """Draw placements until one allows that many poses."""
     ranges = ranges_of(arm).within(margin_rad(arm))
-    for _ in range(TRIES):
-        x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or OFFSET_RAD, rng)
+    for _ in range(SIMULATION_TRIES):
+        x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or PLANTED_OFFSET_RAD, rng)
         try:
             reached = candidate_poses(model, x, arm.home_rad, ranges, count=most)
         except ValueError:
@@ -111,7 +111,7 @@ def _moving(
             return x, reached
     raise SessionError(
         f"the loop of {arm.name} in fixture {fixture.name} does not close near home with room for "
-        f"{least} poses in any of {TRIES} drawn mountings",
+        f"{least} poses in any of {SIMULATION_TRIES} drawn mountings",
         "check the fixture's placement and the arm's home pose (sarcal plan), or ask for fewer poses",
     )
 

@@ -27,7 +27,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhKind
 from solver.chain.poses import PoseSet
 
-FILES = {
+EXPORT_FILES = {
     "json": "result.json",
     "csv": "parameters.csv",
     "urdf": "arm.urdf",
@@ -62,7 +62,7 @@ class Calibration:
 
 
 def in_format(found: Calibration, kind: str) -> bytes:
-    """Return the bytes of one of `FILES`."""
+    """Return the bytes of one of `EXPORT_FILES`."""
     return {"json": _json, "csv": _csv, "urdf": _urdf, "mat": _mat}[kind](found)
 
 

@@ -10,7 +10,7 @@ from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import (
     ANGLE,
     LENGTH,
-    NOT_KNOWN,
+    NOT_AVAILABLE,
     Figure,
     Key,
     Quantity,
@@ -224,7 +224,7 @@ def dh_table(solution: Solution) -> FactTable | None:
         for kind in kinds:
             quantity = _of(kind)
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
-                cells += [NOT_KNOWN, ""]
+                cells += [NOT_AVAILABLE, ""]
                 continue
             value = float(found[kind, row])
             cells += [

@@ -14,7 +14,7 @@ from operator_app.units import (
     CLOSURE_LENGTH,
     LSB,
     NOISE_ANGLE,
-    NOT_KNOWN,
+    NOT_AVAILABLE,
     SHARE,
     Figure,
     places_needed,
@@ -63,7 +63,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
             (
                 f"{j} {joint.name}",
                 sensor_words(joint.sensor, used=j in used),
-                subject.modes[j - 1] if subject.modes else NOT_KNOWN,
+                subject.modes[j - 1] if subject.modes else NOT_AVAILABLE,
                 Figure(noise, CLOSURE_ANGLE, digits=2),
                 Figure(float(stated[j - 1]) or None, CLOSURE_ANGLE, digits=2),
                 Figure(rms, CLOSURE_ANGLE, digits=2),
@@ -162,7 +162,7 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
 
     def fit_residuals(k: int | None) -> tuple[Cell, ...]:
         if estimate is None or k is None:
-            return NOT_KNOWN, NOT_KNOWN, NOT_KNOWN
+            return NOT_AVAILABLE, NOT_AVAILABLE, NOT_AVAILABLE
         split = estimate.rotation_rows
         turned = float(np.linalg.norm(estimate.residual[k, :split])) if split else None
         chi2 = None if estimate.pose_chi2 is None else float(estimate.pose_chi2[k])

@@ -27,7 +27,7 @@ from operator_app.tui.steps.fixture import FixtureView
 from operator_app.tui.steps.modes import ModesView
 from operator_app.tui.steps.results import ResultsView
 from operator_app.tui.steps.view import StepView
-from operator_app.tui.theme import SMALLEST, is_compact
+from operator_app.tui.theme import SMALLEST_TERMINAL, is_compact
 from operator_app.tui.widgets.status import Banner, Log, SafetyStrip
 
 
@@ -209,7 +209,7 @@ class TooSmall(Lines, can_focus=False):
 
     def show_size(self, width: int, height: int) -> None:
         """Show the present and the needed size."""
-        columns, rows = SMALLEST
+        columns, rows = SMALLEST_TERMINAL
         text = f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}."
         self.show_lines(
             [
@@ -328,7 +328,7 @@ class MainScreen(Screen[None]):
         width, height = event.size
         compact = is_compact(width, height)
         self.set_class(compact, "-compact")
-        self.set_class(width < SMALLEST[0] or height < SMALLEST[1], "-small")
+        self.set_class(width < SMALLEST_TERMINAL[0] or height < SMALLEST_TERMINAL[1], "-small")
         for view in self.steps:
             view.set_compact(compact)
         self.too_small.show_size(width, height)

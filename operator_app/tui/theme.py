@@ -79,7 +79,7 @@ class Look:
 
 STOP_WIDTH = 16
 """Columns at the left end of the strip that a click takes for STOP."""
-SMALLEST = (80, 24)
+SMALLEST_TERMINAL = (80, 24)
 LARGE = (110, 32)
 
 

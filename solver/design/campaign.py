@@ -36,7 +36,7 @@ SPARE_POSES = 4
 """Poses in addition to the minimum before an interim calibration is tried."""
 MOST_UNREACHED = 12
 """Chosen poses in a row to which no path is found before the campaign ends."""
-EASIER = 0.7
+EASIER_LEVERAGE = 0.7
 """Share of the least leverage that is accepted when nothing else can be reached."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
@@ -232,8 +232,8 @@ class Campaign:
                     task,
                     limits=replace(
                         task.limits,
-                        least_leverage=EASIER * task.limits.least_leverage,
-                        most_rate=task.limits.most_rate / EASIER,
+                        least_leverage=EASIER_LEVERAGE * task.limits.least_leverage,
+                        most_rate=task.limits.most_rate / EASIER_LEVERAGE,
                     ),
                     pose_leverage=task.limits.least_leverage,
                 ),

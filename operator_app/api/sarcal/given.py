@@ -21,14 +21,14 @@ if TYPE_CHECKING:
 LARGEST_TOLERANCE_MM = 100.0
 """As ``--length-tolerance``."""
 
-LONGEST = 80
+LONGEST_SHOWN = 80
 """Characters of what was given, as an error shows it."""
 
 
 def shown(value: Any) -> str:
     """Return what was given in one short line."""
     short = reprlib.Repr()
-    short.maxother = short.maxstring = LONGEST
+    short.maxother = short.maxstring = LONGEST_SHOWN
     return " ".join(short.repr(value).split())
 
 

@@ -19,7 +19,7 @@ from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import save_poses
 from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, read_limited
 from operator_app.errors import SessionError
-from operator_app.report.exports import FILES, Calibration, in_format, into_description
+from operator_app.report.exports import EXPORT_FILES, Calibration, in_format, into_description
 from operator_app.report.facts import Facts, facts_of
 from operator_app.report.html.markup import element, join, table_html
 from operator_app.report.html.page import REPORT_NAME, report_html
@@ -265,7 +265,7 @@ class Result:
         session.write(
             folder=where,
             overwrite=overwrite,
-            stale=(PARAMETERS_NAME, POSES_NAME, REPORT_NAME, *FILES.values()),
+            stale=(PARAMETERS_NAME, POSES_NAME, REPORT_NAME, *EXPORT_FILES.values()),
         )
         save_poses(where / POSES_NAME, session.state.pose_set())
         if self.accepted and self._has_table:
@@ -314,8 +314,8 @@ class Result:
             raise TypeError(f'force={force!r}: say why, as force="why"')
         target = Path(path)
         kind = target.suffix.removeprefix(".")
-        if into is None and kind not in (*YAML, *FILES):
-            raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(FILES)}")
+        if into is None and kind not in (*YAML, *EXPORT_FILES):
+            raise ValueError(f"{target.name}: end in .yaml, .{', .'.join(EXPORT_FILES)}")
         forced = export_reason(self._solution, force, say_it_by='force="why"')
         if into is None and kind in YAML:
             save_parameters(target, self._document(forced=forced))

@@ -76,7 +76,7 @@ def _attribute(value: Attribute) -> str:
     return str(value)
 
 
-OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
+WRITTEN_OPTION = re.compile(r"--[a-z-]+(?: \d[\d,]*)?")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,7 +140,7 @@ def prose(words: str) -> Html:
     """Return a sentence in which options of the command line stand out and stay in one piece."""
     parts: list[str] = []
     end = 0
-    for found in OPTION.finditer(words):
+    for found in WRITTEN_OPTION.finditer(words):
         parts += [
             typeset(words[end : found.start()]),
             element("code", found.group(), class_="whole"),
@@ -219,7 +219,7 @@ def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
     return " ".join(classes) or None
 
 
-LIGHT = {
+LIGHT_COLOURS = {
     "page": "#ffffff",
     "panel": "#f4f6f8",
     "text": "#1c2126",
@@ -236,7 +236,7 @@ LIGHT = {
     "plus": "11 92 158",
     "minus": "176 84 0",
 }
-DARK = {
+DARK_COLOURS = {
     "page": "#14171b",
     "panel": "#1d2126",
     "text": "#e2e6ea",
@@ -289,7 +289,7 @@ svg .axis,svg .legend{fill:var(--text)}
 """Style of the content of a picture."""
 
 STYLE = (
-    f":root{{color-scheme:light dark;{_variables(LIGHT)}}}\n"
-    f"@media screen and (prefers-color-scheme:dark){{:root{{{_variables(DARK)}}}}}\n"
+    f":root{{color-scheme:light dark;{_variables(LIGHT_COLOURS)}}}\n"
+    f"@media screen and (prefers-color-scheme:dark){{:root{{{_variables(DARK_COLOURS)}}}}}\n"
     f"{_HEAT}\n{PLOT_RULES}{Path(__file__).with_name('report.css').read_text('utf-8')}"
 )

@@ -26,7 +26,7 @@ ASPECT = 1.25
 AXIS_M = 0.08
 """Half the length at which a hinge's axis is drawn."""
 ENLARGED = (1, 2, 5, 10, 20, 50, 100)
-GAP_SHARE = 0.15
+PANEL_GAP_SHARE = 0.15
 """Largest width of the drawn gap between tool and fixture, as a share of the picture's size."""
 
 
@@ -147,7 +147,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     view = _view(before.chain, np.array([0.0, 0.0, 1.0]) if masses is None else -masses.down)
     sizes = [float(np.linalg.norm(s.gap)) for s in (before, after)]
     reach = float(np.ptp(before.chain @ view.T, axis=0).max())
-    times = max((k for k in ENLARGED if k * max(sizes) <= GAP_SHARE * reach), default=1)
+    times = max((k for k in ENLARGED if k * max(sizes) <= PANEL_GAP_SHARE * reach), default=1)
     kind = subject.procedure.fixture.kind
     words = MEASURED if kind == "measured" else HELD
     labels = (words.there or f"{kind}, table", f"{kind}, hand")

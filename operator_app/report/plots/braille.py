@@ -116,12 +116,12 @@ def _whole(place: float) -> int:
     return math.floor(place + _LAST_BITS)
 
 
-COLUMNS, ROWS = 66, 16
+COLUMNS, BAR_ROWS = 66, 16
 """Size of the drawing in cells, without its scales."""
-BAR = 46
-SCALE = 9
+BAR_CELLS = 46
+SCALE_CELLS = 9
 """Cells of the scale at the left."""
-BESIDE = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2))
+NEIGHBOURS = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2))
 """Where a label goes (rows down, labels to the right) while its place is taken."""
 
 
@@ -147,9 +147,9 @@ def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
         full = joint.upper_rad - joint.lower_rad
 
         def cell(angle: float, low: float = joint.lower_rad, full: float = full) -> int:
-            return min(BAR - 1, max(0, int((angle - low) / full * BAR)))
+            return min(BAR_CELLS - 1, max(0, int((angle - low) / full * BAR_CELLS)))
 
-        bar = [empty] * BAR
+        bar = [empty] * BAR_CELLS
         for c in range(cell(reach[k, 0]), cell(reach[k, 1]) + 1):
             bar[c] = reached
         for pose in shown.poses:
@@ -169,7 +169,7 @@ class Plane:
     """
 
     def __init__(self, shown: Preview, across: int, up: int, *, ascii_only: bool) -> None:
-        self._canvas = Canvas(COLUMNS, ROWS, ascii_only=ascii_only)
+        self._canvas = Canvas(COLUMNS, BAR_ROWS, ascii_only=ascii_only)
         self._shown, self._axes = shown, (across, up)
         self._labelled: set[tuple[int, int]] = set()
         self._left, self._bottom = ("|", "-") if ascii_only else ("│", "─")
@@ -198,9 +198,9 @@ class Plane:
         x, y = self._at(q_rad)
         column, row = int(x) // 2, int(y) // 4
         # First where no other label touches it: 6 beside 7 would read as 67.
-        for gap, (down, right) in product((1, 0), BESIDE):
+        for gap, (down, right) in product((1, 0), NEIGHBOURS):
             cells = [(row + down, column + right * len(text) + k) for k in range(len(text))]
-            inside = all(0 <= r < ROWS and 0 <= c < COLUMNS for r, c in cells)
+            inside = all(0 <= r < BAR_ROWS and 0 <= c < COLUMNS for r, c in cells)
             around = {(r, c + k) for r, c in cells for k in range(-gap, gap + 1)}
             if inside and not self._labelled & around:
                 self._labelled.update(cells)
@@ -217,11 +217,11 @@ class Plane:
         for k, row in enumerate(rows):
             share = (k + 0.5) / len(rows)
             scale = WHOLE_DEGREES(high[1] - share * (high[1] - low[1])).shown if k % 5 == 0 else ""
-            yield f"{scale:>{SCALE - 2}} {self._left}{row}".rstrip()
-        yield " " * (SCALE - 1) + self._left + self._bottom * COLUMNS
+            yield f"{scale:>{SCALE_CELLS - 2}} {self._left}{row}".rstrip()
+        yield " " * (SCALE_CELLS - 1) + self._left + self._bottom * COLUMNS
         first, last = (WHOLE_DEGREES(v[0]).shown for v in (low, high))
         name = f"J{across + 1} {unit}".center(COLUMNS - 16)
-        yield f"{' ' * SCALE}{first:<8}{name}{last:>8}"
+        yield f"{' ' * SCALE_CELLS}{first:<8}{name}{last:>8}"
 
     def _at(self, q_rad: FloatArray) -> tuple[float, float]:
         across, up = self._axes

@@ -20,11 +20,11 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 from operator_app.errors import SessionError
 from operator_app.report.facts import Facts
-from operator_app.report.html.markup import LIGHT, PLOT_RULES, Html, element
+from operator_app.report.html.markup import LIGHT_COLOURS, PLOT_RULES, Html, element
 from operator_app.report.plots import before_after, calibration_plots
 from operator_app.report.plots.plot import Axis, Picture, axis, log_axis
 from operator_app.report.plots.strips import Bars, bars
-from operator_app.report.plots.svg import WIDTH, draw, label
+from operator_app.report.plots.svg import PLOT_WIDTH, draw, label
 from operator_app.report.subject import Subject
 from operator_app.report.table import FactTable
 from operator_app.units import ANGLE, LENGTH, Figure
@@ -113,19 +113,19 @@ def _document(of: Panels) -> str:
             title = f"({chr(ord('a') + first + k)}) {words[first + k]}".rstrip()
             headed = len(of.pictures) > 1
             above = [label(title, 2.0, -4.0, class_="legend")] if headed else []
-            at = f"translate({WIDTH * k:g} {top + (TITLE if headed else 0.0):g})"
+            at = f"translate({PLOT_WIDTH * k:g} {top + (TITLE if headed else 0.0):g})"
             parts.append(element("g", *above, *drawn.parts, transform=at))
             tallest = max(tallest, drawn.height + (TITLE if headed else 0.0))
         top += tallest
     width_mm = ONE_COLUMN_MM if columns == 1 else TWO_COLUMNS_MM
     return element(
         "svg",
-        element("style", Html(_style(LIGHT))),
+        element("style", Html(_style(LIGHT_COLOURS))),
         *parts,
         xmlns="http://www.w3.org/2000/svg",
-        viewBox=f"0 0 {WIDTH * columns:g} {top:g}",
+        viewBox=f"0 0 {PLOT_WIDTH * columns:g} {top:g}",
         width=f"{width_mm}mm",
-        height=f"{width_mm * top / (WIDTH * columns):.1f}mm",
+        height=f"{width_mm * top / (PLOT_WIDTH * columns):.1f}mm",
     )
 
 

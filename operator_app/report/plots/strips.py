@@ -16,8 +16,8 @@ from operator_app.report.html.markup import Html, element, figure
 from operator_app.report.plots.calibration_plots import pose_axis
 from operator_app.report.plots.plot import Axis, Shape
 from operator_app.report.plots.svg import (
+    PLOT_WIDTH,
     RIGHT,
-    WIDTH,
     Drawn,
     label,
     mark,
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
 
 
 ROW = 34.0
-NAME = 74.0
-SCALE = 40.0
+NAME_WIDTH = 74.0
+SCALE_WIDTH = 40.0
 HEAD, FOOT = 16.0, 32.0
-BAR, LEGEND = 13.0, 12.0
+BAR_HEIGHT, LEGEND = 13.0, 12.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,9 +72,9 @@ def strips(
     rows: Sequence[Strip],
 ) -> Html:
     """Draw each row on a scale of its own, written at its right, over one x axis."""
-    right = WIDTH - RIGHT - SCALE
+    right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + FOOT
-    parts = [label(f"full scale [±{unit}]", WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
+    parts = [label(f"full scale [±{unit}]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
     for k, row in enumerate(rows):
         top = HEAD + ROW * k
         middle, half = top + 0.5 * ROW, 0.5 * ROW - 3.0
@@ -83,20 +83,20 @@ def strips(
         parts.append(
             element(
                 "rect",
-                x=NAME,
+                x=NAME_WIDTH,
                 y=middle - band,
-                width=right - NAME,
+                width=right - NAME_WIDTH,
                 height=2.0 * band,
                 class_="band",
             )
         )
-        parts.append(segment(NAME, middle, right, middle, "zero"))
-        parts.append(segment(2.0, top + ROW, WIDTH - 2.0, top + ROW, "grid"))
+        parts.append(segment(NAME_WIDTH, middle, right, middle, "zero"))
+        parts.append(segment(2.0, top + ROW, PLOT_WIDTH - 2.0, top + ROW, "grid"))
         parts.append(label(row.name, 2.0, middle + 3.6, class_="legend"))
-        parts.append(label(significant(reach, 2), WIDTH - 2.0, middle + 3.6, anchor="end"))
+        parts.append(label(significant(reach, 2), PLOT_WIDTH - 2.0, middle + 3.6, anchor="end"))
         colour = "c" if row.odd else "a"
         for a, value in zip(at, row.values, strict=True):
-            here = x.place(a, NAME, right)
+            here = x.place(a, NAME_WIDTH, right)
             y = middle - half * value / reach
             parts.append(segment(here, middle, here, y, f"stem {colour}"))
             parts.append(mark("dot", here, y, 1.7, colour))
@@ -108,7 +108,7 @@ def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
     """Ticks and title of the axis that all rows share."""
     parts = []
     for value, words in zip(x.ticks, x.tick_texts, strict=True):
-        here = x.place(value, NAME, right)
+        here = x.place(value, NAME_WIDTH, right)
         parts.append(segment(here, foot, here, foot + 3.5, "frame"))
         parts.append(label(words, here, foot + 14.0, anchor="middle"))
     return [*parts, label(x.title, right, foot + FOOT - 3.0, class_="axis", anchor="end")]
@@ -136,10 +136,10 @@ class Bars:
 
 def bars(of: Bars) -> Drawn:
     """Draw the rows below a legend of three labels a line."""
-    right, bars = WIDTH - RIGHT, list(of.bars.items())
+    right, bars = PLOT_WIDTH - RIGHT, list(of.bars.items())
     labels = [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
-    foot = top + BAR * len(of.names)
+    foot = top + BAR_HEIGHT * len(of.names)
     # One kind of bar is what its marks are known to; several are told apart.
     fill = "ribbon" if len(bars) == 1 else "bar b{}"
     shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
@@ -153,23 +153,23 @@ def bars(of: Bars) -> Drawn:
         )
         parts.append(label(words, x + 12.0, y, class_="legend"))
     for value in of.x.ticks:
-        here = of.x.place(value, NAME, right)
+        here = of.x.place(value, NAME_WIDTH, right)
         parts.append(segment(here, top, here, foot, "zero" if value == 0.0 else "grid"))
     for k, name in enumerate(of.names):
-        y = top + BAR * k
+        y = top + BAR_HEIGHT * k
         parts.append(label(name, 2.0, y + 8.6, class_="legend"))
         for number, (_, pieces) in enumerate(bars):
-            start, end = (of.x.place(value, NAME, right) for value in pieces[k])
+            start, end = (of.x.place(value, NAME_WIDTH, right) for value in pieces[k])
             parts.append(
                 element(
-                    "rect", x=start, y=y + 2.0, width=max(0.0, end - start), height=BAR - 4.0,
+                    "rect", x=start, y=y + 2.0, width=max(0.0, end - start), height=BAR_HEIGHT - 4.0,
                     class_=fill.format(number),
                 )
             )  # fmt: skip
         for (shape, colour), values in zip(shapes, of.marks.values(), strict=False):
             if math.isfinite(values[k]):
-                here = of.x.place(values[k], NAME, right)
-                parts.append(mark(shape, here, y + 0.5 * BAR, 2.4, colour))
+                here = of.x.place(values[k], NAME_WIDTH, right)
+                parts.append(mark(shape, here, y + 0.5 * BAR_HEIGHT, 2.4, colour))
     return Drawn(foot + FOOT, (*parts, *_x_axis(of.x, right, foot)))
 
 
@@ -193,11 +193,11 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
 
     Bars have the full width, less what values beyond the range need.
     """
-    right = WIDTH - RIGHT - SCALE
+    right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + 4.0
     parts = [
-        label(f"end of range [{unit}]", NAME, 10.0, class_="axis"),
-        label("covered [%]", WIDTH - 2.0, 10.0, class_="axis", anchor="end"),
+        label(f"end of range [{unit}]", NAME_WIDTH, 10.0, class_="axis"),
+        label("covered [%]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end"),
     ]
     for k, row in enumerate(rows):
         top = HEAD + ROW * k + 4.0
@@ -209,8 +209,8 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
             high=max(row.high, *row.values),
             ticks=(),
         )
-        low, high = (scale.place(v, NAME, right) for v in (row.low, row.high))
-        start, end = (scale.place(v, NAME, right) for v in (min(row.values), max(row.values)))
+        low, high = (scale.place(v, NAME_WIDTH, right) for v in (row.low, row.high))
+        start, end = (scale.place(v, NAME_WIDTH, right) for v in (min(row.values), max(row.values)))
         parts += [
             label(row.name, 2.0, top + 9.0, class_="legend"),
             element(
@@ -218,12 +218,12 @@ def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequenc
             ),
             element("rect", x=low, y=top, width=high - low, height=11.0, class_="range"),
         ]
-        marks = (scale.place(v, NAME, right) for v in row.values)
+        marks = (scale.place(v, NAME_WIDTH, right) for v in row.values)
         parts += [segment(x, top, x, top + 11.0, "rug") for x in marks]
         parts += [
             label(fixed(row.low, 0), low, top + 22.0),
             label(fixed(row.high, 0), high, top + 22.0, anchor="end"),
-            label(fixed(100.0 * row.covered, 0), WIDTH - 2.0, top + 9.0, anchor="end"),
+            label(fixed(100.0 * row.covered, 0), PLOT_WIDTH - 2.0, top + 9.0, anchor="end"),
         ]
     return picture(ident, title, description, height, parts)
 

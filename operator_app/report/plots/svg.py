@@ -23,7 +23,7 @@ from operator_app.report.plots.plot import (
 )
 from operator_app.units import typeset
 
-WIDTH, HEIGHT = 360.0, 196.0
+PLOT_WIDTH, HEIGHT = 360.0, 196.0
 LEFT, RIGHT, TOP, BOTTOM = 46.0, 8.0, 22.0, 34.0
 LARGEST_MARK = 5.0
 """Radius of a mark whose area is 1."""
@@ -33,7 +33,7 @@ CHARACTER = 6.2
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The parts of a picture `WIDTH` wide."""
+    """The parts of a picture `PLOT_WIDTH` wide."""
 
     height: float
     parts: tuple[Html, ...]
@@ -48,8 +48,8 @@ def plot(of: Picture) -> Html:
 def draw(of: Picture) -> Drawn:
     """Draw layers, first ones below, in one frame."""
     x, y, layers = of.x, of.y, of.layers
-    height = HEIGHT if of.aspect == 0.0 else (WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
-    right, bottom = WIDTH - RIGHT, height - BOTTOM
+    height = HEIGHT if of.aspect == 0.0 else (PLOT_WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
+    right, bottom = PLOT_WIDTH - RIGHT, height - BOTTOM
     parts = [*_grid(x, y, right, bottom)]
     usual = _mark_size(
         max((len(layer.x) for layer in layers if isinstance(layer, Marks)), default=0)
@@ -85,7 +85,7 @@ def picture(ident: str, title: str, description: str, height: float, parts: Iter
         element("title", title, id=f"{ident}-t"),
         element("desc", description, id=f"{ident}-d"),
         *parts,
-        viewBox=f"0 0 {WIDTH:g} {height:g}",
+        viewBox=f"0 0 {PLOT_WIDTH:g} {height:g}",
         role="img",
         aria_labelledby=f"{ident}-t {ident}-d",
         class_="plot",

@@ -38,11 +38,11 @@ if TYPE_CHECKING:
     from solver.diagnostics.identifiability import Identifiability
 
 
-UNITS = (
+UNITS_NOTE = (
     "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "
     "Angles are what the sensors read; joint angle = reading + theta_off."
 )
-UNSEEN = (
+FORECAST_NOTE = (
     "! Whether these poses allow a calibration was not checked: name the arm and the fixture "
     "as well, or the procedure."
 )
@@ -69,8 +69,8 @@ def check_text(found: Found, chains: Sequence[Chain]) -> str:
         + aligned_left([[looked.source.file, in_words(looked)] for looked in found.files]),
         *(_arm(arm) for arm in arms.values()),
         *(_chain(chain) for chain in chains),
-        *([paragraph(UNSEEN)] if found.of("poses") and not chains else []),
-        paragraph(UNITS),
+        *([paragraph(FORECAST_NOTE)] if found.of("poses") and not chains else []),
+        paragraph(UNITS_NOTE),
     ]
     return "\n\n".join(blocks)
 

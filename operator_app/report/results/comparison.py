@@ -19,7 +19,7 @@ NO_DRIFT = "no significant drift"
 MADE_OTHERWISE = {"ESTIMATOR", "ENTRIES", "TABLE"}
 """Codes of notices about differences that move parameters of an unchanged arm."""
 
-NOTHING = "same poses: nothing follows for the arm"
+NOTHING_FOLLOWS = "same poses: nothing follows for the arm"
 
 
 def comparison_text(found: CalibrationComparison) -> str:
@@ -39,7 +39,7 @@ def comparison_text(found: CalibrationComparison) -> str:
 def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
     """Return the object of `sarcal compare --json`: deg and m, as in the documents."""
     return {
-        "verdict": NOTHING if found.same_poses else DRIFTED if found.drifted else NO_DRIFT,
+        "verdict": NOTHING_FOLLOWS if found.same_poses else DRIFTED if found.drifted else NO_DRIFT,
         "drifted": [d.name for d in found.drifted],
         "level": found.level,
         "threshold_sigmas": found.threshold_sigmas,

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from solver.design.drive_joints import RankedDrives
 
 
-SHOWN = 6
+SHOWN_SETS = 6
 """Drive sets in the table."""
 WEAKEST = 4
 """Parameters of the weakest direction that are listed."""
@@ -79,7 +79,7 @@ def _checks(shown: Preview) -> list[str]:
 def _drives(shown: Preview) -> str:
     """The ranking over the region, what the same sets do at the start, and the choice."""
     here = {r.drives: r for r in shown.choice.prediction.here}
-    listed = list(shown.choice.prediction.region[:SHOWN])
+    listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):
         listed += [r for r in shown.choice.prediction.region if r.drives == shown.choice.drives]
     rows = [["joints", "score", "reach", "leverage", "at start", "passive", ""]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from operator_app.planning.reproduction import (
-    CONDITION,
+    PUBLISHED_CONDITION,
     SIGMA_ORI_RAD,
     SIGMA_POS_M,
     Published,
@@ -128,7 +128,7 @@ def _quality(found: Published) -> FactTable:
         (
             "scaled condition number",
             "",
-            Figure(CONDITION),
+            Figure(PUBLISHED_CONDITION),
             Figure(seen.scaled_condition_number),
             "",
         ),

@@ -119,7 +119,7 @@ def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
     return "\n".join([*lines, f"            SHA-256 {uploaded['sha256']}"])
 
 
-MOST_POSES = 60
+MOST_POSES_LISTED = 60
 """Rows of the table at most; `poses.csv` has all poses."""
 
 
@@ -193,7 +193,7 @@ def _exported(state: SessionState) -> str:
 
 
 def _poses(state: SessionState) -> FactTable:
-    shown = state.poses[:MOST_POSES]
+    shown = state.poses[:MOST_POSES_LISTED]
     several = len({p.placement for p in state.poses}) > 1
     rows: list[tuple[Cell, ...]] = []
     for pose in shown:
@@ -225,14 +225,14 @@ def _poses(state: SessionState) -> FactTable:
     )
 
 
-KEPT, RESTORED, LOST = "kept", "restored", "lost"
+KEPT_POSE, RESTORED, LOST = "kept", "restored", "lost"
 
 
 def fate(line: RepairedLine) -> str:
     """Return what was done with a line, in a word."""
     if line.event is None:
         return LOST
-    return RESTORED if line.words else KEPT
+    return RESTORED if line.words else KEPT_POSE
 
 
 def repair_json(found: RepairResult) -> dict[str, Any]:
@@ -265,7 +265,7 @@ def repair_text(found: RepairResult) -> str:
         )
     said = [paragraph(f"{folder}: repaired. The damaged journal is untouched in {found.aside}.")]
     for what, some in groupby(found.lines, key=fate):
-        if what is KEPT:
+        if what is KEPT_POSE:
             first, *others = some
             last = others[-1].number if others else first.number
             span = f"line {first.number}" if not others else f"lines {first.number} to {last}"

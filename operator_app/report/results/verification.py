@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from solver.diagnostics.prediction import CommonShift
 
 
-WORST = 5
+OUTLIERS_LISTED = 5
 """Outliers that are listed."""
 
 
@@ -92,7 +92,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
     if verdict.odd_poses:
         worst = ", ".join(
             f"{poses.label[k]} (chance {significant(float(found.pose_probability[k]), 2)})"
-            for k in verdict.odd_poses[:WORST]
+            for k in verdict.odd_poses[:OUTLIERS_LISTED]
         )
         notices.append(f"look at pose {worst}")
     if not verdict.holds and not np.all(found.closed):

@@ -94,7 +94,7 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
     )
 
 
-FALSE_REFUSAL_PROBABILITY = 1e-12
+LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12
 """Probability of refusing an arm within its stated tolerances (taken as three standard deviations).
 
 As small as this, because files can be far off: offsets by 25 deg, hinges by 40 mm and 15 deg.
@@ -159,7 +159,7 @@ def check_closure_without_poses(
         remedy = _reset_remedy(list(reset), where)
         raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
     if probability >= (
-        FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
+        LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
         return probability
     explaining = _joints_that_explain(loop)

@@ -21,7 +21,7 @@ MAX_INTEGER = 2**53
 """Larger integers have no exact double."""
 MAX_ANGLE_RAD = 20.0 * math.pi
 """As in a poses file: sensor angles may exceed one turn, not ten."""
-MAX_JOINTS = 100
+MOST_JOINTS_RECORDED = 100
 UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 
 
@@ -96,7 +96,7 @@ def boolean(value: Any, _: int | None) -> str:
 
 def joint_number(value: Any, joints: int | None) -> str:
     """Accept the number of a joint, from 1."""
-    most = joints or MAX_JOINTS
+    most = joints or MOST_JOINTS_RECORDED
     problem = integer(1)(value, joints)
     return problem or ("" if value <= most else f"there is no joint {_quoted(value)}, of {most}")
 
@@ -144,14 +144,14 @@ def per_joint(item: Check) -> Check:
             return problem
         if joints is not None and len(value) != joints:
             return f"has {len(value)} items, {joints} joints need {joints}"
-        return "" if 1 <= len(value) <= MAX_JOINTS else f"has {len(value)} items"
+        return "" if 1 <= len(value) <= MOST_JOINTS_RECORDED else f"has {len(value)} items"
 
     return check
 
 
 def endpoint(value: Any, joints: int | None) -> str:
     """Accept a measured endpoint: position (3 items) or position and rotation vector (6)."""
-    problem = list_of(ANGLE)(value, joints)
+    problem = list_of(AN_ANGLE)(value, joints)
     return problem or ("" if len(value) in (3, 6) else f"has {len(value)} items instead of 3 or 6")
 
 
@@ -216,12 +216,12 @@ def _quoted(value: Any) -> str:
 
 # -- the events ----------------------------------------------------------------------------------
 
-ANGLE = number(-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
-ANGLES = per_joint(ANGLE)
+AN_ANGLE = number(-MAX_ANGLE_RAD, MAX_ANGLE_RAD)
+ANGLES = per_joint(AN_ANGLE)
 DEVIATIONS = per_joint(number(0.0, MAX_ANGLE_RAD))
 COUNT = integer(1)
 JOINTS = list_of(joint_number)
-SECONDS = number(0.0)
+A_DURATION = number(0.0)
 OBJECT = mapping_of(text, anything)
 
 SETTINGS = object_with(
@@ -261,7 +261,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
     },
     "reset": {"joints?": JOINTS, "code?": integer(0)},
     "sensor_fault": {"joint": joint_number, "text": text},
-    "late": {"times": COUNT, "last_s": SECONDS, "longest_s": SECONDS},
+    "late": {"times": COUNT, "last_s": A_DURATION, "longest_s": A_DURATION},
     "return_holds": {"of?": integer(0)},
     "standing": {
         "told?": text,
@@ -316,7 +316,7 @@ EVENTS: Mapping[str, Mapping[str, Check]] = {
         "captured": list_of(COUNT),
     },
     "campaign_move": {
-        "targets_rad": mapping_of(joint_key, ANGLE),
+        "targets_rad": mapping_of(joint_key, AN_ANGLE),
         "q_rad": ANGLES,
         "stopped?": text,
     },

@@ -21,16 +21,16 @@ from typing import Any, NoReturn
 from operator_app.errors import JournalDamagedError, JournalError, JournalForeignError
 
 JOURNAL_NAME = "journal.jsonl"
-SCHEMA = "sarcal/journal/1"
+JOURNAL_SCHEMA = "sarcal/journal/1"
 """Version of the format, in the first line; journals of earlier versions have no such key."""
 
 MAX_BYTES = 256 * 1024 * 1024
 """About ten thousand poses with a calibration after each."""
 
-KEYS = ("seq", "utc", "event", "data", "sum")
-SUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
+LINE_KEYS = ("seq", "utc", "event", "data", "sum")
+CHECKSUM = re.compile(rb',"sum":"([0-9a-f]{16})"\}')
 """End of a line."""
-VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
+JOURNAL_VERSION = re.compile(r"sarcal/journal/([1-9][0-9]{0,8})")
 BEGINNINGS = (b'{"schema":"sarcal/journal/', b'{"seq":1,"utc":"')
 MAX_CHANGED_BYTES = 3
 """Number of bytes in which a damaged first line may differ from one of these."""
@@ -77,7 +77,7 @@ def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     ValueError
         JSON cannot represent the data.
     """
-    head = {"schema": SCHEMA} if event.seq == 1 else {}
+    head = {"schema": JOURNAL_SCHEMA} if event.seq == 1 else {}
     record = {
         **head,
         "seq": event.seq,
@@ -99,7 +99,7 @@ def checksum(previous: str, body: bytes) -> str:
 
 def split_checksum(line: bytes) -> tuple[bytes, str] | None:
     """Return a line without its checksum, and the checksum; None if it does not end in one."""
-    found = SUM.search(line, max(len(line) - 26, 0))
+    found = CHECKSUM.search(line, max(len(line) - 26, 0))
     if found is None or found.end() != len(line):
         return None
     return line[: found.start()] + b"}", found[1].decode()
@@ -136,11 +136,11 @@ def parse_line(line: bytes, number: int, *, any_number: bool = False) -> Journal
     if not isinstance(record, dict):
         raise BadLineError("it is not a journal line")
     schema = record.pop("schema", None) if number == 1 or any_number else None
-    if schema is not None and schema != SCHEMA:
+    if schema is not None and schema != JOURNAL_SCHEMA:
         raise JournalForeignError(*_other_version(schema))
-    seq, utc, name, data = (record.get(key) for key in KEYS[:-1])
+    seq, utc, name, data = (record.get(key) for key in LINE_KEYS[:-1])
     if (
-        set(record) != set(KEYS)
+        set(record) != set(LINE_KEYS)
         or type(seq) is not int
         or not isinstance(utc, str)
         or not isinstance(name, str)
@@ -248,7 +248,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
             "delete the folder, or restore the file from a copy",
         )
     if any(_resembles(first, begin, torn=not complete) for begin in BEGINNINGS) or any(
-        SUM.search(line) for line in complete[:100]
+        CHECKSUM.search(line) for line in complete[:100]
     ):
         _require_version(first, path)
         return
@@ -263,10 +263,10 @@ def _require_version(first: bytes, path: Path) -> None:
     """Raise for a first line of another version, unless its checksum shows that the version is damaged."""
     found = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
-    if found is None or found[1].decode(errors="replace") == SCHEMA:
+    if found is None or found[1].decode(errors="replace") == JOURNAL_SCHEMA:
         return
     if split is not None:
-        mended = split[0].replace(found[1], SCHEMA.encode(), 1)
+        mended = split[0].replace(found[1], JOURNAL_SCHEMA.encode(), 1)
         if checksum("", mended) == split[1]:
             return
     happened, remedy = _other_version(found[1].decode(errors="replace"))
@@ -274,9 +274,9 @@ def _require_version(first: bytes, path: Path) -> None:
 
 
 def _other_version(schema: object) -> tuple[str, str]:
-    if isinstance(schema, str) and VERSION.fullmatch(schema):
+    if isinstance(schema, str) and JOURNAL_VERSION.fullmatch(schema):
         return (
-            f"has the format {schema}; this program reads {SCHEMA} and earlier",
+            f"has the format {schema}; this program reads {JOURNAL_SCHEMA} and earlier",
             "read it with the version of sarcal that wrote it, or a newer one",
         )
     return "is not a journal: its schema is unknown", "move it away, or name another session"

@@ -44,8 +44,8 @@ MAX_BIT_SEARCH_BYTES = 40_000
 """Longest line, in bytes, in which a flipped bit is searched for: a few seconds."""
 NEWLINE = 0x0A
 BITS = tuple(1 << k for k in range(8))
-NAME = re.compile(rb'"event":"([a-z_]{1,40})"')
-NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
+EVENT_NAME = re.compile(rb'"event":"([a-z_]{1,40})"')
+POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,7 +214,7 @@ def _checksum_problem(line: bytes) -> str:
 
 def _event_hint(line: bytes) -> str:
     """Return what can still be read of a lost line: event and pose number."""
-    name, number = NAME.search(line), NUMBER.search(line)
+    name, number = EVENT_NAME.search(line), POSE_NUMBER.search(line)
     if name is None:
         return ""
     pose = f" {number[1].decode()}" if number is not None else ""

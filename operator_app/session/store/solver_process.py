@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-LOOK_S = 0.02
+PROCESS_POLL_S = 0.02
 """Interval of the calls of `go_on`."""
 NICENESS = 5
 """Added to the niceness of the process: screen and bus have priority."""
@@ -62,7 +62,7 @@ class SolvingProcess:
     Parameters
     ----------
     go_on
-        Called every `LOOK_S` and at each progress report; an exception from it ends the process.
+        Called every `PROCESS_POLL_S` and at each progress report; an exception from it ends the process.
     """
 
     def __init__(self, go_on: Callable[[], None] = lambda: None) -> None:
@@ -106,7 +106,7 @@ class SolvingProcess:
             connection.send((function, args, options, progress is not None))
             while True:
                 self._go_on()
-                if not connection.poll(LOOK_S):
+                if not connection.poll(PROCESS_POLL_S):
                     continue
                 what, said = connection.recv()
                 if what == "progress" and progress is not None:

@@ -30,7 +30,7 @@ from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives, rank_at_pose
 
-WIGGLE_RAD = float(np.deg2rad(2.0))
+TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,7 +149,7 @@ class Operations:
         session, said = self._session, []
         for joint in session.position_joints:
             before = session.arm.snapshot().positions_rad
-            away = session.go_to({joint: float(before[joint - 1]) + WIGGLE_RAD})
+            away = session.go_to({joint: float(before[joint - 1]) + TEST_WIGGLE_RAD})
             there = session.arm.snapshot().positions_rad
             back = session.go_to({joint: float(before[joint - 1])})
             if not (away.reached and back.reached):

@@ -33,7 +33,7 @@ from solver.chain.sensors import Encoder
 from solver.design.drive_joints import RankedDrives, TrialWiggles
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
-KEPT = 6
+KEPT_CANDIDATES = 6
 """Number of ranked sets recorded in the journal."""
 
 
@@ -87,8 +87,8 @@ def _recorded(
             "drives": list(choice.drives),
             "sets": [list(drives) for drives in choice.sets],
             "reasons": list(choice.reasons),
-            "here": [_facts(r) for r in prediction.here[:KEPT]],
-            "region": [_facts(r) for r in prediction.region[:KEPT]],
+            "here": [_facts(r) for r in prediction.here[:KEPT_CANDIDATES]],
+            "region": [_facts(r) for r in prediction.region[:KEPT_CANDIDATES]],
             "trial": [_facts(r) for r in choice.trial],
         },
     )

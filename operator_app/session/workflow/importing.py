@@ -33,7 +33,7 @@ from operator_app.session.store.journal_format import (
 from operator_app.session.store.replay import apply
 from operator_app.session.store.state import SessionState
 from operator_app.session.store.stored_calibration import solution_data, solve
-from operator_app.session.workflow.opening import KINDS
+from operator_app.session.workflow.opening import SOURCE_KINDS
 from operator_app.units import plural
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
@@ -96,7 +96,7 @@ class ImportedSession:
         self.state = SessionState()
         self._clock = clock
         self._events: list[JournalEvent] = []
-        sources = zip(KINDS, procedure.sources, strict=True)
+        sources = zip(SOURCE_KINDS, procedure.sources, strict=True)
         settings = {
             "length_tolerance_m": options.length_tolerance_m,
             "drop_unidentifiable": options.drop_unidentifiable or None,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from operator_app.session.workflow.pose_reading import Instrument
     from operator_app.session.workflow.session import Session
 
-KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
+SOURCE_KINDS: tuple[Kind, ...] = ("procedure", "arm", "fixture", "profile")
 """Order of `Procedure.sources`."""
 LATER: frozenset[Kind] = frozenset({"profile"})
 """Kinds that are not in journals of earlier versions."""
@@ -202,7 +202,8 @@ def begin(reference: str, choices: Choices, *, root: Path, clock: Clock = utc_no
         chosen["profile"] = resolve("profile", choices.profile)
     procedure = parse_procedure(resolve("procedure", reference), snapshot=chosen)
     sources: dict[str, str] = {
-        kind: source.data.decode() for kind, source in zip(KINDS, procedure.sources, strict=True)
+        kind: source.data.decode()
+        for kind, source in zip(SOURCE_KINDS, procedure.sources, strict=True)
     }
     return Opening(
         folder=new_folder(root, procedure.name, clock()),
@@ -224,14 +225,14 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
             f"{folder} holds poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
         )
-    if set(KINDS) - LATER - set(state.sources):
+    if set(SOURCE_KINDS) - LATER - set(state.sources):
         raise SessionError(
             f"the journal of {folder} does not contain its procedure",
             "start a new session; its poses can be solved with `sarcal solve`",
         )
     found = {
         kind: Resource(file=f"{folder}: {kind}", folder=None, data=state.sources[kind].encode())
-        for kind in KINDS
+        for kind in SOURCE_KINDS
         if kind in state.sources
     }
     procedure = parse_procedure(found["procedure"], snapshot=found)

@@ -18,7 +18,7 @@ from hardware.arm import ArmInterface, Reading
 from hardware.errors import HardwareError, InstrumentError
 from hardware.line_port import GrowingFile, LinePort, StdinLines, TcpLines
 from operator_app.config.measured_endpoints import (
-    EXAMPLE,
+    ROTATION_EXAMPLE,
     BadLine,
     EndpointLine,
     read_json_line,
@@ -36,7 +36,7 @@ from solver.arrays import FloatArray
 
 PATIENCE_S = 60.0
 """Timeout of one measurement: a person may have to turn the target towards the instrument."""
-LOOK_S = 0.1
+LINE_POLL_S = 0.1
 """Interval at which `cancelled` is called."""
 SOURCES = "tcp:HOST:PORT, file:PATH (CSV that grows) or stdin"
 
@@ -111,7 +111,7 @@ class Instrument:
             if cancelled():
                 return None
             left_s = until_s - time.monotonic()
-            text = port.line(min(LOOK_S, max(left_s, 0.0))) or ""
+            text = port.line(min(LINE_POLL_S, max(left_s, 0.0))) or ""
             found = self._read(pose, text) if text.strip() else None
             if found is None or found.pose not in ("", pose):
                 other = other if found is None else found.pose
@@ -124,7 +124,7 @@ class Instrument:
             if self._full and len(found.endpoint) == 3:
                 raise InstrumentError(
                     f"{self.name} sent no orientation for pose {pose}, and the fixture file states measures: "
-                    f"pose. Let it send one of {EXAMPLE}; or write measures: position"
+                    f"pose. Let it send one of {ROTATION_EXAMPLE}; or write measures: position"
                 )
             return found.endpoint if self._full else found.endpoint[:3]
 

@@ -17,7 +17,7 @@ from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.pictures import plot
 from operator_app.units import COST
 
-ABOUT = {
+ESTIMATOR_NOTES = {
     "implicit": "sensors weighted by noise; loops close exactly (default)",
     "paper": "unweighted least squares on the closure (eqs. 5 and 6)",
 }
@@ -40,7 +40,9 @@ class SettingsPanel(Lines):
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         rows = [
             line(
-                (" Estimator  ", "dim"), (s.estimator, "bold"), ("  " + ABOUT[s.estimator], "dim")
+                (" Estimator  ", "dim"),
+                (s.estimator, "bold"),
+                ("  " + ESTIMATOR_NOTES[s.estimator], "dim"),
             ),
             line((" Unsensed   ", "dim"), joints, ("   (j changes)", "dim")),
             line(

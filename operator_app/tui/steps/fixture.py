@@ -28,7 +28,7 @@ from operator_app.units import (
     REACH,
 )
 
-GLYPHS = {
+CHECK_GLYPHS = {
     Severity.OK: ("✓", "text"),
     Severity.WARNING: ("▲", "warn"),
     Severity.REFUSED: ("■", "alarm"),
@@ -99,7 +99,7 @@ class ChecksPanel(Lines):
         """One check a line or two."""
         rows: list[Line] = []
         for check in s.checks:
-            glyph, role = GLYPHS[check.severity]
+            glyph, role = CHECK_GLYPHS[check.severity]
             text = f" {glyph} {check.text}" + (f": {check.remedy}" if check.remedy else "")
             rows += wrapped(text, width, role, "   ")
         if not rows:

@@ -29,7 +29,7 @@ TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
 """Tables that the plots' panel shows after the plots, where the calibration has them."""
 
 
-GLYPHS = {
+VERDICT_GLYPHS = {
     Verdict.ACCEPTED: ("✓", "bold"),
     Verdict.WITH_WARNINGS: ("▲", "bold"),
     Verdict.NOT_ACCEPTED: ("■", "alarm"),
@@ -54,7 +54,7 @@ class VerdictPanel(Lines):
         if facts is None or s.solution is None:
             return wrapped(f" {no_facts(s)}", width, "dim", " ")
         verdict, count = s.solution.verdict, len(facts.notices)
-        glyph, role = GLYPHS[verdict]
+        glyph, role = VERDICT_GLYPHS[verdict]
         # Not "warnings": ACCEPTED, WITH WARNINGS is another verdict.
         noted = verdict is Verdict.ACCEPTED and count
         tail = f" · {plural(count, 'note')}" if noted else ""

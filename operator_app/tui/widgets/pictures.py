@@ -21,7 +21,7 @@ from solver.loops.closure import ClosureModel
 
 LABEL = 9
 """Width in cells of the vertical axis and its numbers."""
-ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
+SERIES_ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
 """Roles of the classes of lines and marks."""
 
 
@@ -48,10 +48,10 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
         ]
         if isinstance(layer, Polyline):
             for one, other in pairwise(places):
-                canvas.segment(*one, *other, ROLES.get(layer.class_, "text"))
+                canvas.segment(*one, *other, SERIES_ROLES.get(layer.class_, "text"))
         if isinstance(layer, Marks):
             for place in places:
-                canvas.blob(*place, ROLES[layer.class_])
+                canvas.blob(*place, SERIES_ROLES[layer.class_])
     named = "".join(
         f", {'-- ' if band.high <= y.high else ''}{band.label}" for band in bands if band.label
     )
@@ -92,7 +92,7 @@ def _below(x: Axis, width: int) -> str:
 
 
 SPARKS = "▁▂▃▄▅▆▇█"
-MOST = 30.0
+LARGEST_BAR_RATIO = 30.0
 """Largest ratio of the highest bar to the lowest: one bad first value does not flatten the rest."""
 
 
@@ -102,7 +102,7 @@ def sparkline(values: Sequence[float], width: int) -> Span:
     some = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in some if math.isfinite(v) and v > 0.0] or [1.0]
     low = min(finite)
-    decades = math.log10(min(max(finite) / low, MOST))
+    decades = math.log10(min(max(finite) / low, LARGEST_BAR_RATIO))
     shares = [
         min(1.0, math.log10(max(v / low, 1.0)) / decades) if math.isfinite(v) else 1.0
         for v in some

@@ -178,7 +178,7 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
     return [(word, "dim"), ("on" if on == len(states) else f"{on}/{len(states)} on", "text")]
 
 
-ROWS = 4
+LOG_ROWS = 4
 """Least rows of the log while an alarm stands."""
 SHOWS_ALL = " … ({key} shows all of it)"
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
@@ -198,8 +198,8 @@ class Log(Lines, can_focus=False):
     alarm: ShownAlarm | None = None
 
     def rows_for(self, s: SessionSnapshot, width: int, most: int) -> int:
-        """Rows that an alarm needs: `ROWS` to `most`."""
-        return min(max(len(_alarm_rows(s, width)), ROWS), most)
+        """Rows that an alarm needs: `LOG_ROWS` to `most`."""
+        return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return as many lines as there are rows; where one is cut, the key that shows it in full."""

@@ -105,7 +105,7 @@ def test_garbage_on_the_group_does_no_harm(bus: LoopbackBus, channel: str) -> No
             socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1")
         )
         for datagram in (b"", b"x", b"CANo" + b"\xff" * 14, b"\x00" * 2000):
-            stranger.sendto(datagram, (channel_group(channel), loopback.PORT))
+            stranger.sendto(datagram, (channel_group(channel), loopback.MULTICAST_PORT))
     with LoopbackBus(channel) as peer:
         peer.send(can.Message(arbitration_id=0x77, is_extended_id=False))
     message = bus.recv(2.0)

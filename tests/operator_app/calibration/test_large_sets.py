@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.acceptance import Verdict
-from operator_app.calibration.multistart import FEW
+from operator_app.calibration.multistart import SCREENING_POSES
 from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.shop_floor_large import LARGE_FAULTS, large
 
@@ -33,14 +33,14 @@ def test_an_arm_that_was_not_still_is_named_by_many_poses_as_by_few() -> None:
 def test_a_length_that_is_off_is_named_by_many_poses_as_by_few() -> None:
     """Upper arm and forearm were said to be exchanged where one of them was 30 mm longer."""
     fault, right = LARGE_FAULTS["elbow 30 mm"]
-    found = outcome(fault(large(1, 2 * FEW + 1)))
+    found = outcome(fault(large(1, 2 * SCREENING_POSES + 1)))
     assert re.fullmatch(right, found.causes[0]), found.said
 
 
 @pytest.mark.campaign
 def test_variances_that_do_not_settle_are_said_of_many_poses_as_of_few() -> None:
     """Accepted: what ended were the rounds of all poses, whose variances are those of a selection."""
-    found = large(1, 2 * FEW + 1)
+    found = large(1, 2 * SCREENING_POSES + 1)
     spread = found.spread.copy()
     spread[:, 5:] = np.deg2rad(50.0)
     said = outcome(replace(found, spread=spread))

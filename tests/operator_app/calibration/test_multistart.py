@@ -15,7 +15,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.failure_analysis import explain_unidentifiable
-from operator_app.calibration.multistart import FEW, fit_from_starts, gross_misfit
+from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.config.arm_file import load_arm
@@ -43,7 +43,7 @@ NOWHERE = np.full(len(NOMINAL), np.nan)
 def readings() -> np.ndarray:
     """More poses than tell which start is best, of an arm of which nothing but its encoders' noise is stated."""
     taken = session(1).readings
-    times = 2 * FEW // len(taken) + 1
+    times = 2 * SCREENING_POSES // len(taken) + 1
     noise = np.deg2rad(0.01) * np.random.default_rng(2).normal(size=(times, *taken.shape))
     return (taken + noise).reshape(-1, taken.shape[1])
 

@@ -15,7 +15,7 @@ from operator_app.session.store.journal import read_journal
 from operator_app.session.store.journal_format import format_line
 from operator_app.session.store.replay import order_of
 from operator_app.session.workflow.importing import ImportedSession
-from operator_app.session.workflow.opening import KINDS
+from operator_app.session.workflow.opening import SOURCE_KINDS
 from solver.chain.poses import PoseSet
 from tests.oracles.journals import POSE
 from tests.oracles.opened import opened
@@ -60,7 +60,7 @@ def test_they_are_listed_as_they_were_begun(tmp_path: Path, days: tuple[float, .
 
 def imported(root: Path, days: float) -> Path:
     """Import poses by a clock that is so many days from right."""
-    sources = dict(zip(KINDS, load_procedure("hinge").sources, strict=True))
+    sources = dict(zip(SOURCE_KINDS, load_procedure("hinge").sources, strict=True))
     session = ImportedSession(
         PoseSet(placement=np.array([1]), label=("1",), q_rad=np.zeros((1, 7))),
         arm=sources["arm"],

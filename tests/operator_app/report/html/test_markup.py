@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from operator_app.report.html.markup import (
-    DARK,
+    DARK_COLOURS,
     HEAT_ALPHA,
     HEAT_STEPS,
-    LIGHT,
+    LIGHT_COLOURS,
     STYLE,
     Html,
     element,
@@ -105,21 +105,21 @@ def test_the_formula_knows_black_on_white() -> None:
     assert contrast(rgb("#767676"), rgb("#ffffff")) == pytest.approx(4.54, abs=0.01)
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
 @pytest.mark.parametrize("ground", ["page", "panel"])
 @pytest.mark.parametrize("ink", ["text", "muted", "accent", "good", "bad", "warn"])
 def test_every_text_colour_can_be_read(theme: dict[str, str], ground: str, ink: str) -> None:
     assert contrast(rgb(theme[ink]), rgb(theme[ground])) >= 4.5
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
 @pytest.mark.parametrize("ink", ["accent", "second", "third", "muted"])
 @pytest.mark.parametrize("ground", ["page", "band"])
 def test_every_mark_can_be_seen(theme: dict[str, str], ink: str, ground: str) -> None:
     assert contrast(rgb(theme[ink]), rgb(theme[ground])) >= 3.0
 
 
-@pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
+@pytest.mark.parametrize("theme", [LIGHT_COLOURS, DARK_COLOURS], ids=["light", "dark"])
 @pytest.mark.parametrize("sign", ["plus", "minus"])
 def test_numbers_can_be_read_on_the_darkest_cell(theme: dict[str, str], sign: str) -> None:
     page, cell = rgb(theme["page"]), rgb(theme[sign])
@@ -129,8 +129,8 @@ def test_numbers_can_be_read_on_the_darkest_cell(theme: dict[str, str], sign: st
 
 
 def test_both_themes_define_the_same_colours_and_all_that_are_used() -> None:
-    assert set(LIGHT) == set(DARK)
-    assert set(re.findall(r"var\(--([a-z]+)\)", STYLE)) <= set(LIGHT)
+    assert set(LIGHT_COLOURS) == set(DARK_COLOURS)
+    assert set(re.findall(r"var\(--([a-z]+)\)", STYLE)) <= set(LIGHT_COLOURS)
 
 
 def test_the_sheet_is_closed_and_loads_nothing() -> None:

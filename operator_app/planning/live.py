@@ -52,8 +52,6 @@ class LiveQuality:
     predicted_m
         By pose number: distance by which the loop failed to close at that pose under the estimate
         from the poses before it, m.
-    standard_deviation
-        (P,) of the estimate, by its own residual; empty before there is one.
     """
 
     needed: int
@@ -64,7 +62,6 @@ class LiveQuality:
     history: tuple[tuple[int, float], ...]
     coverage: tuple[tuple[float, float], ...]
     predicted_m: dict[int, float]
-    standard_deviation: FloatArray
     numbers: tuple[int, ...]
 
 
@@ -103,7 +100,6 @@ def _empty(model: ClosureModel) -> LiveQuality:
         history=(),
         coverage=(),
         predicted_m={},
-        standard_deviation=np.zeros(0),
         numbers=(),
     )
 
@@ -142,7 +138,6 @@ def _with_one_more(
         scaled_condition_number=seen.scaled_condition_number,
         weakest=seen.weakest.parameters,
         history=(*before.history, (len(q), seen.scaled_condition_number)),
-        standard_deviation=estimate.standard_deviation,
     )
 
 
@@ -243,11 +238,8 @@ def most_informative(
     if not candidates or not len(taken_rad):
         return None
     closed = close_loops(task.model, x, forecast.q_rad[candidates])
-    told = information_of(task, x, taken_rad, closed.q, closed.u)
-    taken = len(taken_rad)
-    best = choose_poses(
-        told.root[taken:], 1, parameters=len(told.parameters), fixed=told.of(range(taken))
-    )
+    known, told = information_of(task, x, taken_rad, closed.q, closed.u)
+    best = choose_poses(told.root, 1, parameters=len(told.parameters), fixed=known)
     return candidates[best.chosen[0]]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
-from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.error_model import error_model, free_within_tolerance, stated_priors
 from operator_app.errors import SessionError
 from operator_app.units import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.arrays import FloatArray
@@ -170,5 +170,7 @@ def _stated_errors(
         return replace(errors, joint_variance=variance)
 
     return StatedErrors(
-        toleranced=tuple(DhEntry.parse(name) for name in tolerance), at_readings=at_readings
+        toleranced=tuple(DhEntry.parse(name) for name in tolerance),
+        at_readings=at_readings,
+        prior=stated_priors(model, arm, fixture),
     )

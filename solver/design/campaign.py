@@ -353,11 +353,13 @@ class Campaign:
     def _judge(self) -> StopDecision | None:
         if not self.settings.requested or self.plan is None:
             return None
-        readings, manifold = self.readings_rad, self.plan.manifold
-        all_poses = information_of(self.task, self.plan.x, readings, manifold.q, manifold.u)
+        manifold = self.plan.manifold
+        known, candidates = information_of(
+            self.task, self.plan.x, self.readings_rad, manifold.q, manifold.u
+        )
         return stop_decision(
-            all_poses.of(range(len(readings))),
-            all_poses.at_poses(slice(len(readings), None)),
+            known,
+            candidates,
             self.settings.requested,
             poses_left=self.settings.poses - self._taken,
             allowed=self.plan.allowed,

@@ -6,7 +6,7 @@ joints reliably.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -46,10 +46,13 @@ class StatedErrors:
         Entries of the arm's table that are corrected within their tolerances.
     at_readings
         Function from readings (m, n) to the errors of these poses.
+    prior
+        Standard deviations (rad, m) of parameters before any pose, by name.
     """
 
     toleranced: tuple[DhEntry, ...]
     at_readings: Callable[[FloatArray], ErrorModel]
+    prior: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,9 +196,7 @@ def make_plan(
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
     before = np.zeros((0, len(q_start))) if captured is None else captured
-    all_poses = information_of(task, x, before, manifold.q, manifold.u)
-    information = all_poses.at_poses(slice(len(before), None))
-    known = all_poses.of(range(len(before)))
+    known, information = information_of(task, x, before, manifold.q, manifold.u)
     allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
     design = _choose(task, manifold, information, known, allowed, count)
     points = [0, *design.chosen]
@@ -263,10 +264,10 @@ def information_of(
     task: PlanningTask,
     x: FloatArray,
     readings: FloatArray,
-    closed_q: FloatArray | None = None,
-    closed_u: FloatArray | None = None,
-) -> PoseInformation:
-    """Information of captured readings (c, n), then of closed poses (m, n), (m, U) that may follow.
+    closed_q: FloatArray,
+    closed_u: FloatArray,
+) -> tuple[FloatArray, PoseInformation]:
+    """What is known (N, N) by captured readings (c, n) and priors, and what closed poses (m, n), (m, U) would add.
 
     Captured poses are evaluated on the nearest closed loops. Where they scatter more than stated, the same is assumed
     for the others.
@@ -274,16 +275,20 @@ def information_of(
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
     closed = close_loops(task.model, x, readings, sigma_rad=np.sqrt(variance.mean(axis=0)))
-    q, u = closed.q, closed.u
-    if closed_q is not None and closed_u is not None:
-        readings = np.concatenate((readings, closed_q))
-        q, u = np.concatenate((q, closed_q)), np.concatenate((u, closed_u))
-    model = task.model.freed(task.errors.toleranced)
+    every_q, q, u = (
+        np.concatenate(parts)
+        for parts in ((readings, closed_q), (closed.q, closed_q), (closed.u, closed_u))
+    )
+    model, errors = task.model.freed(task.errors.toleranced), task.errors
     values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
     every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    found = pose_information(model, every, readings, q, u, task.errors.at_readings(readings))
+    found = pose_information(model, every, every_q, q, u, errors.at_readings(every_q))
     found = found.with_errors_scaled(found.at_poses(slice(c)).error_scale())
-    return found if task.parameters is None else found.about(task.parameters)
+    found = found if task.parameters is None else found.about(task.parameters)
+    prior = np.zeros(found.root.shape[-1])
+    for k, name in enumerate(found.parameters):
+        prior[k] = errors.prior.get(name, np.inf) ** -2.0
+    return found.of(range(c)) + np.diag(prior), found.at_poses(slice(c, None))
 
 
 def prediction_sigma(

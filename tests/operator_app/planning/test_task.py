@@ -11,9 +11,9 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.task import planning_task
 from solver.chain.parameters import nominal_vector
-from solver.design.plan import information_of, make_plan
+from solver.design.plan import make_plan
 from solver.design.stop_rule import standard_deviations
-from tests.solver.design.conftest import of_noise
+from tests.solver.design.conftest import known, of_noise
 
 ARM = load_arm("sarcos_dextrous")
 POSES = 12
@@ -36,7 +36,7 @@ def plan(task, x):
 
 
 def combined(task, x, q: np.ndarray) -> np.ndarray:
-    return standard_deviations(information_of(task, x, q).of(range(len(q))), len(x))
+    return standard_deviations(known(task, x, q), len(x))
 
 
 def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan) -> None:
@@ -50,7 +50,7 @@ def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan) -
 
 def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan) -> None:
     def left(task) -> np.ndarray:
-        once = information_of(task, x, plan.poses_rad).of(range(POSES))
+        once = known(task, x, plan.poses_rad)
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
 
     assert np.median(left(task)) > 0.25
@@ -59,12 +59,16 @@ def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan) -> None:
 
 def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x, plan) -> None:
     q = plan.poses_rad
-    quiet, loud = (
-        information_of(task, x, q + size * np.random.default_rng(1).standard_normal(q.shape))
-        for size in (0.0, np.deg2rad(1.0))
-    )
-    assert quiet.error_scale() == 1.0
-    # What it is scaled by is no longer unexplained.
-    assert loud.error_scale() == pytest.approx(1.0, abs=1e-6)
-    wide, narrow = (standard_deviations(t.of(range(POSES)), len(x)) for t in (loud, quiet))
-    assert np.median(wide / narrow) > 3.0
+    noisy = q + np.deg2rad(1.0) * np.random.default_rng(1).standard_normal(q.shape)
+    # Of poses that fit, about what the plan predicts; its effects are those of all candidates.
+    assert combined(task, x, q) == pytest.approx(plan.predicted_sigma, rel=0.2)
+    assert np.median(combined(task, x, noisy) / combined(task, x, q)) > 3.0
+
+
+def test_what_the_files_state_of_an_offset_counts(task, x, plan) -> None:
+    """Nobody knows less of an offset after poses than its file says before."""
+    stated = replace(task, errors=replace(task.errors, prior={"theta_off_3": 0.001}))
+    free, with_prior = combined(task, x, plan.poses_rad), combined(stated, x, plan.poses_rad)
+    at = [p.name for p in task.model.parameters].index("theta_off_3")
+    assert with_prior[at] == pytest.approx((free[at] ** -2 + 0.001**-2) ** -0.5, rel=1e-3)
+    assert (with_prior <= free + 1e-12).all()

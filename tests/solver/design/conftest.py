@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
+from solver.closing import close_loops
 from solver.design.manifold import Manifold, Ranges, grow_manifold
-from solver.design.plan import StatedErrors
+from solver.design.plan import PlanningTask, StatedErrors, information_of
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.estimators.error_model import ErrorModel
 from solver.loops.dh import DhLoop
@@ -26,6 +27,12 @@ def of_noise(sigma_rad: np.ndarray) -> StatedErrors:
         return ErrorModel(joint_variance=np.broadcast_to(sigma_rad**2, q_rad.shape))
 
     return StatedErrors(toleranced=(), at_readings=at_readings)
+
+
+def known(task: PlanningTask, x: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Information of captured poses `q` (c, n) and of what files state."""
+    none = close_loops(task.model, x, q[:0])
+    return information_of(task, x, q, none.q, none.u)[0]
 
 
 def paper_ranges() -> Ranges:

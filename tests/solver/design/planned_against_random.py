@@ -20,11 +20,11 @@ from solver.closing import close_loops
 from solver.design.interim import planning_noise
 from solver.design.manifold import Ranges
 from solver.design.motion import drive_straight
-from solver.design.plan import PlanningTask, information_of, make_plan
+from solver.design.plan import PlanningTask, make_plan
 from solver.design.stop_rule import standard_deviations
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, closed_poses
-from tests.solver.design.conftest import of_noise
+from tests.solver.design.conftest import known, of_noise
 
 WRIST = ("theta_off_6", "theta_off_7")
 DRIVES = ((1, 5),)
@@ -108,7 +108,7 @@ def compare(
     rng = np.random.default_rng([seed, 60])
     ratios = []
     for poses in (session_poses(model, arm, rng, random), random_closed(model, arm, rng, random)):
-        sigma = standard_deviations(information_of(task, x, poses).of(range(len(poses))))
+        sigma = standard_deviations(known(task, x, poses))
         ratios.append(float((plan.predicted_sigma / sigma)[judged].mean()))
     return Comparison(
         session=ratios[0], closed=ratios[1], condition=plan.design.scaled_condition_number

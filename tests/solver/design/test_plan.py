@@ -7,11 +7,11 @@ import pytest
 
 from operator_app.config.arm_file import load_arm
 from solver.design.interim import planning_noise
-from solver.design.plan import PlanningTask, information_of, make_plan, prediction_sigma
+from solver.design.plan import PlanningTask, make_plan, prediction_sigma
 from solver.design.stop_rule import standard_deviations
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
-from tests.solver.design.conftest import HOME, SIGMA, of_noise, paper_ranges
+from tests.solver.design.conftest import HOME, SIGMA, known, of_noise, paper_ranges
 from tests.solver.design.planned_against_random import compare
 
 JUDGED = [k for k, name in enumerate(NAMES) if name not in ("theta_off_6", "theta_off_7")]
@@ -77,14 +77,14 @@ def test_captured_poses_change_the_plan(task, x, plan) -> None:
     first = plan.poses_rad[:10]
     more = make_plan(task, x, HOME, 10, captured=first)
     assert more.predicted_sigma == pytest.approx(plan.predicted_sigma, rel=0.15)
-    again = information_of(task, x, np.concatenate((first, more.poses_rad))).of(range(20))
+    again = known(task, x, np.concatenate((first, more.poses_rad)))
     assert standard_deviations(again) == pytest.approx(more.predicted_sigma, rel=1e-4)
 
 
 def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick) -> None:
     task = quick
     few = closed_poses(paper_truth(), np.random.default_rng(2), 5, spread_deg=8.0, box_deg=10.0)
-    covariance = np.linalg.inv(information_of(task, x, few[:, 1:]).of(range(5))) * 4.0
+    covariance = np.linalg.inv(known(task, x, few[:, 1:])) * 4.0
     plan = make_plan(task, x, HOME, 6, covariance=covariance)
     trusting = make_plan(task, x, HOME, 6)
     assert plan.allowed.sum() < 0.9 * trusting.allowed.sum()

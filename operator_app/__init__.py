@@ -1,1 +1,1 @@
-"""What a person or a script sees: command line, session, terminal app, files."""
+"""Interfaces for people and scripts: command line, session, terminal app, files."""

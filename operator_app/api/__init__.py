@@ -1,1 +1,1 @@
-"""What Python programs import: the folder `sarcal` here is installed as `import sarcal`. Nothing here imports it."""
+"""The Python library: the folder `sarcal` is installed as `import sarcal`. No other package imports it."""

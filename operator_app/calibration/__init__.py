@@ -1,1 +1,1 @@
-"""From poses to a judged calibration, and what later poses say of it."""
+"""From poses to a calibration with its verdict, and its tests with later poses."""

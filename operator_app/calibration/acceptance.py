@@ -37,7 +37,7 @@ NOTHING_KNOWN: Mapping[str, float] = {}
 
 
 class Verdict(Enum):
-    """The three verdicts; only the first two upload."""
+    """The three verdicts; only the first two allow an upload."""
 
     ACCEPTED = "accepted"
     WITH_WARNINGS = "accepted_with_warnings"
@@ -45,7 +45,7 @@ class Verdict(Enum):
 
     @property
     def words(self) -> str:
-        """As it is read."""
+        """The verdict as text."""
         return self.value.replace("accepted_with", "accepted, with").replace("_", " ")
 
 
@@ -56,13 +56,13 @@ class Adjudication:
     Attributes
     ----------
     causes
-        The most probable first.
+        Causes, the most probable first.
     tests
         Every test that was made.
     stated_chi2_per_dof
-        chi2/dof with the variances that the files state; None where it was not asked.
+        chi2/dof with the variances that the files state; None where it was not computed.
     astray
-        What refuses it has led the solution where no file would have it: nothing may be advised from there.
+        Whether the solution has diverged far from the files' values, so that no advice can be based on it.
     """
 
     causes: tuple[Finding, ...] = ()
@@ -72,31 +72,31 @@ class Adjudication:
 
     @property
     def verdict(self) -> Verdict:
-        """Not accepted as soon as one cause refuses."""
+        """The verdict: not accepted if any cause blocks."""
         if any(cause.blocking for cause in self.causes):
             return Verdict.NOT_ACCEPTED
         return Verdict.WITH_WARNINGS if self.causes else Verdict.ACCEPTED
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not accepted; empty when it is."""
+        """Reasons why it is not accepted; empty when it is."""
         return tuple(c.sentence for c in self.causes if c.blocking)
 
 
 def causes_of(
     diagnosis: Diagnosis, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Name what the tests found.
+    """Return the causes that the tests support.
 
     Parameters
     ----------
     judged
-        Names of the parameters whose sigmas have to hold: not those that were only toleranced.
+        Names of the parameters whose sigmas have to be valid: not those that are only corrected within tolerances.
     labels
-        Of the poses in the order in which they were taken.
+        Labels of the poses in the order in which they were taken.
     """
     if estimate.dof < REFUSED_DOF:
-        # Refused for that, and whatever else is read into so few poses may be chance.
+        # Refused for that; all other findings from so few poses may be chance.
         return ()
     unnamed = tuple(_unnamed(diagnosis))
     if unnamed and _left(diagnosis) > CHI2_PER_DOF_GROSS:
@@ -107,7 +107,7 @@ def causes_of(
     moved = diagnosis.parameter_shift[here].copy()
     found: list[Finding] = []
     for competing in diagnosis.rounds:
-        # What may well have happened counts, and not only what is likeliest: their truths differ.
+        # Every probable cause counts, not only the most likely: each leads to other true values.
         possible = [
             np.abs((moved + x.evidence.moved[here]) / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0)
             for x in competing
@@ -134,7 +134,7 @@ def causes_of(
 
 
 def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterable[Finding]:
-    """Say which entries may be off their file; that they are is not sure enough to refuse anything."""
+    """Return the entries that may differ from their file, which is not certain enough to block."""
     for x in diagnosis.suspected_entries:
         if x.candidate is not None and x.evidence is not None:
             found = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
@@ -142,10 +142,10 @@ def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterabl
 
 
 def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
-    """Whether parameters may be wrong by more than their sigmas say, if this is what happened."""
+    """Whether parameters may be wrong by more than their sigmas if this is the cause."""
     if cause.cause is Cause.FROZEN or impact > REFUSING_SHIFT_SIGMAS:
         return True
-    # What was one value before and is another after: both have to be within what is claimed.
+    # A value that changed: both values have to be within the stated uncertainty.
     names = [p.name for p in estimate.parameters]
     of_reading = cause.cause in (Cause.LOST_COUNTS, Cause.DRIFT)
     changed = (f"theta_off_{cause.subject}",) if of_reading else cause.entries
@@ -157,7 +157,7 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
-    """Something is wrong that nothing here explains."""
+    """Return the cause for a misfit without any known explanation."""
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
@@ -183,7 +183,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """chi2/dof that is left by the best explanation of the last round, if there is one."""
+    """chi2/dof that remains with the best explanation of the last round, if there is one."""
     last = diagnosis.rounds[-1][0].evidence if diagnosis.rounds else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -191,7 +191,7 @@ def _left(diagnosis: Diagnosis) -> float:
 
 
 def _impossible_compliance(diagnosis: Diagnosis) -> bool:
-    """Whether what explains it best is a fixture that deflects as no metal does: that fits anything."""
+    """Whether the best explanation is a fixture more compliant than any metal, which would fit anything."""
     best = diagnosis.rounds[0][0]
     if best.candidate is None or best.evidence is None or best.candidate.cause is not Cause.GIVES:
         return False
@@ -200,9 +200,9 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 
 
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Every code once: what is found again after it was taken out was not all taken out.
+    """Return each code once: a cause found again was only partly removed before.
 
-    One that refuses goes on refusing.
+    One that blocks remains blocking.
     """
     found: dict[str, Finding] = {}
     for cause in causes:
@@ -213,7 +213,7 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
-    """Say that so few poses cannot show what is wrong: whatever else is said of them may be chance."""
+    """Return the finding that the poses are too few for a diagnosis, so that all other findings may be chance."""
     if estimate.dof >= FEW_DOF:
         return ()
     return (
@@ -231,7 +231,7 @@ def fit_causes(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Name what the fit itself shows: that it did not converge, that its sigmas are of no use."""
+    """Return causes from the fit itself: no convergence, or uselessly large sigmas."""
     found = []
     if not estimate.converged:
         found.append(
@@ -254,15 +254,15 @@ def little_motion(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Name the parameters whose sigmas (P,) say little, because the poses differ little.
+    """Return the parameters with large sigmas (P,) because the poses differ little.
 
     Parameters
     ----------
     known
-        How well (rad, m) files state some of the parameters, by name. A sigma beyond that is named; it
-        refuses when it is of no use to anybody.
+        Standard uncertainty (rad, m) of parameters in the files, by name. A larger sigma is reported; it blocks if it
+        is uselessly large.
     narrows
-        Source of error that makes one parameter's sigma so wide; empty where only other poses help.
+        Source of error that dominates one parameter's sigma; empty where only other poses help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0

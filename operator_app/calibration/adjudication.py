@@ -1,6 +1,6 @@
-"""Adjudication: from a fit, its tests and what screening found, to the causes of what is wrong and the verdict.
+"""Adjudication: from a fit, its tests and the screening to the causes of a misfit and the verdict.
 
-Fits again only where a test fires.
+A fit is repeated only if a test fires.
 """
 
 from __future__ import annotations
@@ -66,27 +66,27 @@ UNEXPLAINED_KINDS = {
     FindingKind.UNEXPLAINED_PATTERN,
     FindingKind.POSES_DO_NOT_FIT,
 }
-"""What is found where no fault explains the readings."""
+"""Cause where no fault explains the readings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorInformation:
-    """What was seen before and beside the fit.
+    """Findings before and beside the fit.
 
     Attributes
     ----------
     out_of_range, flipped
-        Readings the arm file does not allow, and poses left out: the hand is upside down in them, or seems so.
+        Readings that the arm file does not allow, and poses left out because the tool is, or seems, upside down.
     checks
-        The fixture's geometry as it was found.
+        Set-up checks of the fixture's identified geometry.
     search
-        The global start, where one was asked for.
+        The global start, if requested.
     rvdt
-        What the loops say of each RVDT.
+        Verdict on each RVDT.
     returned
-        Poses that were read again, and what that says.
+        Repeated poses and their tests.
     by_files
-        Parameters of which the poses brought less than half of what is known.
+        Parameters with less than half of their information from the poses.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
@@ -100,7 +100,7 @@ class PriorInformation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Case:
-    """A fit with what tests and screening say of it; `used` are its poses in the order they were taken."""
+    """A fit with the results of tests and screening; `used` are its poses in the order in which they were taken."""
 
     found: Calibrated
     arm: ArmModel
@@ -113,7 +113,7 @@ class _Case:
 
     @property
     def estimate(self) -> Estimate:
-        """The estimate that is judged."""
+        """The estimate to be adjudicated."""
         return self.found.estimate if self.paper is None else self.paper
 
     @property
@@ -123,7 +123,7 @@ class _Case:
 
     @property
     def chi2_per_dof(self) -> float:
-        """At stated variances."""
+        """chi2/dof at stated variances."""
         return self.diagnosis.stated_chi2_per_dof
 
     @property
@@ -156,16 +156,16 @@ def adjudicate(
     known: PriorInformation,
     paper: Estimate | None = None,
 ) -> Adjudication:
-    """Weigh what is wrong with a fit, the most probable cause first.
+    """Return the causes of a misfit, the most probable first, and the verdict.
 
     Parameters
     ----------
     poses, distinct
-        All poses, and the indices of those that the fit was made of, in the order they were taken.
+        All poses, and the indices of the fitted ones, in the order in which they were taken.
     judged
-        Names of the parameters whose sigmas have to hold.
+        Names of the parameters whose sigmas have to be valid.
     paper
-        The paper's estimate, where that is to be judged.
+        The paper's estimate, if that is the chosen one.
     """
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(
@@ -180,7 +180,7 @@ def adjudicate(
     )
     unsensed, labels, scale = case.model.unsensed_joints, _labels(case.used), case.chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
-    # Where the poses of another arm lead these loops means nothing.
+    # With poses of another arm the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
     diverged = has_diverged((*far, *by_tests), scale, case.estimate, judged)
     lost = _poorly_determined(case) if far or case.gross or diverged else ()
@@ -220,7 +220,7 @@ def adjudicate(
 
 
 class _Misfit(NamedTuple):
-    """Causes of a misfit, those among them that are alternative models, and whether poses are of another arm."""
+    """Causes of a misfit, those that are alternative models, and whether the poses are from another arm."""
 
     causes: tuple[Finding, ...]
     alternatives: tuple[Finding, ...]
@@ -233,11 +233,11 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
     by_tests = causes_of(diagnosis, case.found.estimate, case.judged, labels)
     alternatives: tuple[Finding, ...] = ()
     if case.gross:
-        # Linear explanations end where nothing is near the truth any more.
+        # Linear explanations are invalid far from the truth.
         alternatives = case.alternatives()
         by_tests = alternatives or by_tests
     elif scale > CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
-        # A compliant fixture, or a length that is off, by so much may as well be a wrong file.
+        # A fixture this compliant, or a length error this large, may also be a wrong file.
         alternatives = case.alternatives(of_files=True)
         by_tests = alternatives or by_tests
     elif joint := _suspected_reading(diagnosis):
@@ -262,13 +262,13 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
     if by_tests and explained and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(case.found.linear, diagnosis), *by_tests)
     if scale > CHI2_PER_DOF_REFUSED and by_tests:
-        # No cause may move anything by more than its sigmas: these are as wide as the misfit made them.
+        # The sigmas cover the effect of every cause, because the misfit has widened them.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     return _Misfit(by_tests, alternatives, nothing_fits)
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Say that the solution is far from the nominal values, and which alternative near them fits as well."""
+    """Return that the solution is far from the nominal values, with an alternative near them that fits as well."""
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
@@ -278,7 +278,7 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
-    """What the fit itself shows; what files tell of a parameter is no fault of the poses."""
+    """Causes from the fit itself, except for parameters that are known from files."""
     found = fit_causes(
         case.estimate.given(case.known.by_files),
         case.judged,
@@ -292,9 +292,9 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
 def stated_by_fixture(
     parameters: tuple[Parameter, ...], arm: ArmModel, fixture: EndpointConstraint
 ) -> dict[str, float]:
-    """How well (rad, m) the fixture's file states each of its own entries, by name.
+    """Standard uncertainty (rad, m) of each entry in the fixture's file, by name.
 
-    Not the arm's: its offsets are what is looked for.
+    Those of the arm are not included: its offsets are to be identified.
     """
     placed = fixture.tolerance
     arms = {entry.name for entry in arm.free}
@@ -306,10 +306,10 @@ def stated_by_fixture(
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Parameters that such poses hardly determine wherever the solution lies, so that it may have ended anywhere.
+    """Parameters that such poses hardly determine at any solution, so that their values may be arbitrary.
 
-    Evaluated at the nominal values: the sigmas of a diverged fit mean nothing. Empty where the nominal geometry
-    itself is to blame.
+    Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Empty where the nominal
+    geometry itself is the cause.
     """
     design, model = case.found.linear.design, case.model
     nominal = nominal_vector(model.parameters)
@@ -325,7 +325,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
 
 
 def _labels(poses: PoseSet) -> tuple[str, ...]:
-    """Labels of poses, with the placement where each of several has a pose 1."""
+    """Labels of poses, with the placement number if there are several."""
     if len(poses.placements) == 1:
         return poses.label
     return tuple(
@@ -335,7 +335,7 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
-    """Whether one cause explains it, likelier than all others together."""
+    """Whether one cause is more likely than all others together."""
     if not diagnosis.rounds:
         return True
     best = diagnosis.rounds[0][0]
@@ -347,26 +347,26 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _suspected_reading(diagnosis: Diagnosis) -> int:
-    """Joint (1-based) whose reading explains it best if it is wrong in every pose in its own way; 0 if none."""
+    """Joint (1-based) whose reading, if independently wrong in every pose, explains the misfit best; 0 if none."""
     best = diagnosis.rounds[0][0].candidate if diagnosis.rounds else None
     return 0 if best is None or best.cause is not Cause.READING else int(best.subject)
 
 
 def _geometry_suspected(diagnosis: Diagnosis) -> bool:
-    """Whether a fixture that gives, or an entry of the arm's table, explains it best."""
+    """Whether a compliant fixture, or an entry of the arm's table, explains the misfit best."""
     best = diagnosis.rounds[0][0].candidate if diagnosis.rounds else None
     return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """What is likely wrong is why the iteration did not settle: that it did not is no help."""
+    """Return a probable cause as blocking, in place of the finding that the fit did not converge."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
-    """Sources that are larger than stated when all are fitted at once: the sigmas count that in.
+    """Sources larger than stated when all are fitted at once; the sigmas include this.
 
-    Of curves those that a test has found beyond their linearity: one within it is no fault.
+    Of linearity deviations only those that a test found beyond their specification.
     """
     found: dict[str, Finding] = {}
     fired = {test.code for test in diagnosis.tests if test.fires}
@@ -391,7 +391,7 @@ def _unexplained_chi2_per_dof(diagnosis: Diagnosis) -> float:
 def _screening_causes(
     arm: ArmModel, poses: PoseSet, known: PriorInformation
 ) -> tuple[Finding, ...]:
-    """What needs no test: it was read off the file, or off the geometry."""
+    """Causes that need no test: they follow from the file or the geometry."""
     many = len(known.flipped) > FLIPPED_SHARE_REFUSED * len(poses)
     left_out = (known.flipped, known.out_of_range, arm, poses)
     return (
@@ -410,7 +410,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """A fixture so mounted that its entries have hardly any unique values (Hayati)."""
+    """A fixture mounted so that its entries are nearly ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

@@ -1,4 +1,4 @@
-"""Calibration from a pose set, as the method goes: prepare, screen, fit, diagnose, decide.
+"""Calibration from a pose set in stages: prepare, screen, fit, diagnose, decide.
 
 Each stage takes one frozen record and returns the next. `sarcal solve`, the session and the library call this.
 """
@@ -93,7 +93,7 @@ from solver.posterior.scales import Scale, learned_scales, shares_of_poses
 ESTIMATORS = ("implicit", "paper")
 
 MOST_DIAGNOSED_POSES = 2000
-"""Poses, evenly among all, that tests and verdicts on RVDTs use: more change no result."""
+"""Poses, evenly among all, for tests and verdicts on RVDTs: more do not change a result."""
 
 
 def calibrate(
@@ -115,20 +115,20 @@ def calibrate(
     Parameters
     ----------
     search
-        Start from everywhere (global start) instead of from the nominal values.
+        Use a global start instead of the nominal values.
     length_tolerance_m
-        Standard deviation of the maker's link lengths, instead of what the arm's file states.
+        Standard deviation of the maker's link lengths, instead of that in the arm's file.
     drop
         Fix unidentifiable parameters at their nominal values instead of refusing.
     rereads
-        Repeated poses: no further data, but a test of all of them.
+        Repeated poses: not used in the fit, but for tests.
 
     Raises
     ------
     ReadingsOutOfRangeError
-        These are no readings of this arm, or angles in another unit.
+        The readings are from another arm, or in another unit.
     TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
-        The data do not determine the parameters; each says what is missing.
+        The data do not determine the parameters; the text says what is missing.
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
@@ -153,7 +153,7 @@ def calibrate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Task:
-    """What is asked for: the arguments of `calibrate`, checked, with an instrument's place registered."""
+    """The checked arguments of `calibrate`, with the placement of an instrument registered."""
 
     arm: ArmModel
     fixture: EndpointConstraint
@@ -185,19 +185,19 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Screened:
-    """What is fitted.
+    """Model, data and error model of the fit.
 
     Attributes
     ----------
     model, tolerance
         The loops with entries that are free within their tolerance (rad, m), by name.
     errors
-        The error model of the `distinct` poses (indices into all poses); every pose on the branch is one of
-        these, by `which`.
+        The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
+        of them.
     prior
-        Names of the arm's entries of which the files state an uncertainty.
+        Names of the arm's entries with an uncertainty in the files.
     seen
-        Identifiability at the paper's estimate, where that had to be evaluated.
+        Identifiability at the paper's estimate, where it was evaluated.
     """
 
     before: Prepared
@@ -212,7 +212,7 @@ class Screened:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fitted:
-    """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result of all poses."""
+    """The implicit fit of the distinct poses (`whole`), and the chosen estimator's result from all poses."""
 
     before: Screened
     whole: Calibrated
@@ -225,7 +225,7 @@ class Fitted:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosed:
-    """What tests say of a fit; `part` is the fit at the poses that they used."""
+    """Results of the tests of a fit; `part` is the fit of the poses that they used."""
 
     before: Fitted
     part: Calibrated
@@ -258,12 +258,12 @@ def prepare(task: Task) -> Prepared:
 
 
 def screen(prepared: Prepared) -> Screened:
-    """Refuse what the poses do not identify; free what has a tolerance and collect the error model."""
+    """Refuse unidentifiable parameters; free entries with a tolerance and collect the error model."""
     task, loops, hard = prepared.task, prepared.loops, prepared.hard
     prior = stated_priors(hard, task.arm, task.fixture)
     by_arm = frozenset(prior) - {*hard.ground_side, *hard.hand_side}
     seen = None
-    # Before anything is weighted: along an unidentifiable direction without a prior no estimate is worth anything.
+    # Before the fit: along an unidentifiable direction without a prior every estimate is meaningless.
     if (paper := loops.paper) is not None and (
         task.by_paper or not well_conditioned_at_readings(paper, loops.q)
     ):
@@ -296,7 +296,7 @@ def screen(prepared: Prepared) -> Screened:
 
 
 def fit(screened: Screened) -> Fitted:
-    """Fit by the implicit estimator from several starts; take the paper's estimate where that is asked for.
+    """Fit by the implicit estimator from several starts; take the paper's estimate if that is chosen.
 
     Raises
     ------
@@ -343,7 +343,7 @@ def fit(screened: Screened) -> Fitted:
 
 
 def diagnose(fitted: Fitted) -> Diagnosed:
-    """Test the fit, judge every RVDT, compare placements and repeated poses, and weigh the causes."""
+    """Test the fit and every RVDT, compare placements and repeated poses, and rank the causes."""
     screened, whole, model = fitted.before, fitted.whole, fitted.model
     prepared = screened.before
     task, loops = prepared.task, prepared.loops
@@ -468,7 +468,7 @@ def _identifiability(prepared: Prepared, model: ClosureModel, x: FloatArray) -> 
 
 
 def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
-    """Refuse unidentifiable directions, with the fault that makes them so where there is one."""
+    """Refuse unidentifiable directions, with the fault that causes them if there is one."""
     task, loops = prepared.task, prepared.loops
     known = frozenset[str]() if task.by_paper else prior
     try:
@@ -486,7 +486,7 @@ def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: froz
 
 
 def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
-    """Identifiability at the fit: by its own equations where its loops close, as after a first estimate."""
+    """Identifiability at the fit, by its own equations where its loops close."""
     screened = fitted.before
     prepared = screened.before
     loops = prepared.loops
@@ -512,7 +512,7 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
     loops, task = prepared.loops, prepared.task
     q, identifiable = loops.q, loops.identifiable
     if screened.prior and not task.search and not task.unsensed_joints:
-        # Within what the files state of the arm, from where the fixture then stands.
+        # Within the stated tolerances of the arm, from the fixture's placement that follows.
         fixture_only = prepared.hard.without(screened.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
     x0 = loops.x0 if loops.paper is None else loops.paper.x

@@ -1,4 +1,4 @@
-"""The closed loops of a pose set, those on the main branch, and what these poses identify."""
+"""The closed loops of a pose set, the poses on the main branch, and the parameters that these identify."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from solver.search.global_start import GlobalStart, global_start
 
 
 class IdentifiableLoops(NamedTuple):
-    """The loops that are fitted, without unidentifiable parameters.
+    """The loops to be fitted, without unidentifiable parameters.
 
     Attributes
     ----------
     model
-        The loops with all unknowns; with those of `identifiable` where the others are dropped on request.
+        The loops with all unknowns, or with those of `identifiable` if the others are dropped on request.
     identifiable, unidentifiable
         The loops with the unknowns that the poses identify, and the names of the others.
     q, kept, flipped
-        Readings (k, n), rad, of the poses on the main branch, which these are (m,), and indices of the others.
+        Readings (k, n), rad, of the poses on the main branch, a mask (m,) of these, and indices of the others.
     search
         The global start, where one was asked for.
     x0, paper
-        First estimates of `identifiable`, where there are any.
+        First estimates of `identifiable`, if any.
     """
 
     model: ClosureModel
@@ -98,7 +98,7 @@ def _without_unidentifiable(
         return model, ()
     smaller, unidentifiable = drop_unidentifiable(model, x0, q, sigma_rad=arm.sigma_rad())
     known = all(is_entry(n) and DhEntry.parse(n).kind is DhKind.THETA_OFF for n in unidentifiable)
-    # No file states anything of parameters other than offsets: they stay, and are refused later.
+    # Files state uncertainties of offsets only: other parameters stay free, and are refused later.
     return (smaller, unidentifiable) if drop or known else (model, ())
 
 
@@ -113,7 +113,7 @@ class Branches:
     flipped
         Indices of the others.
     paper
-        The paper's estimate from the kept poses with all joints sensed, where it was made on the way.
+        The paper's estimate from the kept poses with all joints sensed, if it was computed.
     """
 
     kept: BoolArray
@@ -131,11 +131,11 @@ class Branches:
 def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
     """Separate poses (m, n), rad, on the main branch of the hinge from those on the other.
 
-    At the nominal placement, where the tool of a flipped pose is upside down however inaccurate the nominal
-    values are; a fit through poses of both branches would lie between them.
+    This uses the nominal placement, where the tool of a flipped pose is upside down even with inaccurate nominal
+    values; a fit through poses of both branches would lie between them.
     """
     everything = Branches.without((), len(q))
-    # Readings with errors of a degree still tell up from down.
+    # Readings with errors of a degree still distinguish the two branches.
     model = model.with_all_joints_sensed()
     if len(q) * model.equations_per_pose <= len(model.parameters):
         return everything
@@ -160,7 +160,7 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
 
 
 class EndpointMissingError(SolverError):
-    """The fixture is an instrument and the pose set holds no measurements of it, or too little."""
+    """The fixture is an instrument, and its measurements are missing or incomplete."""
 
 
 def loop_of_poses(
@@ -199,7 +199,7 @@ def instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
-    """Return the poses of some placements; ValueError when one is not there."""
+    """Return the poses of some placements; ValueError if one does not exist."""
     missing = sorted(set(placements) - set(poses.placements))
     if missing:
         known = ", ".join(str(p) for p in poses.placements)
@@ -223,6 +223,6 @@ def pick(poses: PoseSet, indices: np.ndarray[tuple[int], np.dtype[np.intp]]) -> 
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Parameters (P,) of `model`, those that `other` has as in its `x`, the rest nominal."""
+    """Parameters (P,) of `model`: those that `other` shares from its `x`, the rest nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return np.array([known.get(p.name, p.nominal) for p in model.parameters])

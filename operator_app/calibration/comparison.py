@@ -1,12 +1,11 @@
-"""Two calibrations of one arm: what changed between them, and what of that is more than noise.
+"""Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-Pure: takes two parameter documents. The same loop can be written in
-eight ways, so the second document is first brought into the description nearest to the first. A
-difference counts as drift when it is improbable under both documents' standard deviations, at a
-level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists
-that were corrected within a tolerance are compared as well and not counted: most of their standard
-deviation is what the maker's table leaves open, which is the same in both. Two estimates from the same
-poses say nothing of whether the arm changed: nothing of theirs counts.
+Pure: takes two parameter documents. A loop has eight equivalent parameter vectors, so the one of the second document
+nearest to the first is used. A difference counts as drift when it is improbable under both documents' standard
+deviations, at a level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists
+that were corrected within a tolerance are compared as well and not counted: most of their standard deviation is the
+maker's tolerance, which is the same in both. Two estimates from the same poses cannot show a change of the arm, so none
+of their differences counts.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ from solver.loops.dh import DhLoop
 
 
 class IncomparableError(SessionError):
-    """The documents are not about one arm; `reasons` say why."""
+    """The documents are not from one arm; `reasons` say why."""
 
     def __init__(self, reasons: tuple[str, ...]) -> None:
         self.reasons = reasons
@@ -41,9 +40,9 @@ class IncomparableError(SessionError):
 
 
 class Side(Enum):
-    """Whose parameter it is.
+    """Side of a parameter: arm, ground or tool.
 
-    Those of the ground and of the hand are new whenever the fixture is taken off and mounted again,
+    Those of ground and tool change whenever the fixture is mounted again,
     theta_off_1 and the last joint's offset among them: these are measured to the fixture's axis.
     """
 
@@ -59,14 +58,14 @@ class Drift:
     Attributes
     ----------
     before, after
-        Values; `after` in the description nearest to `before`.
+        Values; of equivalent ones, `after` is the nearest to `before`.
     change
-        after less before; angles the short way round.
+        after minus before; angles within half a turn.
     sigma
         Standard deviation of the change.
     significant
-        Whether |change| exceeds what noise gives at the level of the comparison; never of two estimates
-        from the same poses, whose noise is the same.
+        Whether |change| exceeds noise at the level of the comparison; always false for two estimates from the same
+        poses, whose noise is the same.
     """
 
     name: str
@@ -88,20 +87,20 @@ class Drift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibrationComparison:
-    """What two calibrations say of one arm.
+    """Result of the comparison of two calibrations of one arm.
 
     Attributes
     ----------
     drifts
-        One a parameter that both identified and that can be compared.
+        One entry for each parameter that both identified and that can be compared.
     level, threshold_sigmas
-        Chance of a false alarm over all free parameters, and the size of change that it means.
+        False-alarm probability over all free parameters, and the corresponding change in sigmas.
     scale_before, scale_after
-        What each document's standard deviations were multiplied by: sqrt(chi2/dof) where above 1.
+        Factor on each document's standard deviations: sqrt(chi2/dof) where above 1.
     left_out
         Parameters that were not compared, with the reason.
     notices
-        Differences between the documents that the reader should know of.
+        Other differences between the documents.
     """
 
     before: ParametersDocument
@@ -116,7 +115,7 @@ class CalibrationComparison:
 
     @property
     def same_poses(self) -> bool:
-        """Whether both are estimates from the same poses: then nothing follows for the arm."""
+        """Whether both are estimates from the same poses, which cannot show a change of the arm."""
         return _same_poses(self.before, self.after)
 
     @property
@@ -138,9 +137,9 @@ def compare(
     Parameters
     ----------
     level
-        Chance that something is called drift although nothing changed.
+        Probability of reporting a drift although nothing changed.
     remounted
-        The fixture was taken off in between: only the arm's own parameters can have drifted.
+        The fixture was taken off in between: only the arm's own parameters are compared.
 
     Raises
     ------
@@ -205,7 +204,7 @@ def _not_compared(
     *,
     remounted: bool,
 ) -> list[tuple[str, str]]:
-    """Entries that only one calibration identified, or that the mounting changed, with the reason."""
+    """Entries that only one calibration identified, or that belong to the mounting, with the reason."""
     first, second = ([e.entry for e in d.calibrated] for d in (before, after))
     found = [(name, "identified in A only") for name in first if name not in second]
     found += [(name, "identified in B only") for name in second if name not in first]
@@ -237,8 +236,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
 def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop a document describes.
 
-    An offset of the first or last joint that was not identified counts as unsensed: only then can an
-    equal description differ in the link beside it.
+    An offset of the first or last joint that was not identified counts as unsensed: only then can equivalent parameters
+    differ in the link beside it.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}
@@ -252,7 +251,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return B's identified entries in the description nearest to A's (rad, m)."""
+    """Return B's identified entries; of equivalent ones, those nearest to A's (rad, m)."""
     loop = _loop(b)
     here, there = a.table.stacked(), b.table.stacked()
     x = np.array([there[e.kind, e.row] for e in loop.entries])
@@ -262,7 +261,7 @@ def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, fl
 
 
 def sides_of(document: ParametersDocument) -> dict[str, Side]:
-    """Return whose each calibrated entry is."""
+    """Return the side of each calibrated entry."""
     loop = _loop(document)
     found = {e.name: Side.ARM for e in loop.entries}
     found |= dict.fromkeys(loop.ground_side, Side.GROUND)
@@ -281,16 +280,16 @@ def _scale(document: ParametersDocument) -> float:
 
 
 SAME_NOMINAL = 1e-9
-"""Entries that neither calibration identified differ when they differ by more (rad, m)."""
+"""Fixed entries of two calibrations count as different beyond this (rad, m)."""
 
 REPORTED_SCALE = 1.1
-"""Standard deviations that were multiplied by more than this are said to have been."""
+"""Factors on standard deviations above this are reported."""
 
 
 def notices(
     a: ParametersDocument, b: ParametersDocument, scales: tuple[float, float]
 ) -> tuple[Finding, ...]:
-    """Return how the documents differ beside their parameters.
+    """Return the differences of the documents other than parameters.
 
     `scales` are the factors on their standard deviations.
     """
@@ -326,7 +325,7 @@ def notices(
 
 
 def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Finding]:
-    """Entries that were taken as known in both, and as different."""
+    """Entries that were fixed in both, at different values."""
     identified = {e.entry for e in (*a.calibrated, *b.calibrated)}
     one, other = a.table.stacked(), b.table.stacked()
     found = []

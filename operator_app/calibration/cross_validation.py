@@ -31,15 +31,15 @@ FAR_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checks:
-    """Second opinions on an implicit solution, each None or empty where it cannot be had.
+    """Cross-validation of an implicit solution; each part is None or empty where it cannot be computed.
 
     Attributes
     ----------
     jackknife_sd
-        Standard deviation of every identified parameter, by leaving out each pose in turn; of what was
-        only corrected within its tolerance it is not asked.
+        Standard deviation of every identified parameter, by leaving out each pose in turn; not for those only corrected
+        within tolerances.
     held_out
-        Parts of the poses judged by what the others give.
+        Parts of the poses, tested with the estimate from the others.
     far_block
         The same for one block of poses far from the rest: extrapolation.
     """
@@ -50,7 +50,7 @@ class Checks:
 
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
-    """Check a solution by the poses it was made from; of the paper's estimator there is nothing to say."""
+    """Check a solution with its own poses; empty for the paper's estimator."""
     if solution.estimate.corrections is None:
         return Checks()
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:

@@ -1,4 +1,4 @@
-"""Stated error model of a pose set: noise, tolerances, priors and loads by the files of arm and fixture."""
+"""Stated error model of a pose set: noise, tolerances, priors and loads from the files of arm and fixture."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from solver.loops.closure import ClosureModel, unsensed_at_readings
 from solver.loops.point import GROUND
 
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
-"""A joint that differs by more than this between two poses was driven to the second."""
+"""A joint whose readings at two poses differ by more than this has moved."""
 
 
 def error_model(
@@ -65,13 +65,13 @@ def error_model(
 def stated_distances(
     fixture: EndpointConstraint, placements: tuple[int, ...]
 ) -> tuple[KnownDistance, ...]:
-    """Return the distances of a ball's sockets that its file states, of sockets that poses were taken in."""
+    """Return the distances of a ball's sockets that its file states, for sockets in which poses were taken."""
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= set(placements))
 
 
 def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, ...]:
-    """Return these distances by the names of the loop's parameters."""
+    """Return these distances with the names of the loop's parameters."""
 
     def names(number: int) -> Names:
         x, y, z = (f"{name}[{number}]" for name in GROUND)
@@ -95,10 +95,10 @@ def _loads(
     there: IntArray,
     unsensed: tuple[int, ...],
 ) -> LoadBasis | None:
-    """What gravity bends at the poses `there`; the fixture only if the arm's file states what weighs.
+    """Effects of gravity at the poses `there`; on the fixture only if the arm's file states masses.
 
-    At the nominal values and in canonical order: neither a search's start nor the file's order may
-    show in the result, not in its last digit.
+    Computed at the nominal values and in canonical order, so that neither the start of a search nor the order of the
+    file changes the last digit.
     """
     if not len(there):
         return None
@@ -119,9 +119,9 @@ def _loads(
 
 
 def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | None:
-    """From which side every joint came to the kept poses (m, n): 1 or -1, 0 before it first moved.
+    """Direction of approach of every joint to the kept poses (m, n): 1 or -1, 0 before its first motion.
 
-    Told by the times at which poses were taken, never by their order in the file; None without times.
+    It follows from the times of the poses, never from their order in the file; None without times.
     """
     if poses.utc is None or not all(poses.utc):
         return None
@@ -129,7 +129,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
         times = [datetime.fromisoformat(utc) for utc in poses.utc]
         order = sorted(range(len(poses)), key=lambda k: (times[k], tuple(poses.q_rad[k])))
     except (ValueError, TypeError):
-        # No times, or some with and some without their zone: whatever it says, no order.
+        # No times, or times with and without a zone: there is no order.
         return None
     if any(
         times[a] == times[b] and not np.array_equal(poses.q_rad[a], poses.q_rad[b])
@@ -154,7 +154,7 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
 def noise_model(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, kept: BoolArray | IntArray
 ) -> NoiseModel:
-    """Return what the sensors' specifications say of the mean readings of the kept poses."""
+    """Return the noise of the mean readings of the kept poses by the sensors' specifications."""
     variance = np.array(
         [
             [
@@ -168,15 +168,14 @@ def noise_model(
 
 
 def samples_of(poses: PoseSet) -> IntArray:
-    """Readings in the mean of each pose (m,); one where the file does not say."""
+    """Readings in the mean of each pose (m,); one where the file does not state it."""
     return np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
     """Indices of kept poses that differ, and for every kept pose which of those it is.
 
-    The very same readings to the last digit are the same reading written twice, and know nothing
-    that one of them does not.
+    Readings equal to the last digit are one reading written twice, without further information.
     """
     here = np.flatnonzero(kept)
     columns = [poses.placement[here, None].astype(float), poses.q_rad[here]]
@@ -200,20 +199,19 @@ def free_within_tolerance(
 ) -> tuple[ClosureModel, dict[str, float]]:
     """Free the arm's lengths and twists within their tolerances: the maker's table is not exact.
 
-    So are offsets that are not free, because the poses cannot see them, where the arm's file states how
-    well they are known.
+    The same is done with offsets that the poses do not determine, if the arm's file states their uncertainty.
 
     Parameters
     ----------
     length_tolerance_m
-        Standard deviation of all lengths, instead of what the arm's file states.
+        Standard deviation of all lengths, instead of that in the arm's file.
     held
-        Entries that are to keep their nominal values.
+        Entries to be fixed at their nominal values.
 
     Returns
     -------
     The loop with these entries free as well, and the standard deviation (m, rad) of each by name.
-    Entries that are free already, and those that the fixture determines, get none.
+    Entries that are free already, and those that the fixture determines, have none.
     """
     part = model.parts()[0][0]
     n = arm.joint_count
@@ -231,7 +229,7 @@ def free_within_tolerance(
         found |= {e: known for e in arm.free if e.kind is DhKind.THETA_OFF and e.row not in blind}
     free = {p.name for p in part.parameters} | set(fixed)
     if part.dh_table(nominal_vector(part.parameters)) is not None:
-        # Where the hinge is decides s_1 and the last link; the arm's table cannot know.
+        # s_1 and the last link depend on the place of the hinge, not on the arm's table.
         free |= {"s_1", f"a_{n}", f"s_{n}", f"alpha_{n}"}
     chosen = {e: sd for e, sd in found.items() if sd > 0.0 and e.name not in free}
     return model.freed(tuple(chosen)), {e.name: sd for e, sd in chosen.items()}
@@ -240,11 +238,11 @@ def free_within_tolerance(
 def stated_priors(
     model: ClosureModel, arm: ArmModel, fixture: EndpointConstraint
 ) -> dict[str, float]:
-    """Return how well files state the unknowns of a loop: standard deviations (rad, m) by name.
+    """Return the standard deviations (rad, m) that files state for the unknowns of a loop, by name.
 
-    The arm's offsets and the entries it frees within their tolerances, the fixture's within that of its
-    placement. Offsets of an arm whose file does not state `offset_tolerance_deg` have none, and neither have
-    placements of a fixture beside the first: its file can describe one.
+    For the arm, those of offsets and of entries freed within tolerances; for the fixture, that of its placement.
+    Offsets of an arm whose file does not state `offset_tolerance_deg` have none, and neither have placements of a
+    fixture after the first: its file describes one only.
     """
     placed, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
@@ -277,7 +275,7 @@ def _named(model: ClosureModel) -> list[Parameter]:
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:
-    """Return the loop with these entries of the arm's table free too; other names are passed over."""
+    """Return the loop with these entries of the arm's table free too; other names are ignored."""
     known = {p.name for p in model.parameters}
     return model.freed(
         [DhEntry.parse(name) for name in names if name not in known and is_entry(name)]

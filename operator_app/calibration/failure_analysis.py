@@ -1,4 +1,4 @@
-"""Failure analysis: why there is no calibration (unidentifiable parameters, stuck or saturated sensors, open loops)."""
+"""Failure analysis: causes of a failed calibration (unidentifiable parameters, bad sensors, open loops)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return the error with a stuck sensor named, or what else would make nothing close."""
+    """Return the error with a stuck sensor named, or with another cause of open loops."""
     stuck = explained(error, arm, fixture, used)
     if stuck is not error:
         return stuck
@@ -52,12 +52,12 @@ def explain_unidentifiable(
     if hinge := hinge_alternative(arm, fixture, used, unsensed=unsensed):
         return poses_do_not_fit(hinge)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
-        # Poses so few, or a joint that stands still: no parameter has to be believed for that.
+        # Too few poses, or an immobile joint: both can be seen without any parameter.
         return error
     if _closes(paper):
         back = _led_away(arm, fixture, used, unsensed, paper)
         return poses_do_not_fit(back) if back else error
-    # Where nothing closes the solution is nowhere, and what it cannot see there says nothing.
+    # Where no loop closes the solution is arbitrary, and so is its identifiability.
     alternatives = find_alternatives(
         arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof
     )
@@ -75,7 +75,7 @@ def _led_away(
     unsensed: tuple[int, ...],
     paper: Estimate,
 ) -> tuple[Finding, ...]:
-    """What led a solution to where these poses see less than at the files' own values, which would see everything."""
+    """Return the cause of a solution at which the poses determine fewer parameters than at the nominal values."""
     model, q = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed), used.q_rad
     nominal = nominal_vector(model.parameters)
     if identifiability(model, nominal, q, sigma_rad=arm.sigma_rad()).directions:
@@ -106,7 +106,7 @@ def _closes(estimate: Estimate) -> bool:
 
 
 def _open_words(paper: Estimate) -> str:
-    """What is left of loops that no parameters close, and where to look."""
+    """Return the remaining closure error of loops that no parameters close, and possible causes, as text."""
     left, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
     also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
     return (
@@ -116,7 +116,7 @@ def _open_words(paper: Estimate) -> str:
 
 
 def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
-    """Return the error that names what would make these poses fit."""
+    """Return the error that names mistakes without which these poses fit."""
     return PosesDoNotFitError(
         tuple(f.sentence for f in findings), codes=tuple(f.code for f in findings)
     )
@@ -126,7 +126,7 @@ LEAST_NOISE_RAD = 1e-4
 
 
 LOOSE = 100.0
-"""Standard deviation of a joint that may be anywhere, beside the others' 1."""
+"""Standard deviation of a joint of unknown angle, relative to the others."""
 
 
 def turned_unread(
@@ -136,20 +136,19 @@ def turned_unread(
     after_rad: FloatArray,
     still: Sequence[int],
 ) -> tuple[int, float] | None:
-    """Joint that turned between two readings although it reads alike, and by how much (rad); None if none did.
+    """Joint that turned between two readings although it reads the same, and the angle (rad); None if none did.
 
-    Closes the loop at the second reading, corrected by what the first one lacked: with the joints standing,
-    and with one of them turned as it must. What the placement is off by is in both readings, and the moves may
-    be long: nothing is taken for straight.
+    Closes the loop at the second reading, corrected by the closure error of the first: with the joints at rest, and
+    with one of them turned. The placement error is in both readings and cancels, and no motion is linearised.
 
     Parameters
     ----------
     x
-        Parameters (P,), roughly known.
+        Approximate parameters (P,).
     before_rad, after_rad
         Readings (n,).
     still
-        The joints that read alike, 1-based.
+        Joints (1-based) whose readings did not change.
     """
     first = close_loops(model, x, before_rad[None])
     if not first.closed[0]:
@@ -201,7 +200,7 @@ def explained(
 
 
 def _moved(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, joint: int) -> float:
-    """Range (rad) of a joint's angle as the loop determines it without its reading; 0 if the loop does not."""
+    """Range (rad) of a joint's angle that the loop determines without its reading; 0 if it does not."""
     unsensed = tuple(sorted({*arm.unsensed_joints, joint}))
     model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
     noise = noise_model(arm, fixture, poses, np.ones(len(poses), dtype=np.bool_))

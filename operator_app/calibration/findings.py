@@ -1,4 +1,4 @@
-"""Findings of the diagnosis: what a fitted explanation says of joint, size and poses. Decides nothing."""
+"""Findings of the diagnosis: joint, size and poses of a fitted explanation. Decides nothing."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from solver.diagnostics.stated_sizes import ExceededSpecification
 from solver.estimators.effects import LinearModel
 
 RESTARTED_RAD = np.deg2rad(5.0)
-"""No count loss is this large: a node that restarted counts from another zero."""
+"""A larger step is no count loss: a node that restarted counts from another zero."""
 
 RANGE_KINDS = {
     ReadingFault.OUTSIDE: (FindingKind.OUT_OF_RANGE, FindingKind.OUT_OF_RANGE_NOTICE),
     ReadingFault.WHOLE_TURN: (FindingKind.WHOLE_TURN_OFF, FindingKind.WHOLE_TURN_OFF_NOTICE),
     ReadingFault.SATURATED: (FindingKind.SATURATED, FindingKind.SATURATED_NOTICE),
 }
-"""As a cause of a verdict, whose code has the joint, and as a notice, whose code has not."""
+"""Kinds as a cause of a verdict, whose code has the joint, and as a notice, whose code has not."""
 
 EXCEEDED_KINDS = {
     "rvdt": FindingKind.RVDT_NOISE_EXCEEDS,
@@ -35,7 +35,7 @@ EXCEEDED_KINDS = {
     "encoder": FindingKind.ENCODERS_EXCEED,
     "joint": FindingKind.PLAY_EXCEEDS,
 }
-"""By the first word of a variance component's name."""
+"""Kinds by the first word of a variance component's name."""
 
 
 def finding_of(
@@ -65,7 +65,8 @@ def finding_of(
         case Cause.READING:
             return _reading_noise(int(subject), found, scene)
         case Cause.SCATTER:
-            # Coefficients are shrunk by as much as the poses leave them open: the share that these do tell counts.
+            # Coefficients are shrunk towards zero where the poses are not informative: divided by the informative
+            # share.
             predicted = float(
                 (1.0 - found.covariance / (found.size * candidate.natural) ** 2).sum()
             )
@@ -88,7 +89,7 @@ def finding_of(
 
 
 def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
-    """Return the finding that a source of error is larger than its statement, one of several that are."""
+    """Return the finding that a source of error exceeds its specification; it may be one of several."""
     name, _, which = larger.component.partition("_")
     figures = {"times": larger.times}
     if name == "fixture":
@@ -112,12 +113,12 @@ def exceeded(larger: ExceededSpecification, design: LinearModel) -> Finding:
 
 
 def unrelated_reading(joint: int, arm: ArmModel) -> Finding:
-    """Return the finding that a joint's reading has nothing to do with its angle."""
+    """Return the finding that a joint's reading is unrelated to its angle."""
     return Finding(kind=FindingKind.READING_UNRELATED, joint=joint, sensor=sensor_name(joint, arm))
 
 
 def sensor_name(joint: int, arm: ArmModel) -> str:
-    """Return what a joint's sensor is called in codes."""
+    """Return the name of a joint's sensor in codes."""
     return "RVDT" if isinstance(arm.joints[joint - 1].sensor, Rvdt) else "ENCODER"
 
 
@@ -142,7 +143,7 @@ def reading_step(
 
 
 def range_finding(found: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of one joint's readings outside its range; one at its sensor's end blocks as a cause."""
+    """Return the finding of a joint's readings outside its range; as a cause, a saturated sensor blocks."""
     return Finding(
         kind=RANGE_KINDS[found.fault][notice],
         joint=found.joint,
@@ -159,7 +160,7 @@ def _between(first: int, labels: tuple[str, ...]) -> tuple[str, str]:
 
 
 def _reading_noise(joint: int, found: Evidence, scene: FaultModels) -> Finding:
-    """How much a joint's readings, which are means of samples, scatter from pose to pose."""
+    """Scatter of a joint's readings (means of samples) from pose to pose."""
     arm, sd = scene.arm, _rms(found.b)
     shares = [float(np.median(a.share)) for a in scene.design.errors.analogue if a.joint == joint]
     samples = round(1.0 / shares[0]) if shares else 1
@@ -185,7 +186,7 @@ def _entry(candidate: Candidate, found: Evidence, scene: FaultModels) -> Finding
     return Finding(
         kind=FindingKind.TWIST_OFF if angle else FindingKind.LENGTH_OFF,
         names=(name,),
-        # Fitted columns act against the parameter: w + A dx is what is left.
+        # Fitted columns act against the parameter: w + A dx is the residual.
         size=-float(found.b[0]),
         unit="rad" if angle else "m",
         figures={"limit": stated},
@@ -226,7 +227,7 @@ def _rms_along(joint: int, candidate: Candidate, found: Evidence, scene: FaultMo
 
 
 def rms_displacement(candidate: Candidate, found: Evidence, scene: FaultModels) -> dict[str, float]:
-    """Displacement of the fixture (rms) over the poses that it is about."""
+    """Displacement of the fixture (rms) over the poses concerned."""
     moved = candidate.moves(found.b, len(scene.system.w))
     whole = (scene.system.E @ moved[..., None])[..., 0]
     there = np.abs(moved).sum(-1) > 0.0

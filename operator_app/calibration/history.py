@@ -1,8 +1,7 @@
-"""Every accepted calibration and verification of one arm over time: what scatters, what shifted, when the next is due.
+"""Every accepted calibration and verification of one arm over time: scatter, shifts, and when the next is due.
 
-Pure: takes documents and verdicts. Offsets of the arm itself are judged over all
-sessions; what belongs to the fixture's mounting begins anew with each mounting. Another fixture or estimator
-carries systematic errors into the parameters in another way: a history of its own.
+Pure: takes documents and verdicts. Offsets of the arm itself are tested over all sessions; parameters of the mounting
+restart with each mounting. Another fixture or estimator has other systematic errors, and therefore a separate history.
 """
 
 from __future__ import annotations
@@ -28,14 +27,14 @@ from solver.diagnostics.control_chart import (
 )
 
 ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
-"""Shortest interval between calibrations, and the one where there is none yet and nobody states it."""
+"""Shortest interval between calibrations, and the default one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastCalibration:
     """One accepted calibration: its session, its document, type A of its entries (rad, m) and its mounting.
 
-    Sessions of one `mounting` were taken without the fixture coming off in between.
+    The fixture stayed mounted between sessions of the same `mounting`.
     """
 
     session: str
@@ -46,7 +45,7 @@ class PastCalibration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastVerification:
-    """New poses that were held against a calibration: when, how many, whether it held, rms closure (m)."""
+    """A verification with new poses: time, number of poses, whether it passed, rms closure (m)."""
 
     session: str
     utc: datetime
@@ -70,19 +69,18 @@ class EntryShift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations by one fixture and estimator, oldest first, and some of their entries.
+    """Calibrations with one fixture and estimator, oldest first, and some of their entries.
 
     Attributes
     ----------
     side
-        Whose the entries are.
+        Side of the entries.
     values, sigma, within
-        (sessions, entries), rad and m, in equal descriptions of the loop: as found, their standard uncertainty,
-        and its type A.
+        (sessions, entries), rad and m, in equivalent parameters: values, standard uncertainty, and its type A part.
     chart
-        What each was judged by.
+        Control limits of each session.
     smallest
-        Shift of each that the next three sessions would show in 90 % of cases; NaN before there is a baseline.
+        Shift of each entry that the next three sessions would detect in 90 % of cases; NaN without a baseline.
     """
 
     side: Side
@@ -96,12 +94,12 @@ class EntryHistory:
 
     @property
     def several(self) -> bool:
-        """Whether there is anything to compare."""
+        """Whether there are several sessions to compare."""
         return len(self.calibrations) > 1
 
     @property
     def shifts(self) -> tuple[EntryShift, ...]:
-        """What has shifted, in the order in which it was seen."""
+        """Shifts, in the order in which they were detected."""
         return tuple(
             EntryShift(
                 name=self.names[c.column], at=c.at, seen=c.seen,
@@ -113,16 +111,16 @@ class EntryHistory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmHistory:
-    """What is known of one arm over time.
+    """Calibrations and verifications of one arm over time.
 
     Attributes
     ----------
     parts
-        Offsets of the arm, and per mounting what belongs to it, by fixture and estimator.
+        Offsets of the arm, and the parameters of each mounting, by fixture and estimator.
     left_out
-        Sessions that take no part, with the reason.
+        Sessions that are left out, with the reason.
     due
-        When the next calibration is, and why then.
+        Date of the next calibration, and its reason.
     """
 
     calibrations: tuple[PastCalibration, ...]
@@ -134,7 +132,7 @@ class ArmHistory:
 
     @property
     def shifted(self) -> bool:
-        """Whether anything has."""
+        """Whether anything has shifted."""
         return any(part.shifts for part in self.parts)
 
 
@@ -145,13 +143,13 @@ def history_of(
     left_out: Sequence[tuple[str, str]] = (),
     interval: timedelta | None = None,
 ) -> ArmHistory:
-    """Bring accepted calibrations of one arm, at least one, into an order and judge each by those before it."""
+    """Order accepted calibrations of one arm (at least one) and test each against those before it."""
     ordered = sorted(calibrations, key=lambda c: c.document.utc)
     kept: list[PastCalibration] = []
     skipped = list(left_out)
     poses: dict[str, str] = {}
     for past in ordered:
-        # Other readings of other poses are a measurement; the same poses once more are none.
+        # Only new poses are a new measurement; the same poses again are none.
         earlier = poses.setdefault(past.document.pose_set_sha256, past.session)
         if earlier == past.session:
             kept.append(past)
@@ -180,9 +178,9 @@ def history_of(
 
 
 def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
-    """Align the entries of one side that all calibrations have; of the arm its offsets only.
+    """Align the entries of one side that all calibrations have; for the arm only its offsets.
 
-    Its lengths and twists are known within the maker's tolerance: most of what is found of them is that.
+    Estimates of its lengths and twists mostly repeat the maker's values.
     """
     first = group[0].document
     sides = sides_of(first)
@@ -231,7 +229,7 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """At once where the last word was a shift or a failed verification; else an interval after the last."""
+    """Due at once after a shift or a failed verification; otherwise an interval after the last calibration."""
     last = kept[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"
@@ -243,7 +241,7 @@ def _due(
         days = f"{interval.days} day{'s' if interval.days != 1 else ''}"
         return last + interval, f"{days} after the last, as stated"
     times = [c.document.utc for c in kept]
-    # Several on one day are tries, and no interval.
+    # Several calibrations on one day define no interval.
     gaps = [b - a for a, b in pairwise(times) if b - a >= ONE_DAY]
     if not gaps:
         return last + ONCE_A_YEAR, "a year after the last; state an interval with --every"

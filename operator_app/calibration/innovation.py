@@ -1,7 +1,7 @@
-"""Innovation of a new reading: what the poses before it leave unexplained of it, and which shift would show in it.
+"""Innovation of a new reading: deviation from the prediction by the poses before it, and the shifts visible in it.
 
-The poses before have seen sensor curves, sag and compliance near the reading, so these do not excuse it, as they
-would where a reading is compared with the parameters alone.
+The poses before have determined sensor curves, sag and compliance near the reading, so these do not widen the
+prediction, as they would if a reading were compared with the parameters alone.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from solver.diagnostics.prediction import predicted_residuals
 from solver.errors import PosesDoNotFitError
 
 NEAREST = 60
-"""Poses by which a reading is judged: those nearest to it, so that what it costs stays the same."""
+"""Number of nearest poses that predict a reading, so that the computing time is bounded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftSeen:
-    """How a joint's shift shows in a reading: its most likely size and sigma, rad, and by how much chi2 falls."""
+    """Effect of a joint's shift on a reading: its most likely size and sigma, rad, and the reduction of chi2."""
 
     size_rad: float
     sigma_rad: float
@@ -38,16 +38,16 @@ class ShiftSeen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Innovation:
-    """What poses leave unexplained of a reading.
+    """Deviation of a reading from the prediction by poses.
 
     Attributes
     ----------
     chi2, dof
-        Of the reading; infinite where the loop does not close at it.
+        chi2 of the reading; infinite where the loop does not close at it.
     usual
-        The largest chi2 of those poses, each by the others: large as well where their files are wrong.
+        Largest chi2 of those poses, each predicted by the others: large as well if the files are wrong.
     shifts
-        By joint (1-based) that takes part.
+        Shifts by joint (1-based) whose reading is used.
     """
 
     chi2: float
@@ -56,7 +56,7 @@ class Innovation:
     shifts: Mapping[int, ShiftSeen]
 
     def unseen(self, shift_rad: float, chi2: float) -> tuple[int, ...]:
-        """Joints of which a shift of this size would bring less than that chi2 on average."""
+        """Joints for which a shift of this size would have less than this chi2 on average."""
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 
@@ -68,7 +68,7 @@ def innovation(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Innovation | None:
-    """Judge a reading by the poses before it, all of one placement; None where these do not give a fit."""
+    """Test a reading against the poses before it, all of one placement; None where these cannot be fitted."""
     away = np.abs(before.q_rad - reading.q_rad[0]).max(axis=1)
     before = pick(before, np.sort(np.argsort(away, kind="stable")[:NEAREST]))
     by = stated_fit(arm, fixture, before, unsensed_joints=unsensed_joints)
@@ -87,7 +87,9 @@ def innovation(
     )
     try:
         found = fit_as_stated(by.model, both, errors, by.fit.x, old=count)
-        old = np.arange(count)  # by themselves: a reading that is off would bend what is linearised
+        old = np.arange(
+            count
+        )  # without the tested reading: a wrong one would change the linearisation
         own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
         left = predicted_residuals(found.fit, np.arange(count + 1) == count)
         usual = [predicted_residuals(own, old == k).chi2 for k in range(count)]
@@ -104,7 +106,7 @@ def innovation(
 
 
 LEAST, AT_MOST = 10, 60
-"""Poses before it from which it is asked, and on which it is looked back: what it costs stays the same."""
+"""Number of earlier poses from which the test starts, and number of last poses used, so that the time is bounded."""
 
 
 def is_unpredicted(
@@ -114,7 +116,7 @@ def is_unpredicted(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> bool:
-    """Whether the last of these poses is not where those before it have it."""
+    """Whether the last of these poses contradicts the prediction by those before it."""
     count = len(poses)
     if count <= LEAST or not fixture.holds_hand:
         return False
@@ -130,7 +132,7 @@ def fit_recent_poses(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> StatedFit | None:
-    """Fit the poses on which it is looked back; None where they do not give a fit."""
+    """Fit the last poses; None where they cannot be fitted."""
     count = len(before)
     recent = pick(before, np.arange(max(0, count - AT_MOST), count))
     return stated_fit(arm, fixture, recent, unsensed_joints=unsensed_joints)
@@ -144,7 +146,7 @@ def contradicts(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> bool:
-    """Whether one pose is not where those of `by` have it."""
+    """Whether one pose contradicts the prediction by those of `by`."""
     found = verify(
         by.model.at_poses(np.array([0])),
         by.fit.x,

@@ -1,4 +1,4 @@
-"""Checks that new poses can verify a calibration: none of its own, of its fixture and placement."""
+"""Checks that new poses can verify a calibration: of its fixture and placement, and none of its own poses."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import SAME_POINT_M, SAME_READING_RAD
 
 HUNDREDTH_RAD = np.deg2rad(0.01)
-"""Readings that are all whole multiples of this were written with two decimals: no arm comes back so closely."""
+"""Readings that are all whole multiples of this were written with two decimals."""
 
 
 NAMED = 5
-"""Poses named one by one."""
+"""Most poses named one by one."""
 
 
 class NoTestError(ValueError):
-    """These poses say nothing of the calibration, or nothing can be said of them; says why."""
+    """These poses cannot test the calibration; the text says why."""
 
 
 def verify_new_poses(
@@ -38,19 +38,19 @@ def verify_new_poses(
     made_from: PoseSet,
     new: PoseSet,
 ) -> VerificationResult:
-    """Judge a calibration by poses that took no part in it.
+    """Test a calibration with poses that are not its own.
 
     Parameters
     ----------
     made_from
         The poses of `solution`.
     new
-        Others, of one placement that was calibrated, or of all of them.
+        Other poses, of one calibrated placement or of all of them.
 
     Raises
     ------
     NoTestError
-        They are not.
+        The new poses do not meet this.
     """
     require_new(new, made_from, fixture)
     if new.endpoint is not None and fixture.kind != "measured":
@@ -62,7 +62,7 @@ def verify_new_poses(
     fixed, made = fixed_calibration(solution), MadeFrom(solution=solution, poses=made_from)
     fixture = with_calibrated_places(fixture, solution.model)
     if fixture.kind == "ball" and fixture.stays_on_hand:
-        # Where another socket stands is found from the new poses themselves.
+        # The place of another socket is found from the new poses themselves.
         return verify_poses(arm, fixture, new, fixed, calibrated=known, made=made)
     if len(there) > 1 and there != known:
         raise NoTestError(
@@ -76,14 +76,14 @@ def verify_new_poses(
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Refuse a set in which a calibration's own poses are: those it fits, whatever else is wrong with it.
+    """Refuse a set that contains a calibration's own poses, which it fits in any case.
 
-    Of an instrument a pose is one reading with what was measured there: measured again it is another.
+    With an instrument, a pose measured again at the same reading is a new one.
 
     Raises
     ------
     NoTestError
-        Says how many and which.
+        The text states how many and which.
     """
     if new.joint_count != made_from.joint_count:
         return
@@ -102,7 +102,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
-    """Whether each of the new poses is one of the others to the decimals that are written: (m,)."""
+    """Whether each of the new poses equals one of the others to the written decimals: (m,)."""
     rounded = any(_in_hundredths(p) for p in (new, made_from))
     same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]

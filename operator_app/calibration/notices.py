@@ -41,7 +41,7 @@ OWN_NOTICE = {
     FindingKind.SATURATED,
     FindingKind.PARALLEL_AXES,
 }
-"""Causes of which there is a notice of their own."""
+"""Causes that have their own notice."""
 
 K = FindingKind
 
@@ -60,17 +60,17 @@ def with_notices(
     adjudication: Adjudication,
     limits: AcceptanceLimits,
 ) -> Solution:
-    """Add the accuracy of the tool, the verdict, and every notice in its order.
+    """Add the accuracy of the tool, the verdict, and all notices in order.
 
-    `whole` is the fit of all poses, `judged` that of those the tests saw; `as_stated` is known by the files
-    rather than by the poses.
+    `whole` is the fit of all poses, `judged` that of the tested ones; `as_stated` are parameters known from the files
+    rather than from the poses.
     """
     found_arm = calibrated_arm(solution, arm)
     errors_there = hand_errors(found_arm, arm)
     accuracy = with_held(
         hand_accuracy(errors_there), errors_there.after_m, found_arm, arm, judged.linear
     )
-    # What was dropped on request has its own notice.
+    # Parameters dropped on request have their own notice.
     not_sought = tuple(
         j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held
     )
@@ -141,7 +141,7 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
 
 
 def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Return the finding of poses that do not fit the others; nothing is left out silently."""
+    """Return the finding that some used poses do not fit the others."""
     return (Finding(kind=K.OUTLIERS_COUNT, poses=labels),) if labels else ()
 
 
@@ -161,7 +161,7 @@ def _unused_endpoints(fixture: EndpointConstraint, poses: PoseSet) -> tuple[Find
 
 
 def _excess_noise(chi2: float, dof: int) -> tuple[Finding, ...]:
-    """Say so when noise as the files state it cannot have left this misfit: `chi2` is at stated variances."""
+    """Return the finding that stated noise does not explain the misfit: `chi2` is at stated variances."""
     from scipy.special import chdtrc
 
     if dof <= 0 or float(chdtrc(dof, chi2)) >= CHI2_NOTICE_PROBABILITY:
@@ -174,7 +174,7 @@ def _rates(accuracy: HandAccuracy) -> dict[str, float]:
 
 
 def _fixed_unseen(held: tuple[str, ...], accuracy: HandAccuracy) -> tuple[Finding, ...]:
-    """What was dropped on request."""
+    """Return the finding of parameters dropped on request."""
     if not held:
         return ()
     return (Finding(kind=K.FIXED_UNSEEN, names=held, figures=_rates(accuracy)),)
@@ -183,7 +183,7 @@ def _fixed_unseen(held: tuple[str, ...], accuracy: HandAccuracy) -> tuple[Findin
 def _fixed_by_choice(
     joints: tuple[int, ...], accuracy: HandAccuracy, arm: ArmModel
 ) -> tuple[Finding, ...]:
-    """Which offsets were not looked for, by the procedure or the arm's file."""
+    """Return the finding of offsets that the procedure or the arm's file fixes."""
     if not joints:
         return ()
     offsets = arm.table.theta_off_rad
@@ -204,7 +204,7 @@ def _fixed_by_choice(
 def _known_by_files(
     by_files: tuple[str, ...], estimate: Estimate, shares: Mapping[str, float]
 ) -> tuple[Finding, ...]:
-    """Of which parameters the poses bring less than the files, and how well these state them."""
+    """Return the parameters determined more by the files than by the poses, with the files' uncertainty."""
     known = {
         p.name: (float(sd), "rad" if p.is_angle else "m")
         for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True)
@@ -219,7 +219,7 @@ def _known_by_files(
 def _lengths_exact(
     components: VarianceComponents | None, tolerated: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """What passes for a fixture that deflects may be link lengths that are off."""
+    """Return the finding that an apparent compliance may be errors of link lengths."""
     if components is None or tolerated:
         return ()
     if components.compliance is None or not components.compliance.gives:
@@ -228,7 +228,7 @@ def _lengths_exact(
 
 
 def _same_placement(found: IndistinguishablePlacements) -> Finding:
-    """Placements that are one and the same bring no more than one placement does."""
+    """Return the finding of placements that are identical, and count as one."""
     return Finding(
         kind=K.SAME_PLACEMENT,
         joints=found.numbers,
@@ -240,7 +240,7 @@ def _same_placement(found: IndistinguishablePlacements) -> Finding:
 
 
 def _ill_conditioned(seen: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Say that the paper would not have called these poses well conditioned; the sigmas decide."""
+    """Return the finding that the poses are ill-conditioned by the paper's limit; the sigmas decide."""
     if seen.scaled_condition_number <= limits.scaled_condition_number:
         return ()
     return (

@@ -25,8 +25,7 @@ from solver.diagnostics.statistics import Chi2Test, chi2_test, sigmas_at
 class ParameterDifference:
     """One parameter of the arm in both calibrations, rad or m.
 
-    `sigma` is the standard deviation of `change`, open less closed; `significant` says that chance
-    would hardly give it.
+    `sigma` is the standard deviation of `change`, open minus closed; `significant`: chance is improbable.
     """
 
     name: str
@@ -40,18 +39,18 @@ class ParameterDifference:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenLoopCheck:
-    """What an open arm says of a closed-loop calibration.
+    """Check of a closed-loop calibration on the open arm.
 
     Attributes
     ----------
     solution
         Calibration of the open arm.
     differences
-        Of every parameter of the arm that both found.
+        Differences of all parameters of the arm that both identified.
     chi2
-        Of all differences together.
+        chi2 of all differences together.
     left_out
-        Parameters that one of the two cannot tell from where it was mounted.
+        Parameters that one of the two cannot separate from its mounting.
     """
 
     solution: Solution
@@ -61,27 +60,27 @@ class OpenLoopCheck:
 
     @property
     def disagree(self) -> tuple[ParameterDifference, ...]:
-        """Parameters that differ by more than chance gives, the worst first."""
+        """Parameters that differ significantly, the worst first."""
         found = [d for d in self.differences if d.significant]
         return tuple(sorted(found, key=lambda d: -abs(d.change) / d.sigma))
 
     @property
     def holds(self) -> bool:
-        """Whether the open arm is sound itself, and says the same."""
+        """Whether the open-arm calibration is itself sound, and agrees."""
         return self.solution.accepted and not self.disagree and self.chi2.per_dof <= self.chi2.high
 
 
 def check_open_loop(
     arm: ArmModel, instrument: Measured, poses: PoseSet, closed: Solution
 ) -> OpenLoopCheck:
-    """Judge a closed-loop calibration by measured endpoints of the open arm.
+    """Check a closed-loop calibration with measured endpoints of the open arm.
 
     Raises
     ------
     EndpointMissingError
-        The poses have none.
+        The poses have no endpoints.
     SolverError
-        They give no calibration.
+        The endpoints do not suffice for a calibration.
     """
     own = {*closed.model.ground_side, *closed.model.hand_side}
     values = {

@@ -17,10 +17,10 @@ from solver.diagnostics.range_checks import RangeFinding, ReadingFault, rows_in_
 def motion_causes(
     arm: ArmModel, poses: PoseSet, unsensed: tuple[int, ...], labels: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Name the joints whose readings spread within poses by more than their sensor's noise, in the poses' own words.
+    """Return the joints whose readings spread within poses by more than their sensor's noise.
 
-    An RVDT that spreads in most poses is noisy: of that it has a verdict of its own. What moves while it is sampled
-    joint by joint closes no loop, and its mean is no pose; the fit itself may not show it.
+    An RVDT that spreads in most poses is noisy, which its own verdict reports. The mean over samples of a moving arm is
+    no pose and closes no loop, though the fit may not show it.
     """
     if poses.sd_rad is None:
         return ()
@@ -46,9 +46,9 @@ def motion_causes(
 
 
 def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
-    """Poses (m,) whose readings spread (m,), rad, as no noise of this sensor does.
+    """Poses (m,) whose readings spread (m,), rad, by more than this sensor's noise.
 
-    Noise is what is stated; of an RVDT, whose noise may be worse, what most of the poses show.
+    The noise is the stated one; for an RVDT, whose noise may be larger, that of most poses.
     """
     noise = sensor.sigma_rad
     if isinstance(sensor, Rvdt):
@@ -57,7 +57,7 @@ def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArra
 
 
 MANY = 3
-"""So many joints outside their ranges are a row that is wrong; fewer may be where a hand upside down led them."""
+"""This many joints outside their ranges indicate a wrong row; fewer may be the effect of a tool upside down."""
 
 
 def excluded_poses(
@@ -66,7 +66,7 @@ def excluded_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[Finding, ...]:
-    """Return why each of the poses (indices) was left out; several for one reason in one finding."""
+    """Return why each of the poses (indices) was left out; one finding for each reason."""
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]
         for k in left_out
@@ -101,11 +101,11 @@ def out_of_range_besides(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[RangeFinding, ...]:
-    """Joints out of their ranges in other poses than those left out for their unit."""
+    """Joints out of their ranges in poses other than those left out for their unit."""
     radians = _in_radians(left_out, arm, poses)
     return tuple(f for f in out_of_range if not radians.issuperset(f.poses))
 
 
 def _in_radians(left_out: tuple[int, ...], arm: ArmModel, poses: PoseSet) -> set[int]:
-    """Which of the poses left out are rows in radians."""
+    """Return which of the poses left out are rows in radians."""
     return set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()

@@ -1,4 +1,4 @@
-"""Prediction of new poses by a calibration's own poses, both in one error model at stated sizes."""
+"""Predicts new poses from a calibration's own poses, both in one error model at stated sizes."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from solver.estimators.mixed_fit import MixedFit, fit_mixed, gravity_share
 from solver.loops.closure import ClosureModel
 
 MOST = 1000
-"""Poses of a calibration, evenly among all, that foretell: more know nothing that matters here."""
+"""Poses of a calibration, evenly among all, used for the prediction: more do not improve it."""
 
 FIXTURE = "fixture"
-"""The subject of a shift that is no joint's."""
+"""Subject of a shift that is not of a joint."""
 
 
 def shift_in_words(shift: CommonShift) -> str:
-    """What has shifted, by how much, and what to do."""
+    """Return the shift, its size, and the remedy, as text."""
     if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
         return (
             "the fixture stands elsewhere than the calibration has it, in all these poses alike: was it moved "
@@ -65,12 +65,12 @@ def shift_in_words(shift: CommonShift) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MadeFrom:
-    """A calibration with the poses it was made from.
+    """A calibration with its own poses.
 
     Attributes
     ----------
     poses
-        All of them, those on the flipped branch as well.
+        All poses, including those on the flipped branch.
     """
 
     solution: Solution
@@ -81,7 +81,7 @@ class MadeFrom:
 class PredictedPoses:
     """Whitened residuals of new poses, in their order, and the columns by which a shift shows in them.
 
-    `left` judges by what is stated at least; `chi2` predicts with the sizes of errors as the calibration learned them.
+    `left` uses at least the stated errors; `chi2` uses the sizes of errors estimated in the calibration.
     """
 
     left: WhitenedResiduals
@@ -101,7 +101,7 @@ def predict_new_poses(
     Parameters
     ----------
     start
-        Values (rad, m) of what the calibration does not know, such as where another socket stands.
+        Values (rad, m) of parameters that the calibration lacks, such as the place of another socket.
     """
     solution, old = made.solution, _used(made)
     both = concatenated_poses(old, new)
@@ -112,7 +112,7 @@ def predict_new_poses(
     try:
         found = fit_as_stated(
             model, both, errors, x0,
-            # Of where a socket stands that only new poses know the old ones say nothing.
+            # The old poses have no information about a socket of new poses.
             old=len(both) if start else len(old),
             variances=partial(_at_least_stated, learned=learned),
         )  # fmt: skip
@@ -123,7 +123,7 @@ def predict_new_poses(
         return None
     given = None
     if solution.estimate.estimator == "paper":
-        # That is no optimum of these equations: it is judged where it says it is.
+        # That is no optimum of these equations: it is tested at its own values.
         at = here.state.x if isinstance(here, Linearisation) else found.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
@@ -177,10 +177,10 @@ def _errors(
 
 
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) that new poses are predicted with: as a calibration's own poses told them.
+    """Variances (K,) for the prediction of new poses, as estimated from a calibration's own poses.
 
-    Scales that were learned in one corner of the workspace say little of another: a share of what is stated stays
-    (method, section 10). Noise that was found larger than stated is no excuse for new poses.
+    Scales estimated in one part of the workspace may not apply in another: a share of the stated variance remains
+    (method, section 10). Noise estimated larger than stated is not used for new poses.
     """
     v = design.stated_variances()
     for k, c in enumerate(design.components):
@@ -195,7 +195,7 @@ def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
 
 
 def _at_least_stated(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) that new poses are judged by: nothing counts for less than files state."""
+    """Variances (K,) for the test of new poses: at least the stated ones."""
     return np.maximum(design.stated_variances(), _as_learned(design, learned=learned))
 
 
@@ -208,10 +208,10 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Linearise old poses, the first so many, and new ones; gravity's sign is as the old ones have it."""
+    """Linearise old poses (the first ones) and new ones; gravity's sign is that of the old ones."""
     found = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
     if found.fit.design.expected.any() and gravity_share(found.fit.at_poses(np.arange(old))) < 0.5:
-        # The arm does not sag as gravity lets expect, by its calibration's own poses.
+        # By the calibration's own poses the arm does not sag in the direction of gravity.
         found = fit_mixed(
             model, both.q_rad, replace(errors, signed=False), found.x,
             variances=variances, group=both.placement,
@@ -220,7 +220,7 @@ def fit_as_stated(
 
 
 def _used(made: MadeFrom) -> PoseSet:
-    """The poses that the calibration counted, each once."""
+    """The poses that the calibration used, each once."""
     kept = np.ones(len(made.poses), dtype=np.bool_)
     kept[list(made.solution.dropped_flipped)] = False
     distinct: IntArray = distinct_poses(made.poses, kept)[0]
@@ -238,12 +238,12 @@ def _model(
     both: PoseSet,
     start: Mapping[str, float],
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """The loops of old and new poses, the parameters, and each one's column in the estimate; None of `start`."""
+    """Loops of old and new poses, parameters, and the column of each in the estimate; None for those of `start`."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = loop_of_poses(arm, fixture, both, unsensed_joints=made.solution.model.unsensed_joints)
     if len(both.placements) > 1 and len(old.placements) == 1:
-        # What had one placement's names has several now.
+        # Parameters with the names of one placement now belong to several.
         numbered = {p.name for p in model.parameters}
         (number,) = old.placements
         here = {name: f"{name}[{number}]" for name in known}
@@ -260,7 +260,7 @@ def _model(
 
 
 def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
-    """Of parameters by their columns in the estimate; of one that has none nothing is known."""
+    """Covariance of parameters by their columns in the estimate; very large for one without a column."""
     here = [k for k, c in enumerate(column) if c is not None]
     rows = [c for c in column if c is not None]
     covariance = np.diag(np.full(len(column), NOT_KNOWN**2))
@@ -269,7 +269,7 @@ def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
 
 
 def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
-    """Both pose sets as one, the old ones first; what only one of them recorded is in neither."""
+    """Both pose sets as one, the old ones first; data recorded in only one of them are left out."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)
 
@@ -289,7 +289,7 @@ def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
 
 
 def _samples(old: PoseSet, new: PoseSet) -> IntArray:
-    """Readings in each mean; one where a file does not say."""
+    """Readings in each mean; one where a file does not state it."""
     return np.concatenate(
         [np.ones(len(p), dtype=np.int64) if p.samples is None else p.samples for p in (old, new)]
     )

@@ -1,7 +1,7 @@
-"""Prior of a loop's unknowns before a pose of a placement: by the files and by earlier placements.
+"""Prior of a loop's unknowns before the first pose of a placement: from the files and from earlier placements.
 
-The arm's own entries follow from earlier poses. Offsets that are counted from the fixture change within its
-tolerance when it is remounted, and a fixture that stood farther from its nominal place may do so again.
+The arm's own entries follow from earlier poses. Offsets that count from the fixture change within its tolerance when it
+is remounted, and a fixture that was mounted farther from its nominal place may be so again.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
 
 WITHIN = 3.0
-"""Standard deviations to a tolerance within which something is believed."""
+"""Number of standard deviations in a tolerance."""
 
 EXACT = 1e-6
-"""What is stated to be exact is held as closely as this (m, rad): a prior needs a width."""
+"""Standard deviation (m, rad) of entries stated as exact: a prior needs a width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KnownArm:
-    """What poses in earlier placements of a fixture tell, wherever it is now.
+    """Information about the arm from poses in earlier placements of a fixture.
 
     Attributes
     ----------
     names, values, covariance
         Entries that are the same in every placement: (k,), (k, k), rad and m.
     ends
-        Offsets that are counted from the fixture, by name: their mean over the earlier placements.
+        Offsets that count from the fixture, by name: their mean over the earlier placements.
     placements
-        How many those are.
+        Number of earlier placements.
     placement_ratio
-        How far from its file's place the fixture has stood, as multiple of what that allows; 1 at least.
+        Largest distance of the fixture from its nominal placement, as a multiple of its tolerance; at least 1.
     """
 
     names: tuple[str, ...]
@@ -80,7 +80,7 @@ def placement_prior(
     turned = known.placement_ratio * fixture.tolerance.orientation_rad / WITHIN
     for k, name in enumerate(names):
         if name in known.ends:
-            # Where it was is as far from the file's place as where it is.
+            # Earlier and present placements have the same tolerance about the nominal one.
             mean[k], sd[k] = known.ends[name], turned * np.sqrt(1.0 + 1.0 / known.placements)
         elif name in sides:
             sd[k] *= known.placement_ratio
@@ -93,16 +93,16 @@ def placement_prior(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StatedFit:
-    """Poses fitted by what their files state, everything within its tolerance.
+    """Fit of poses with the stated errors, all entries free within tolerances.
 
     Attributes
     ----------
     model
         The loop, its lengths and twists free.
     nominal, sd
-        (P,) of the unknowns, as the files have them.
+        Nominal values and standard deviations (P,) of the unknowns, from the files.
     fit
-        Where it ended.
+        Result of the fit.
     """
 
     model: ClosureModel
@@ -118,7 +118,7 @@ def stated_fit(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> StatedFit | None:
-    """Fit poses by what their files state; None where they do not give a fit."""
+    """Fit poses with the stated errors of their files; None where they cannot be fitted."""
     try:
         given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
         model, stated = free_within_tolerance(given, arm)
@@ -140,7 +140,7 @@ def stated_fit(
 def noise_of(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed_joints: tuple[int, ...]
 ) -> NoiseModel:
-    """What the files state of these readings, nothing having been found yet."""
+    """Stated noise of these readings, before any estimate."""
     nothing = Fixed(
         values={},
         covariance=np.zeros((0, 0)),
@@ -158,7 +158,7 @@ def known_arm(
     *,
     unsensed_joints: tuple[int, ...] = (),
 ) -> KnownArm | None:
-    """Return what the poses of earlier placements tell; None where they tell nothing yet."""
+    """Return the information from poses of earlier placements; None where there is none yet."""
     by = stated_fit(arm, fixture, poses, unsensed_joints=unsensed_joints)
     if by is None:
         return None
@@ -173,7 +173,7 @@ def known_arm(
         else:
             stood.append(k)
     pulls = (found.x - by.nominal)[stood] / by.sd[stood]
-    # Poses that fit worse than their files state tell less than they claim to.
+    # Poses that fit worse than stated carry less information: their covariance is scaled up.
     worse = max(1.0, found.chi2 / found.dof)
     return KnownArm(
         names=tuple(model.parameters[k].name for k in shared),
@@ -190,8 +190,8 @@ def _by_files(
 ) -> FloatArray:
     """Standard deviation (P,) of each unknown.
 
-    Offsets are believed within what a protractor tells where the arm's file states nothing, or less: a
-    calibration is what begins here.
+    Offsets have at least the uncertainty of a protractor, even if the arm's file states less: the arm may not be
+    calibrated yet.
     """
     offset = max(ROUGH_PLACEMENT.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)
     tolerance = fixture.tolerance

@@ -28,12 +28,12 @@ class FixtureRefusedError(FixtureError):
 def require_identifiable(
     seen: Identifiability, model: ClosureModel, poses: int, *, known: Collection[str] = ()
 ) -> None:
-    """Refuse what `model` cannot see of so many poses, unless it takes in what the arm's file states (`known`).
+    """Refuse unidentifiable directions of `model`, unless the arm's file states an uncertainty (`known`).
 
     Raises
     ------
     UnidentifiableError
-        Some direction is blind.
+        Some direction is unidentifiable.
     """
     blind = tuple(d for d in seen.directions if not set(d.parameters) & set(known))
     if blind:
@@ -58,7 +58,7 @@ def refuse_placement(fixture: EndpointConstraint, arm: ArmModel, model: ClosureM
 def placement_checks(
     fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel, x: FloatArray
 ) -> tuple[SetupCheck, ...]:
-    """Judge the geometry of every placement at the identified parameters `x` of `model`."""
+    """Check the geometry of every placement at the identified parameters `x` of `model`."""
     found: dict[tuple[str, str], SetupCheck] = {}
     for part, columns, _ in model.parts():
         for check in fixture.placement_checks(arm, part, x[columns]):

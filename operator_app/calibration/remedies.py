@@ -1,4 +1,4 @@
-"""Offsets of unsensed joints and corrections of RVDTs that a calibration gives."""
+"""Offsets of unsensed joints and corrections of RVDTs from a calibration."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from solver.closing import close_loops
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingTable:
-    """What to add to the readings of one joint.
+    """Corrections of the readings of one joint.
 
     Attributes
     ----------
@@ -29,9 +29,9 @@ class ReadingTable:
     theta_off_rad
         Offset that belongs to corrected readings.
     gain
-        Reading per angle, 1 is right; in the corrections already.
+        Reading per angle, ideally 1; included in the corrections.
     reading_rad, add_rad, sigma_rad
-        (k,): readings, rising; what to add to them, linear in between; and how well that is known.
+        (k,): rising readings; corrections to add, linear in between; and their standard uncertainty.
     """
 
     joint: int
@@ -42,17 +42,17 @@ class ReadingTable:
     sigma_rad: FloatArray
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings; beyond the table by its nearest end."""
+        """Correct readings; beyond the table its nearest end is used."""
         return np.asarray(reading_rad + np.interp(reading_rad, self.reading_rad, self.add_rad))
 
     def beyond(self, reading_rad: FloatArray) -> int:
-        """How many readings lie beyond the table."""
+        """Number of readings beyond the table."""
         low, high = self.reading_rad[[0, -1]]
         return int(np.sum((reading_rad < low) | (reading_rad > high)))
 
 
 def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
-    """Return the corrections of every RVDT that the poses could judge."""
+    """Return the corrections of every RVDT that the poses could determine."""
     found = []
     for verdict in solution.rvdt:
         figures = verdict.figures
@@ -77,7 +77,7 @@ def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
 
 
 def tables_of(document: ParametersDocument) -> tuple[ReadingTable, ...]:
-    """Return the corrections that a parameters file holds."""
+    """Return the corrections in a parameters file."""
     found = []
     for remedy in document.rvdt:
         rows = [(row.reading_deg, row.add_deg, row.sigma_deg) for row in remedy.table]
@@ -104,9 +104,9 @@ def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
 
 
 def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[int, float]:
-    """Offset (rad) of every joint whose readings took no part, by joint: mean angle of the loop less reading.
+    """Offset (rad) of every joint whose readings were not used, by joint: mean of loop angle minus reading.
 
-    `poses` are those that the solution was asked for. A joint without a sensor reads nothing and has none.
+    `poses` are those of the solution. A joint without a sensor has no offset.
     """
     model = solution.model
     kept = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)

@@ -21,13 +21,13 @@ READING_KINDS = {
     FindingKind.READING_DRIFT,
     FindingKind.READING_FROZEN,
 }
-"""Causes that are one joint's reading, beside those of its sensor."""
+"""Causes that concern one joint's reading, other than those of its sensor."""
 
 
 def return_tests(
     returned: tuple[tuple[Reread, Repeat], ...], estimate: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test every pose that was read again, by what the files state; name what slipped."""
+    """Test every repeated pose against the stated errors; return what slipped."""
     tests, causes = [], []
     for read, found in returned:
         test = HypothesisTest.of_chi2(
@@ -36,7 +36,7 @@ def return_tests(
         tests.append(test)
         if test.fires:
             causes.append(_slipped_since(read, found, estimate))
-    # What slipped once is off in every return since: once is enough.
+    # A slip shows in every later repeat: it is reported once.
     once = {cause.code: cause for cause in reversed(causes)}
     return tuple(tests), tuple(reversed(once.values()))
 
@@ -44,9 +44,9 @@ def return_tests(
 def proven_by_return(
     since: tuple[Finding, ...], by_tests: tuple[Finding, ...]
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
-    """Take out what a return proves, and what is left of the tests' causes: what was named refuses then.
+    """Return the causes proven by repeated poses, and the tests' other causes; a cause named by both blocks.
 
-    By the poses alone a slip may move no parameter by more than its sigmas, which are as wide as it made them.
+    From the poses alone a slip may not exceed the sigmas, because it has widened them.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -59,9 +59,9 @@ def proven_by_return(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """What only a return shows: the poses themselves say when a joint or the fixture slipped.
+    """Return causes that only a repeated pose shows, without slips that the tests have found already.
 
-    That a fixture gives in every pose, or that a length is off, says nothing of a slip.
+    A compliant fixture or a wrong length is no slip.
     """
     slipped = any(cause.kind is FindingKind.FIXTURE_SLIPPED for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}
@@ -75,10 +75,10 @@ def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> 
 
 
 def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> Finding:
-    """Say what slipped between two readings of a pose."""
+    """Return what slipped between two readings of a pose."""
     from scipy.special import chdtri
 
-    # A slip may be any joint's; a fixture has two sides to slip on, and may give.
+    # A slip may be in any joint; a fixture can slip on two sides, and may deflect.
     of_joint = PRIORS[Cause.LOST_COUNTS] / len(found.difference_rad)
     odds = found.joint_odds * of_joint / (PRIORS[Cause.SLIPPED] + PRIORS[Cause.GIVES])
     share = odds / (1.0 + odds)

@@ -1,6 +1,6 @@
-"""What a calibration gives: parameters, what they are worth, and why. Computes none of it.
+"""Result of a calibration: parameters, their quality, and the reasons. Computes nothing.
 
-A `Solution` is journalled, reported, exported and verified from; `operator_app.calibration.calibrate` makes it.
+A `Solution` is the input of journal, report, export and verification; `operator_app.calibration.calibrate` makes it.
 """
 
 from __future__ import annotations
@@ -27,66 +27,66 @@ from solver.search.global_start import GlobalStart
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solution:
-    """A judged calibration.
+    """A calibration with its verdict.
 
     Attributes
     ----------
     model
         The loop that was solved.
     estimate
-        By the chosen estimator.
+        Estimate of the chosen estimator.
     paper
-        By the paper's estimator on the same poses; None when joints are unsensed.
+        Estimate of the paper's estimator from the same poses; None with unsensed joints.
     seen
         Rank, condition number, weakest direction.
     before
         Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
     dropped_flipped
-        Indices (into the poses given) left out because they lie on the flipped branch.
+        Indices (into all poses) left out because they are on the flipped branch.
     held
-        Unknowns that were dropped on request: held at their nominal values.
+        Unknowns that were dropped on request: fixed at their nominal values.
     tolerated
         Lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
     components
-        What was found with the parameters: noise and curves of the RVDTs, give of the fixture, and
-        what each source of error brings to every parameter.
+        Results besides the parameters: noise and curves of the RVDTs, compliance of the fixture, and the uncertainty
+        budget of every parameter.
     search
-        The global start, where one was asked for.
+        The global start, if requested.
     outliers
-        Labels of poses whose readings do not fit the others, the worst first. They still count: the
-        operator excludes them or not.
+        Labels of poses whose readings do not fit the others, the worst first. They are still used: the operator decides
+        on their exclusion.
     rvdt
-        What the loops say of each RVDT, its joint taken as unsensed for that.
+        Verdict on each RVDT, with its joint taken as unsensed.
     reasons
-        Why it is not accepted; empty when it is.
+        Reasons why it is not accepted; empty when it is.
     judgement
-        Every test that was made, and the causes that they point to.
+        All tests, and the causes that they support.
     assumed
         Figures of the error model that no file states.
     hand
-        How far off the hand may be at these poses; None in records of earlier versions.
+        Tool position uncertainty at these poses; None in records of earlier versions.
     accuracy
-        What the calibration brings over the joints' ranges; None in records of earlier versions.
+        Tool position error before and after calibration over the joints' ranges; None in records of earlier versions.
     condition_at_readings
-        Scaled condition number where the joints were read, as the paper took it; None with unsensed
-        joints, and in records of earlier versions.
+        Scaled condition number at the readings, as in the paper; None with unsensed joints, and in records of earlier
+        versions.
     implicit
-        What weighing every reading by its noise gives, where the paper's estimate is the chosen one.
+        Estimate of the implicit estimator, if the paper's is the chosen one.
     best
-        The D-H table that has the tool where corrections would have it, and how well it has it; None with the
-        paper's estimator, and in records of earlier versions.
+        The best D-H table for use without corrections, and its uncertainty; None with the paper's estimator, and in
+        records of earlier versions.
     corrections
-        What a controller may add to the readings beside the identified parameters; None likewise.
+        Corrections that a controller may add to the readings; None as for `best`.
     scales
-        How large each family of errors was found, stated = 1.
+        Estimated size of each family of errors, relative to the stated one.
     shares
-        Share of what is known of each parameter that the poses brought, by name.
+        Share of each parameter's information that comes from the poses, by name.
     distances
-        Between the placements of a ball.
+        Distances between the placements of a ball.
     length_tolerance_m
-        How well lengths were taken to be known, where that was asked for and is not what the arm's file states.
+        Standard deviation of lengths, if requested other than in the arm's file.
     truth
-        How far it is from the truth; None where nobody knows that, as of any real arm.
+        Errors against the truth; None where it is unknown, as for any real arm.
     """
 
     model: ClosureModel
@@ -127,28 +127,28 @@ class Solution:
 
     @property
     def verdict(self) -> Verdict:
-        """Which of the three classes it is of."""
+        """The verdict."""
         if not self.accepted:
             return Verdict.NOT_ACCEPTED
         return self.adjudication.verdict
 
     @property
     def causes(self) -> tuple[Finding, ...]:
-        """What is wrong, the most probable first."""
+        """Causes of a misfit, the most probable first."""
         return self.adjudication.causes
 
     @property
     def within(self) -> dict[str, float]:
-        """Type A of each parameter (rad, m): what the same poses taken again would scatter; empty if not known."""
+        """Type A uncertainty of each parameter (rad, m): scatter over repeated pose sets; empty if not known."""
         if self.components is None:
             return {}
-        # What the poses do not tell at all has none, but for rounding.
+        # Parameters without information from the poses have none, except for rounding.
         sd = np.sqrt(np.maximum(np.diagonal(self.components.repeatability), 0.0))
         return {p.name: s for p, s in zip(self.estimate.parameters, sd.tolist(), strict=True)}
 
     @property
     def identified(self) -> Estimate:
-        """The estimate of what calibration identifies: without the lengths and twists it corrected."""
+        """The estimate of the identified parameters, without lengths and twists corrected within tolerances."""
         return self.estimate.without(self.tolerated)
 
     @property

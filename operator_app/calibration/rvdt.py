@@ -46,10 +46,9 @@ def check_rvdts(
     fixed: tuple[str, ...] = (),
     length_tolerance_m: float | None = None,
 ) -> tuple[RvdtVerdict, ...]:
-    """Judge every RVDT by its noise and by the loops of one placement.
+    """Test every RVDT by its noise and by the loops of one placement.
 
-    `whole` is the fit of the `distinct` poses (k,) with the RVDTs' readings, beside which the one
-    without them lies.
+    `whole` is the fit of the `distinct` poses (k,) with the RVDTs' readings, from which the fit without them starts.
     """
     sensors = {
         j: joint.sensor for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt)
@@ -102,7 +101,7 @@ def check_rvdts(
 
 
 def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
-    """Where the loops of `model` are, more of whose joints are unsensed than in the fit `whole`."""
+    """Start for the loops of `model`, with more unsensed joints than in the fit `whole`."""
     estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     first = whole.unsensed.shape[-1] - len(had)
@@ -129,9 +128,9 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, whole: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, where anything tells of it: their spread, or else the loops.
+    """Noise of single readings, by joint, where known: from their spread, or else from the loops.
 
-    Not the spread of poses in which a joint moved while it was read: that is said of these poses.
+    Poses in which a joint moved while it was read are left out and reported as such.
     """
     samples = samples_of(poses)[kept]
     spread = None if poses.sd_rad is None else poses.sd_rad[kept]
@@ -155,7 +154,7 @@ def _noise_of_rvdts(
 
 
 def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
-    """Components of a fit with fixture and joints as quiet as they were found, by name; of noise only."""
+    """Noise components of a fit, by name, with the motion noise of fixture and joints as estimated."""
     v, error = sensor_noise_with_found_motion(whole.linear)
     names = [c.name for c in whole.linear.design.components]
     found = {}
@@ -170,7 +169,7 @@ def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
 def measured_deviations(
     verdicts: tuple[RvdtVerdict, ...], arm: ArmModel
 ) -> dict[int, PeakDeviation]:
-    """How far RVDTs stray from their best lines, by joint, where the loop could measure it."""
+    """Linearity deviations of RVDTs, by joint, where the loop could measure them."""
     return {
         v.joint: linearity_deviation(v.figures, sensor)
         for v in verdicts
@@ -179,7 +178,7 @@ def measured_deviations(
 
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
-    """RVDTs out of specification where nothing else is wrong: the sigmas count their curves in."""
+    """RVDTs out of specification without another fault: the sigmas include their curves."""
     return tuple(
         Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
         for v in verdicts
@@ -188,7 +187,7 @@ def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Findi
 
 
 def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
-    """What is to be done about an RVDT out of specification; its text names the noise."""
+    """Kind of the finding of an RVDT out of specification, which decides the remedy; its text names the noise."""
     deviation = measured_deviations((verdict,), arm).get(verdict.joint)
     sensor = arm.joints[verdict.joint - 1].sensor
     if (

@@ -17,12 +17,12 @@ from solver.diagnostics.stated_sizes import exceeded_specifications
 from solver.estimators.variance_components import Calibrated
 
 WORST = 3
-"""So many parameters are worth a sentence."""
+"""Number of parameters for which a sentence is written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceSensitivity:
-    """One parameter: its sigma, the source that brings most of it, and what is left with half of that.
+    """One parameter: its sigma, the largest source of it, and its sigma with half of that source.
 
     `sigma` and `then` are in rad or m, `share` is of the variance.
     """
@@ -36,9 +36,9 @@ class SourceSensitivity:
 
 
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
-    """Say of the parameters that are known worst what would help most; empty without a budget.
+    """Return the most effective improvement for the least certain parameters; empty without a budget.
 
-    So it is where the solution is astray: stiffer fixtures and longer samples lead nothing back.
+    It is also empty if the solution has diverged, when smaller errors would not help.
     """
     if solution.components is None or solution.adjudication.diverged:
         return ()
@@ -68,9 +68,9 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 
 
 def exceeded_source(found: Calibrated, name: str) -> str:
-    """Return the source of most of a parameter's sigma, where that is larger than stated.
+    """Return the largest source of a parameter's sigma, if that exceeds its specification.
 
-    Empty where none is: what is as stated, poses that differ more see through.
+    Empty if none does: with errors as stated, poses that differ more help.
     """
     budget, names = found.components.budget, [p.name for p in found.estimate.parameters]
     if not budget or name not in names:

@@ -1,8 +1,8 @@
-"""A calibration as plain data and back, exactly: what the journal keeps, so that nothing is solved twice.
+"""Converts a calibration to plain data for the journal and back, exactly, so that nothing is solved twice.
 
 Follows the dataclasses: a field more or less needs no change here. Data that do not fit today's
-dataclasses are refused as a whole (`RecordError`); a field with a default may be missing, and one
-that is no longer known is passed over.
+dataclasses are refused as a whole (`RecordError`); a field with a default may be missing, and one that is no longer
+known is ignored.
 
 A dataclass becomes an object of its fields, an array ``{"shape": .., "values": [..]}``, an enum its
 name; doubles are written so that the same bits are read back, and what JSON has no number for as
@@ -32,22 +32,22 @@ VERSION = 1
 STORED_TYPES: Mapping[type, tuple[type, ...]] = {
     ClosureModel: (DhLoop, PointClosure, MeasuredClosure, Placements)
 }
-"""What may stand where an interface is declared; the name of the class is kept as ``kind``."""
+"""Classes allowed where an interface is declared; the name of the class is stored as ``kind``."""
 
 T = TypeVar("T")
 
 
 class RecordError(Exception):
-    """Data that are no record of today's dataclasses: solve again."""
+    """The data do not match the present dataclasses: solve again."""
 
 
 def to_dict(found: object) -> dict[str, Any]:
-    """Return a dataclass (a `Solution`, its `Checks`) as data that JSON can hold."""
+    """Return a dataclass (a `Solution`, its `Checks`) as data for JSON."""
     return {"version": VERSION, **_encoded_fields(found)}
 
 
 def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
-    """Return the dataclass that `to_dict` was given, arrays read-only.
+    """Return the dataclass from the data of `to_dict`, arrays read-only.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _encoded(value: object) -> Any:
 
 
 def _decoded(hint: Any, data: Any) -> Any:
-    """Read `data` as what a field is declared to hold."""
+    """Read `data` as the declared type of a field."""
     origin, arguments = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         if data is None:
@@ -145,5 +145,5 @@ def _key(field: dataclasses.Field[Any]) -> str:
 
 
 def _kept(of: type) -> list[dataclasses.Field[Any]]:
-    """Fields that are given; the others follow from them."""
+    """Arguments of the constructor; the other fields follow from them."""
     return [f for f in dataclasses.fields(of) if f.init]

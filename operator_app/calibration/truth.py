@@ -21,10 +21,9 @@ Truths = Callable[[int], Mapping[str, float]]
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
-    """Return a calibration with its distance from the truth; `first` is the first mounting it has poses of.
+    """Return a calibration with its errors against the truth; `first` is its first mounting with poses.
 
-    Of the tool what counts is what a calibration decides: where the fixture stood has no part in it, as in
-    `HandAccuracy`.
+    The tool position error does not include the fixture's place, as in `HandAccuracy`.
     """
     estimate = solution.identified
     inside, of = 0, 0
@@ -33,14 +32,14 @@ def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int 
     ):
         name, _, number = parameter.name.partition("[")
         true = truths(int(number[:-1]) if number else first).get(name)
-        if true is None:  # how a target is turned has no true value by that name
+        if true is None:  # the orientation of a target has no true value by that name
             continue
         off = true - x
         if parameter.is_angle:
             off = math.remainder(off, 2.0 * math.pi)
         of += 1
         inside += bound.low <= x + off <= bound.high
-    # The identified entries against the true ones: the best table stands for errors of readings as well.
+    # The identified entries are compared, since the best table also includes errors of readings.
     found = replace(calibrated_arm(solution, arm), best=None)
     part = solution.model.parts()[0][0]
     values = dict(truths(first))

@@ -13,20 +13,20 @@ True
 
 Functions, in the order of use, and what each returns::
 
-    load_arm, load_fixture   Arm, Fixture: of a file, or packaged by name
+    load_arm, load_fixture   Arm, Fixture: from a file, or packaged by name
     load_poses, poses_of     Poses: readings of a CSV file or data frame, or of an array
-    plan                     Plan: poses that tell most, before any is taken
+    plan                     Plan: the most informative poses, before any is taken
     simulate                 Simulation: readings of a simulated arm, with the truth
     calibrate                Result: values, sigmas, intervals, verdict, fk, export; Table by its table()
-    verify                   Verification: a Result judged by new poses
+    verify                   Verification: a Result tested with new poses
     compare                  Comparison: what drifted between two Results
-    load_result              Result again, of a session
+    load_result              Result of an earlier session
 
 Errors, besides TypeError and ValueError for a wrong argument::
 
     ConfigError, WriteError  a file is wrong, or cannot be written
     FixtureError             arm and fixture do not go together
-    SolverError              the poses cannot give what is asked for
+    SolverError              the poses do not suffice for a calibration
     UnidentifiableError      a SolverError: the poses do not determine every parameter
     SessionError             a session cannot be read, or no plan can be made
     IncomparableError        a SessionError: two Results have no parameter in common
@@ -34,15 +34,15 @@ Errors, besides TypeError and ValueError for a wrong argument::
 Each has a page of its own: ``help(sarcal.Result)``. A first script: ``sarcal help scripting`` in a shell.
 
 Own readings come as an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture
-are files, or the names of packaged ones. What a name ends in is its unit: ``_rad``, ``_deg``, ``_m``,
-``_mm``. Angles are what the sensors read: joint angle = reading + theta_off.
+are files, or the names of packaged ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``,
+``_mm``. Angles are sensor readings: joint angle = reading + theta_off.
 
-**What stays as it is.** The names in ``sarcal.__all__``, their parameters and the attributes that their
-docstrings list are this program's interface, and are changed only by a release that raises the version's
-first number (before 1.0: the second), after one that warned (`DeprecationWarning`). The keys of
-`Result.to_json` are those of ``sarcal solve --json``, under the same promise. Estimates are not promised to
-the last digit: a better error model moves them within their sigmas. Everything else that can be imported
-(``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any release.
+***Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this
+program's interface. They change only in a release that raises the version's first number (before 1.0: the second),
+after one that warned (`DeprecationWarning`). The same holds for the keys of `Result.to_json`, which are those of
+``sarcal solve --json``. Estimates may change in their last digits: a better error model moves them within their sigmas.
+Everything else that can be imported (``operator_app``, ``hardware``, ``fixtures``, ``solver``) may change with any
+release.
 """
 
 from importlib import import_module
@@ -50,7 +50,7 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.package_names import require_own_names
 
-# Before anything is imported by these names: what fails later fails far from the cause.
+# Checked before these packages are imported: a later failure would be far from its cause.
 require_own_names()
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ _HOME = {
     "simulate": "sarcal.planning",
     "verify": "sarcal.judging",
 }
-"""Where each name is defined; it is imported when it is first used, so that `import sarcal` costs next to nothing."""
+"""Module of each name; it is imported at first use, so that `import sarcal` is fast."""
 
 __all__ = [
     "Arm",

@@ -1,12 +1,12 @@
-"""What `sarcal` relies on of an arm, as tests that a package runs on its own: its simulator, or a free arm.
+"""Requirements of `sarcal` on an arm, as tests that a package runs on its simulator or on a free arm.
 
 ::
 
     CAN_INTERFACE=my_arm CAN_CHANNEL=127.0.0.1:7400 pytest --pyargs sarcal.arm_contract
 
-The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedure whose arm, fixture and speeds
-it has (default hinge). **The arm moves**: the joints that drive go `STEP_RAD` away and back, and STOP is tried.
-An arm that is moved by hand stays where it is. Without CAN_INTERFACE it is the embedded virtual arm.
+The arm is found as `sarcal run` finds it. `SARCAL_PROCEDURE` names the procedure with its arm, fixture and speeds
+(default hinge). **The arm moves**: the drive joints move by `STEP_RAD` and back, and STOP is tried. An arm that is
+moved by hand does not move. Without CAN_INTERFACE the embedded virtual arm is used.
 
 The requirements are in `hardware.commissioning`, `clauses` and `checks`; `sarcal arm-check` tests the same.
 """
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 
 STEP_RAD = math.radians(2.0)
 BOUNDS = Bounds(samples=10, still_rad=math.radians(0.5), near_rad=math.radians(0.5))
-"""In a fixture, where joints share what a drive does."""
+"""Step of a drive joint in a fixture, where other joints follow."""
 
 
 class ConnectedArm:
-    """A connected arm, what it said of itself, and the procedure it is used by."""
+    """A connected arm, its reported identity, and its procedure."""
 
     def __init__(self, arm: ArmInterface, procedure: Procedure, identity: ArmIdentity) -> None:
         self.arm, self.procedure, self.identity = arm, procedure, identity
@@ -45,7 +45,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints in position mode: as the procedure says, else those that move the others most here."""
+        """Joints in position mode: those of the procedure, else those that move the others most at the present pose."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -56,7 +56,7 @@ class ConnectedArm:
         return rank_at_pose(model, nominal_vector(model.parameters), here)[0].drives
 
     def ready(self) -> tuple[int, ...]:
-        """Drives enabled, in the modes of a capture; the joints that drive."""
+        """Enable the drives in the modes of a capture; return the drive joints."""
         drives = self.drives
         self.arm.take_control()
         self.arm.set_modes(self.modes(drives))
@@ -69,7 +69,7 @@ class ConnectedArm:
 
     @property
     def speed_rad_per_s(self) -> float:
-        """Of the procedure."""
+        """Speed of the procedure."""
         return self.procedure.capture.speed_rad_per_s
 
     def away(self, joint: int) -> float:
@@ -79,7 +79,7 @@ class ConnectedArm:
         return here.position_rad + (STEP_RAD if up else -STEP_RAD)
 
     def turn(self, joint: int, target_rad: float, speed_rad_per_s: float) -> checks.Turn:
-        """Have a joint turn to a target."""
+        """Move a joint to a target."""
         return checks.Turn(
             arm=self.arm,
             joint=joint,
@@ -89,14 +89,14 @@ class ConnectedArm:
         )
 
     def require_moved(self) -> None:
-        """Skip what an arm cannot show that a person moves."""
+        """Skip requirements that cannot be tested on an arm that a person moves."""
         if self.identity.by_hand:
             pytest.skip("this arm is moved by hand")
 
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
-    """The arm, connected once; every test leaves it as it may be found."""
+    """The arm, connected once; every test leaves it ready for the next one."""
     named = os.environ.get("SARCAL_PROCEDURE", "hinge")
     opening = begin(named, Choices(), root=tmp_path_factory.mktemp("contract"))
     with open_arm(opening) as rig:
@@ -104,7 +104,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Hold every clause against the arm, the first that fails ends it; skip with what could not be found out."""
+    """Test every clause on the arm until one fails; skip with the reason if some could not be tested."""
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

@@ -1,11 +1,11 @@
-"""What a package needs that offers an arm of its own to ``sarcal``: the `Arm` protocol and what it speaks of.
+"""For packages that add an arm to ``sarcal``: the `Arm` protocol and its data types.
 
-``sarcal help outside-arm`` shows a whole package. Its entry point, group ``sarcal.arm``, names an `ArmOffer`;
-``-i NAME -c CHANNEL`` makes `sarcal` order that arm with an `ArmOrder`. Angles are sensor readings, rad.
+``sarcal help outside-arm`` shows a complete package. Its entry point, group ``sarcal.arm``, names an `ArmOffer`;
+``-i NAME -c CHANNEL`` makes `sarcal` request that arm with an `ArmOrder`. Angles are sensor readings, rad.
 
-`identity_of`, `snapshot_of` and `reading_of` build what an arm answers from plain angles; `SimulatedChain` is
-an arm in its fixture to try the package on. The names in ``__all__`` are under the same
-promise as those of `sarcal`; fields may be added to what `sarcal` makes, with defaults to what an arm makes.
+`identity_of`, `snapshot_of` and `reading_of` build an arm's answers from plain angles; `SimulatedChain` is a simulated
+arm in its fixture for tests of the package. The names in ``__all__`` are as stable as those of `sarcal`; new fields may
+be added to objects made by `sarcal`, and, with defaults, to those made by an arm.
 """
 
 from __future__ import annotations
@@ -100,11 +100,11 @@ def identity_of(
     device_name: str = "",
     by_hand: bool = False,
 ) -> ArmIdentity:
-    """Return the identity of an arm whose joints have no more to say of themselves than all the same.
+    """Return the identity of an arm whose joints all have the same one.
 
-    `serial_number` tells the arms of a laboratory apart: poses of two never get into one session. `speaks` is
-    how, for people, such as ``"JSON"``. One that moves nothing real has a `device_name` that begins with
-    `SIMULATED_NAME`. `by_hand`: a person moves it and nothing else can, so that no hardware stop is asked for.
+    `serial_number` distinguishes arms, so that poses of two are never in one session. `speaks` names the protocol for
+    people, such as ``"JSON"``. A simulated arm has a `device_name` that begins with `SIMULATED_NAME`. `by_hand`: only a
+    person moves it, so that no hardware stop is required.
     """
     nodes = tuple(
         NodeIdentity(
@@ -173,7 +173,7 @@ def snapshot_of(
 
 
 def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) -> Reading:
-    """Return the statistics of samples (k, n), the first of which was number `first_sample`."""
+    """Return the statistics of samples (k, n); the first has the number `first_sample`."""
     samples = np.asarray(samples_rad, dtype=float)
     mean = samples.mean(axis=0)
     scales = [joint.scale for joint in order.description.joints]
@@ -189,7 +189,7 @@ def reading_of(order: ArmOrder, samples_rad: ArrayLike, *, first_sample: int) ->
 
 
 class SimulatedChain:
-    """A simulated arm, its hand in a fixture: joints in position mode drive it, free ones follow.
+    """A simulated arm with its tool in a fixture: joints in position mode drive it, free ones follow.
 
     >>> chain = SimulatedChain(arm="sarcos_dextrous", fixture="hinge", seed=0)
     >>> chain.step([None] * 7, chain.angles_rad).shape
@@ -200,9 +200,9 @@ class SimulatedChain:
     arm, fixture
         Files, or names of packaged ones.
     seed
-        Which arm of this kind it is: the truth is drawn within what the files state.
+        Seed of the true geometry, drawn within the tolerances of the files.
     scenario
-        What is wrong with it, as `sarcal --scenario`.
+        Its errors, as in `sarcal --scenario`.
 
     Attributes
     ----------
@@ -234,7 +234,7 @@ class SimulatedChain:
     def step(self, modes: Sequence[JointMode | None], targets_rad: FloatArray) -> FloatArray:
         """Advance 10 ms; return the angles.
 
-        `modes` has one entry a joint, None where the drive is off and the joint held; `targets_rad` (n,) is
+        `modes` has one entry a joint, None where the drive is off and the joint is blocked; `targets_rad` (n,) is
         used in position mode.
         """
         found = self._plant.step(

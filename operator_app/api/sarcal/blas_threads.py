@@ -1,4 +1,4 @@
-"""One BLAS thread while a function of the library computes; the caller's setting is back when it returns."""
+"""One BLAS thread while a function of the library computes; the caller's setting is restored when it returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`calibrate`: from an arm, a fixture and poses to a judged result. `load_result`: the one in a session's journal."""
+"""`calibrate`: from an arm, a fixture and poses to a result with its verdict. `load_result`: that of a session."""
 
 from __future__ import annotations
 
@@ -44,36 +44,36 @@ def calibrate(
     Parameters
     ----------
     arm, fixture
-        What `load_arm` and `load_fixture` take: a path, a packaged name, or an object of theirs.
+        As for `load_arm` and `load_fixture`: a path, a packaged name, or an object that they returned.
     poses
-        What `load_poses` takes: a path, a data frame, `Poses`, or a `Simulation`.
+        As for `load_poses`: a path, a data frame, `Poses`, or a `Simulation`.
     estimator
-        ``implicit`` weights every joint by its sensor and takes in whatever the files state as not
-        exactly known; ``paper`` is the published unweighted least squares.
+        ``implicit`` weights every joint by its sensor and includes all errors that the files state; ``paper`` is the
+        published unweighted least squares.
     unsensed_joints
         Joints (from 1) whose readings are not to be used.
     global_start
-        Search everywhere instead of starting from the nominal values.
+        Search without a first guess instead of starting from the nominal values.
     drop_unidentifiable
-        Hold at its nominal value what the poses cannot see, instead of refusing.
+        Fix parameters that the poses do not determine at their nominal values, instead of refusing.
     length_tolerance_mm
-        How well the maker's lengths are known (standard deviation); None: as the arm's file states.
+        Standard deviation of the maker's lengths; None: as stated in the arm's file.
     checks
-        Ask for second opinions as well: jackknife and hold-out.
+        Also compute the cross-validation: jackknife and hold-out.
 
     Returns
     -------
     Result
-        Also when it is not accepted: `Result.accepted` and `Result.reasons` say so.
+        Also when it is not accepted, see `Result.accepted` and `Result.reasons`.
 
     Raises
     ------
     TypeError, ValueError
-        An argument is none, or makes no sense; names it.
+        An argument is invalid; the text names it.
     ConfigError
-        A file is wrong; says all that is.
+        A file is wrong; the text lists all problems.
     UnidentifiableError, SolverError, FixtureError
-        The poses cannot give what is asked for; each says what is missing.
+        The poses do not suffice; the text says what is missing.
 
     Examples
     --------
@@ -120,14 +120,14 @@ def calibrate(
 
 
 SESSIONS = Path("sessions")
-"""Where sessions are that are called by their name."""
+"""Folder of sessions that are referred to by name."""
 
 
 @one_blas_thread
 def load_result(session: str | PathLike[str]) -> Result:
     """Read the calibration of a session that ``sarcal run``, ``sarcal import`` or `Result.save` made.
 
-    Nothing is solved again, but for sessions of versions that kept no solution.
+    Nothing is solved again, except for sessions of versions that stored no solution.
 
     Parameters
     ----------
@@ -137,11 +137,11 @@ def load_result(session: str | PathLike[str]) -> Result:
     Raises
     ------
     TypeError
-        It is no path.
+        The argument is no path.
     SessionError
-        There is no session, it cannot be read, or it has no pose that counts.
+        There is no session, it cannot be read, or it has no used pose.
     SolverError, FixtureError
-        It has to be solved after all, and its poses cannot give what is asked for.
+        It has to be solved again, and its poses do not suffice.
 
     Examples
     --------

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What new poses say of a calibration; made by `verify`. Its ``str`` is text for 80 columns."""
+    """Test of a calibration with new poses; made by `verify`. Its ``str`` is text for 80 columns."""
 
     _found: VerificationResult = field(repr=False)
     _poses: Poses = field(repr=False)
@@ -35,7 +35,7 @@ class Verification:
 
     @property
     def holds(self) -> bool:
-        """Whether the calibration predicts these poses as well as it claims to."""
+        """Whether the calibration predicts these poses within its stated uncertainty."""
         return self._found.holds
 
     @property
@@ -62,20 +62,20 @@ class Verification:
 
 @one_blas_thread
 def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verification:
-    """Judge new poses, of the same arm in the same mounting, by a calibration made before them.
+    """Test a calibration with new poses of the same arm in the same mounting.
 
     Parameters
     ----------
     result
-        The calibration; nothing of it is fitted again.
+        The calibration; it is not fitted again.
     poses
-        What `load_poses` takes; other poses than those it was made from.
+        As for `load_poses`; other poses than those of the calibration.
 
     Raises
     ------
     ValueError
-        Some of them are poses that the calibration was made from, or they are of other placements, or have
-        measured endpoints that its fixture knows nothing of.
+        Some are poses of the calibration itself, or of other placements, or have measured endpoints although its
+        fixture has no instrument.
 
     Examples
     --------
@@ -105,7 +105,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What drifted between two calibrations; made by `compare`. Its ``str`` is text for 80 columns."""
+    """Drift between two calibrations; made by `compare`. Its ``str`` is text for 80 columns."""
 
     _found: Found = field(repr=False)
 
@@ -149,7 +149,7 @@ def compare(
     IncomparableError
         They are not of the same arm, or have no parameter in common.
     ConfigError, SessionError
-        There is no such file or session, or no calibration in it.
+        There is no such file or session, or it has no calibration.
     TypeError, ValueError
         An argument is none, or makes no sense; names it.
 

@@ -1,4 +1,4 @@
-"""Arms and fixtures as a program holds them: a file's content, named. Computes nothing."""
+"""Arm and fixture objects of the library: the content of a file. Computes nothing."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """An arm as its file describes it; made by `load_arm`.
+    """An arm as described in its file; made by `load_arm`.
 
     Attributes
     ----------
     name
         Model name, e.g. ``sarcos_dextrous``.
     source_file
-        Where it was read, ``packaged:...`` for a packaged one.
+        Its source, ``packaged:...`` for a packaged one.
 
     Examples
     --------
@@ -69,10 +69,10 @@ class Arm:
         return self._model.home_rad
 
     def fk(self, q_rad: ArrayLike) -> FloatArray:
-        """Place of frame n in the arm's base frame by its file's own figures, before any calibration.
+        """Pose of frame n in the arm's base frame by the figures of its file, before any calibration.
 
-        Readings (n,) or (m, n), rad, give T_base_flange (4, 4) or (m, 4, 4), lengths in m: what
-        `Result.fk` with ``frame="flange"`` corrects. TypeError, ValueError: these are no readings of this arm.
+        Readings (n,) or (m, n), rad, lead to T_base_flange (4, 4) or (m, 4, 4), lengths in m; `Result.fk` with
+        ``frame="flange"`` is the calibrated one. TypeError, ValueError: not valid readings of this arm.
         """
         q = readings_rad("q_rad", q_rad, self.lower_rad, self.upper_rad)
         return T_base_flange(self._model.table, q)
@@ -83,14 +83,14 @@ class Arm:
 
 @dataclass(frozen=True, slots=True)
 class Fixture:
-    """What holds the hand, as its file describes it; made by `load_fixture`.
+    """A fixture as described in its file; made by `load_fixture`.
 
     Attributes
     ----------
     name, kind
-        What the operator calls it; ``hinge``, ``ball``, ``rigid`` or ``measured``.
+        Name shown to the operator; ``hinge``, ``ball``, ``rigid`` or ``measured``.
     source_file
-        Where it was read, ``packaged:...`` for a packaged one.
+        Its source, ``packaged:...`` for a packaged one.
 
     Examples
     --------
@@ -115,9 +115,9 @@ def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
     Raises
     ------
     TypeError
-        It is none of these.
+        The argument is none of these.
     ConfigError
-        With all that is wrong with the file, each with line, key and remedy.
+        The file is wrong; lists all problems with line, key and remedy.
     """
     if isinstance(arm, Arm):
         return arm

@@ -1,4 +1,4 @@
-"""`plan` and `simulate`: what poses would tell before anything moves, and poses to try things out with."""
+"""`plan` and `simulate`: the most informative poses before anything moves, and simulated poses for tests."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Poses worth taking, in the order of the way, and what they will tell; made by `plan`."""
+    """Planned poses in visiting order, with the predicted sigmas; made by `plan`."""
 
     _shown: Preview = field(repr=False)
     _title: str = field(repr=False)
@@ -42,12 +42,12 @@ class Plan:
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Predicted standard deviations by name and unit, as `Result.sigmas`, with errors of stated size."""
+        """Predicted standard deviations by name and unit, as `Result.sigmas`, for errors of stated size."""
         return with_units(self._shown.parameters, self._shown.plan.predicted_sigma.tolist())
 
     @property
     def scaled_condition_number(self) -> float:
-        """Of the reduced Jacobian at the planned poses."""
+        """Scaled condition number of the reduced Jacobian at the planned poses."""
         return self._shown.seen.scaled_condition_number
 
     def to_json(self) -> dict[str, object]:
@@ -73,14 +73,14 @@ def plan(
     samples: int = 32,
     seed: int = 0,
 ) -> Plan:
-    """Choose drive joints and poses that tell most, from nominal geometry, as ``sarcal plan`` does.
+    """Choose drive joints and the most informative poses, from nominal geometry, as ``sarcal plan`` does.
 
     Parameters
     ----------
     arm, fixture
-        What `load_arm` and `load_fixture` take.
+        As for `load_arm` and `load_fixture`.
     poses
-        How many.
+        Number of poses.
     drive_joints
         Joints (from 1) for position mode; None ranks them all and takes the best.
     unsensed_joints
@@ -88,14 +88,14 @@ def plan(
     samples
         Readings averaged into one pose.
     seed
-        Of the covering of the reachable poses.
+        Seed of the cover of the reachable poses.
 
     Raises
     ------
     TypeError, ValueError
         An argument is none, or makes no sense; names it.
     SessionError
-        No plan can be made; says why and what to do.
+        No plan can be made; the text has the reason and the remedy.
 
     Examples
     --------
@@ -130,7 +130,7 @@ class Simulation:
     poses
         The readings.
     truth
-        True values by name and unit, as `Result.values`: what a calibration should find.
+        True values by name and unit, as `Result.values`.
     """
 
     poses: Poses
@@ -146,18 +146,18 @@ def simulate(
     samples: int = 32,
     seed: int = 0,
 ) -> Simulation:
-    """Draw an arm and a mounting, and read poses of it: something to try things out with.
+    """Draw an arm and a mounting, and simulate readings of poses.
 
-    Offsets are off by some 2 deg, the fixture by up to half of its stated tolerance, lengths and twists by
-    theirs; sensors count, have their stated noise, and RVDTs a curve as large as their linearity allows.
-    Encoders' scales, play, sag and a fixture that gives are left out; ``sarcal run`` simulates a machine.
+    Errors are some 2 deg in offsets, half the stated tolerance in the placement, and the stated one in lengths and
+    twists. Sensors have their stated resolution and noise, and RVDTs the largest linearity deviation within
+    specification. Encoder scale errors, play, sag and compliance are left out; ``sarcal run`` simulates them.
 
     Parameters
     ----------
     arm, fixture
-        What `load_arm` and `load_fixture` take.
+        As for `load_arm` and `load_fixture`.
     poses
-        How many.
+        Number of poses.
     samples
         Readings averaged into one pose.
     seed
@@ -168,7 +168,7 @@ def simulate(
     TypeError, ValueError
         An argument is none, or makes no sense; names it.
     SessionError
-        The loop does not close near the arm's home, or leaves no room for that many poses.
+        The loop does not close near the arm's home, or does not allow that many poses.
 
     Examples
     --------

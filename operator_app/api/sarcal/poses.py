@@ -1,4 +1,4 @@
-"""Measured poses as a program holds them: arrays, CSV files and data frames in, the same out."""
+"""Measured poses: conversion from and to arrays, CSV files and data frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Poses:
     Attributes
     ----------
     source
-        Where they come from, in words.
+        Their source, as text.
 
     Examples
     --------
@@ -71,11 +71,11 @@ class Poses:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each pose is called, unique within its placement."""
+        """Name of each pose, unique within its placement."""
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write them as a poses file (degrees), which reads back as the very same numbers."""
+        """Write a poses file (degrees) that reads back as exactly the same numbers."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target
@@ -104,24 +104,22 @@ def poses_of(
     Parameters
     ----------
     q_rad, q_deg
-        Readings (m, n), in one of the two units: the sensors' angles as they are, continuous, without
-        offsets.
+        Readings (m, n), in one of the two units: angles as read from the sensors, continuous, without offsets.
     placement
-        Placement of the fixture that each pose belongs to, from 1 (m,), or one number for all; None: all of
-        one.
+        Placement of the fixture that each pose belongs to, from 1 (m,), or one number for all; None: one placement.
     names
-        What each pose is called; None: 1 to m.
+        Name of each pose; None: 1 to m.
     samples, sd_rad
-        How many samples each pose is the mean of (m,), and their spread (m, n); or a number for all, of the
-        spread also one a joint (n,); None: one each.
+        Number of samples averaged in each pose (m,), and their spread (m, n); or one number for all, for the spread
+        also one for each joint (n,). None: one sample each.
     endpoint_m
-        What an instrument measured, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector,
-        rad. Any other fixture leaves it out, and the result's warnings say so.
+        Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector, rad.
+        With any other fixture it is not used, and a warning of the result says so.
 
     Raises
     ------
     TypeError, ValueError
-        These are no poses; the text says why.
+        The poses are invalid; the text has the reason.
 
     Examples
     --------
@@ -156,7 +154,7 @@ def poses_of(
 
 
 def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
-    """Return a whole number a pose, from 1; a single one counts for all."""
+    """Return a whole number for each pose, from 1; a single one applies to all."""
     given = [value] * poses if np.ndim(value) == 0 else value
     found = [whole(name, number, least=1) for number in given]
     if len(found) != poses:
@@ -168,7 +166,7 @@ def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
 
 
 def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return standard deviations of the readings; a single one, or one a joint, counts for all."""
+    """Return standard deviations of the readings; a single one, or one for each joint, applies to all."""
     found = numbers("sd_rad", value)
     if found.shape not in (shape, shape[1:], ()):
         raise ValueError(
@@ -179,7 +177,7 @@ def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _endpoint_m(value: Any, poses: int) -> FloatArray:
-    """Return points, or points and rotation vectors, one a pose."""
+    """Return points, or points and rotation vectors, one for each pose."""
     found = numbers("endpoint_m", value)
     if found.shape not in ((poses, 3), (poses, 6)):
         raise ValueError(
@@ -198,19 +196,19 @@ def load_poses(
     ----------
     source
         Path of a file, or anything with ``to_csv`` (pandas, polars has ``write_csv``) that has the columns
-        ``theta1_deg`` to ``thetaN_deg``, and as far as there are any ``placement``, ``pose``, ``sd1_deg``..,
+        ``theta1_deg`` to ``thetaN_deg``, and optionally ``placement``, ``pose``, ``sd1_deg``..,
         ``samples``, ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are, and so are those of a `Simulation`.
     joint_count
-        Joints of the arm they belong to; None takes what there is.
+        Number of the arm's joints; None takes that of the file.
 
     Raises
     ------
     ConfigError
-        With all that is wrong, each with line, column and remedy.
+        The file is wrong; lists all problems with line, column and remedy.
     ValueError
-        These `Poses` are of another number of joints.
+        These `Poses` have another number of joints.
     TypeError
-        It is a bare array: say its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
+        It is a bare array: state its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
     """
     held = getattr(source, "poses", None)
     if isinstance(held, Poses):

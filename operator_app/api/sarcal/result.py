@@ -1,4 +1,4 @@
-"""What a calibration gives a program: values with units, tables, the hand, files. Computes nothing itself."""
+"""Result of a calibration: values with units, tables, tool position, files. Computes nothing itself."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from .poses import Poses
 
 YAML = ("yaml", "yml")
-"""Endings of a parameters file."""
+"""File name endings of a parameters file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +69,7 @@ class Result:
     Attributes
     ----------
     arm, fixture, poses
-        What it was made of.
+        Inputs of the calibration.
 
     Examples
     --------
@@ -98,7 +98,7 @@ class Result:
         self._facts: Facts = facts_of(solution, checks=checks)
         self._hand: CalibratedArm = calibrated_arm(solution, arm._model)
 
-    # -- what it says ------------------------------------------------------------------------------
+    # -- results ------------------------------------------------------------------------------
 
     @property
     def accepted(self) -> bool:
@@ -112,12 +112,12 @@ class Result:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is not accepted; empty when it is."""
+        """Reasons why it is not accepted; empty when it is."""
         return self._solution.reasons
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the operator should know and do."""
+        """Warnings with their remedies."""
         return tuple(n.sentence for n in self._solution.warnings)
 
     @property
@@ -127,7 +127,7 @@ class Result:
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Their standard deviations, in which every stated source of error is, by the same names."""
+        """Their standard deviations from all stated sources of error, by the same names."""
         return self._by_name(self._solution.identified.standard_deviation)
 
     @property
@@ -146,11 +146,11 @@ class Result:
 
     @property
     def tables(self) -> tuple[str, ...]:
-        """Names of the tables that there are, the most important first."""
+        """Names of the available tables, the most important first."""
         return tuple(t.ident for t in self._facts.tables)
 
     def table(self, name: str = "parameters") -> Table:
-        """Return one table; KeyError lists the names when there is none of that name."""
+        """Return one table; KeyError, with the available names, if there is none of that name."""
         found = self._facts.table(name)
         if found is None:
             raise KeyError(f"no table {name!r}; there are {', '.join(self.tables)}")
@@ -170,7 +170,7 @@ class Result:
         Raises
         ------
         KeyError
-            There is none of that name; lists those there are.
+            There is none of that name; the text lists the available ones.
         """
         return draw_figure(self._subject, name)
 
@@ -180,27 +180,26 @@ class Result:
 
     @property
     def text(self) -> str:
-        """What ``sarcal solve`` prints."""
+        """Text that ``sarcal solve`` prints."""
         return facts_text(self._facts)
 
-    # -- where the hand is -------------------------------------------------------------------------
+    # -- tool position -------------------------------------------------------------------------
 
     def fk(
         self, q_rad: ArrayLike, *, frame: Frame = "tip", corrections: bool = False
     ) -> FloatArray:
-        """Place of the tool in the arm's base frame, by the best D-H table.
+        """Pose of the tool in the arm's base frame, by the best D-H table.
 
         Parameters
         ----------
         q_rad
             Sensor readings (n,) or (m, n), rad.
         frame
-            ``tip``: the point of the hand that the fixture held (a hinge's axis is z there);
-            ``flange``: frame n of the arm's own D-H table, which outlives the mounting, as in an
-            exported URDF.
+            ``tip``: the point of the tool at the fixture (with a hinge, its axis is z there); ``flange``: frame n of
+            the arm's own D-H table, which stays valid in another mounting, as in an exported URDF.
         corrections
-            By the identified table and with the corrections of the readings instead (`Result.corrections`):
-            nearer to the truth, for a controller that can apply them.
+            Use the identified table and the corrections of the readings instead (`Result.corrections`): more accurate,
+            for a controller that can apply them.
 
         Returns
         -------
@@ -209,16 +208,15 @@ class Result:
         Raises
         ------
         TypeError, ValueError
-            These are no readings of this arm in radians, or there is no such frame.
+            The readings are not valid for this arm in radians, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
         return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
-        """Standard deviation of the tip's distance from where `fk` says it is, in m.
+        """Standard deviation of the tip's distance from its position by `fk`, in m.
 
-        By the covariance of the parameters, as the arm's base sees the hand; errors of the readings come
-        on top.
+        From the covariance of the parameters, in the arm's base frame; errors of the readings are not included.
 
         Parameters
         ----------
@@ -240,21 +238,21 @@ class Result:
         ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. `parameters.yaml` is left out
         where the calibration was not accepted, or has no D-H table of the whole loop (a ball).
 
-        A cell or a script that is run again may save again: a session of the same poses, arm and fixture
-        is replaced, with what was exported into its folder. Other files there stay.
+        A cell or a script that is run again may save again: a session of the same poses, arm and fixture is replaced,
+        with the exports in its folder. Other files remain.
 
         Parameters
         ----------
         folder
-            A new one, or one that holds no session, or one of the same poses, arm and fixture.
+            A new folder, one without a session, or one with a session of the same poses, arm and fixture.
         overwrite
-            Replace a saved or imported session of other data as well. A session of an arm, or one that
-            somebody worked on (notes, poses left out), is never replaced.
+            Replace a saved or imported session of other data as well. A session captured from an arm, or one that was
+            edited (notes, excluded poses), is never replaced.
 
         Raises
         ------
         SessionError, WriteError
-            There is a session that stays, or it cannot be written; or this was read from a session.
+            There is a session that must not be replaced, the folder cannot be written, or this was read from a session.
         """
         if isinstance(self._origin, Journalled):
             raise SessionError(
@@ -291,24 +289,24 @@ class Result:
         Parameters
         ----------
         path
-            Its ending says what: ``.yaml`` the parameters file, ``.json`` everything, ``.csv`` one row a
+            Its ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row for each
             parameter, ``.urdf`` the arm's own side, ``.mat`` MATLAB.
         force
-            Why a calibration that is not accepted is to be used all the same: it is kept in the file. Has no
-            effect on one that is accepted.
+            Reason for using a calibration that is not accepted; it is written into the file. Without effect on one that
+            is accepted.
         into
-            Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: what is written is
-            that file with only origins of joints changed, whatever the ending.
+            Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: the output is that file with
+            only the joint origins changed, whatever the ending.
 
         Raises
         ------
         ValueError
-            It has another ending, or is the file of `into` itself.
+            The path has another ending, or is the file of `into` itself.
         ConfigError
             The file of `into` cannot be read, or is of another arm.
         SessionError
-            It is not accepted, and `force` says no reason; or a parameters file of a calibration that has
-            no D-H table of the whole loop (a ball).
+            The calibration is not accepted and `force` has no reason; or a parameters file was requested without a D-H
+            table of the whole loop (a ball).
         """
         if not isinstance(force, str):
             raise TypeError(f'force={force!r}: say why, as force="why"')
@@ -371,7 +369,7 @@ class Result:
 
     @cached_property
     def _state_source(self) -> Journalled | ImportedSession:
-        """What the session says that it was read from, or would say that it were saved to."""
+        """Source of the session's poses, as it is or would be recorded."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 

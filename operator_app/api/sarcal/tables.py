@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table as `Result.table` gives it.
+    """A table returned by `Result.table`.
 
     Its ``str`` is text for 80 columns; a notebook shows it as HTML.
 
     Attributes
     ----------
     name, title
-        What it is asked for by, and its heading.
+        Name for `Result.table`, and heading.
 
     Examples
     --------
@@ -47,7 +47,7 @@ class Table:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Headers, the unit in brackets where all of a column share one."""
+        """Headers, with the unit in brackets where the whole column has one."""
         return tuple(
             " ".join(filter(None, (c.group, c.title, f"[{c.unit}]" if c.unit else "")))
             for c in self._facts.whole.columns
@@ -55,11 +55,11 @@ class Table:
 
     @property
     def rows(self) -> tuple[tuple[str, ...], ...]:
-        """Cells as they are shown; the numbers themselves are in `Result.values` and `Result.to_json`."""
+        """Cells as shown; the exact numbers are in `Result.values` and `Result.to_json`."""
         return tuple(tuple(shown(cell) for cell in row) for row in self._facts.whole.rows)
 
     def to_frame(self) -> Any:
-        """Return a pandas data frame; ImportError where pandas is not installed."""
+        """Return a pandas data frame; ImportError if pandas is not installed."""
         import pandas as pd  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
         return pd.DataFrame(list(self.rows), columns=list(self.columns))

@@ -52,23 +52,23 @@ _T = TypeVar("_T")
 
 
 MODEL_ITERATIONS = 15
-"""A rival that is right is near its solution by then."""
+"""Iterations after which a correct alternative is near its solution."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlternativeModel:
-    """A mistake that may have been made: what the poses, the fixture and the sensors would then be."""
+    """A possible mistake: poses, fixture and sensors without it."""
 
     finding: Finding
     poses: PoseSet
     fixture: EndpointConstraint
     unsensed: tuple[int, ...] = ()
     arm: ArmModel | None = None
-    """Another than the file's, where that is the mistake."""
+    """Fixture to be used instead of the file's, if that is the mistake."""
 
 
 def start(arm: ArmModel, alternative: AlternativeModel) -> tuple[FloatArray, float]:
-    """Parameters of a rival's loop and the mean square of what is left of the closure."""
+    """Start parameters of an alternative's loop and its mean square closure error."""
     arm, q = alternative.arm or arm, alternative.poses.q_rad
     if not alternative.unsensed:
         model = loop_of_poses(arm, alternative.fixture, alternative.poses)
@@ -82,7 +82,7 @@ def start(arm: ArmModel, alternative: AlternativeModel) -> tuple[FloatArray, flo
 
 
 def without_readings(arm: ArmModel, alternative: AlternativeModel) -> ImplicitFit:
-    """Loops of a rival that does without some readings, closed."""
+    """Closed loops of an alternative without some readings."""
     q, unsensed = alternative.poses.q_rad, tuple(sorted(alternative.unsensed))
     model = loop_of_poses(arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed)
     noise = noise_model(
@@ -99,7 +99,7 @@ def without_readings(arm: ArmModel, alternative: AlternativeModel) -> ImplicitFi
 
 
 def is_near(arm: ArmModel, alternative: AlternativeModel) -> bool:
-    """Whether a rival's loop closes near its nominal values."""
+    """Whether an alternative's loop closes near its nominal values."""
 
     def near() -> bool:
         unsensed = tuple(sorted(alternative.unsensed))
@@ -112,10 +112,10 @@ def is_near(arm: ArmModel, alternative: AlternativeModel) -> bool:
 
 
 def closes(arm: ArmModel, alternative: AlternativeModel, *, far: float) -> bool:
-    """Whether a loop closes in another fixture, by far more than noise of the readings explains.
+    """Whether a loop closes in another fixture much better than noise explains.
 
-    `far` is the mean square of what is left of it in the fixture of the file: noise leaves a few times
-    more where rotations count as well, a hand that tilts a hundred times more.
+    `far` is the mean square closure error in the fixture of the file: with rotations included, noise leaves a few times
+    more, a tilting tool a hundred times more.
     """
     cost = cost_of(arm, alternative)
     return (
@@ -126,12 +126,12 @@ def closes(arm: ArmModel, alternative: AlternativeModel, *, far: float) -> bool:
 
 
 def cost_of(arm: ArmModel, alternative: AlternativeModel) -> float:
-    """Mean square of what is left of a rival's closure; infinite where it cannot be solved."""
+    """Mean square closure error of an alternative; infinite where it cannot be solved."""
     return tried(lambda: start(arm, alternative)[1], np.inf)
 
 
 def solved(arm: ArmModel, alternative: AlternativeModel) -> tuple[float, int]:
-    """chi2/dof of a rival at stated variances, and its degrees of freedom."""
+    """chi2/dof of an alternative at stated variances, and its degrees of freedom."""
     arm = alternative.arm or arm
 
     def solve() -> tuple[float, int]:
@@ -158,7 +158,7 @@ def solved(arm: ArmModel, alternative: AlternativeModel) -> tuple[float, int]:
 
 
 def tried(work: Callable[[], _T], otherwise: _T) -> _T:
-    """Return what `work` gives; a rival that cannot be solved is none."""
+    """Return the result of `work`; None for an alternative that cannot be solved."""
     try:
         with np.errstate(all="ignore"):
             return work()
@@ -167,18 +167,18 @@ def tried(work: Callable[[], _T], otherwise: _T) -> _T:
 
 
 BENDS = 3
-"""Degree of the curve that a sensor has besides."""
+"""Degree of a sensor's smooth curve in addition to the step."""
 
 
 class ReadingStep(NamedTuple):
-    """What was added to a reading (rad) from pose `first` on, index in time order."""
+    """Step of a reading (rad) from pose `first` (index in time order) on."""
 
     first: int
     size_rad: float
 
 
 def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | None:
-    """Return how a joint's readings (m,) shifted against its angles (m,) as the loops have them, rad.
+    """Return the step of a joint's readings (m,) relative to its angles (m,) from the loops, rad.
 
     Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
     """
@@ -197,18 +197,18 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | No
 
 
 TURNS_RAD = 0.5e-3
-"""How far an ordinary hinge turns under load where nobody states a hinge."""
+"""Deflection of an ordinary hinge under load where no hinge is stated."""
 
 
 class Other(NamedTuple):
-    """A fixture that is there instead, and the finding."""
+    """An alternative fixture, and its finding."""
 
     finding: Finding
     fixture: EndpointConstraint
 
 
 def instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Iterator[Other]:
-    """Fixtures that hold less than `fixture`: loops that do not close in it may close in one of these."""
+    """Return fixtures with fewer constraints than `fixture`, in which its open loops may close."""
     if isinstance(fixture, Rigid):
         yield hinge_instead(arm, fixture, poses)
     if isinstance(fixture, Hinge | Rigid):
@@ -216,11 +216,11 @@ def instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Itera
 
 
 def hinge_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Other:
-    """A hinge where the hand turns about one line of its own, which stays where it is in the base."""
+    """Return a hinge if the tool turns about one line that is fixed in the tool and in the base."""
     frames = _frames(arm, poses)
     m = len(poses)
     eye = np.broadcast_to(np.eye(3), (m, 3, 3))
-    # R_k a = b: the two directions are what these rows see least.
+    # R_k a = b: the two directions are the weakest ones of these rows.
     both = np.linalg.svd(np.concatenate((frames[0], -eye), axis=-1).reshape(-1, 6))[2][-1]
     along = [d / np.linalg.norm(d) for d in (both[:3], both[3:])]
     tip, ground = _where_it_meets(frames)
@@ -244,7 +244,7 @@ def hinge_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) ->
 
 
 def _ball_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Other:
-    """A ball where the hinge is thought to be, or where the hand meets one point best."""
+    """Return a ball at the nominal hinge, or at the tool point that moves least."""
     R, p = frames = _frames(arm, poses)
     if isinstance(fixture, Hinge):
         tip = np.array([fixture.a_n_m, 0.0, fixture.s_n_m])
@@ -261,16 +261,16 @@ def _ball_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) ->
 
 
 def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
-    """Rotations (m, 3, 3) and origins (m, 3) of the hand in the base at nominal entries, m."""
+    """Rotations (m, 3, 3) and origins (m, 3) of the tool in the base at nominal entries, m."""
     theta_off, *lengths_and_twists = arm.table.stacked()
     frames = forward(poses.q_rad + theta_off, *lengths_and_twists)
     return frames.R_end, frames.p_end
 
 
 def _where_it_meets(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """A point of the hand (3,) and one of the base (3,), m, that meet best in all poses.
+    """Point of the tool (3,) and of the base (3,), m, that coincide best in all poses.
 
-    Along a line about which the hand only turns, the point next to the origin.
+    Where the tool only turns about a line, the point of that line next to the origin.
     """
     R, p = frames
     eye = np.broadcast_to(np.eye(3), R.shape)

@@ -43,25 +43,25 @@ from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import makes_sense, mistakes
 
 NOTHING = Finding(kind=FindingKind.REPORTED)
-"""Of the fit without any mistake."""
+"""Prior log-weight of the fit without any mistake."""
 
 PROMISING = 0.3
-"""A rival is solved to the end when it leaves less than this share of the squared closure error."""
+"""An alternative is solved completely if it leaves less than this share of the squared closure error."""
 
 PER_FREEDOM = 4.6
-"""What an equation that a rival does without counts against it: log of 100."""
+"""Penalty for each equation that an alternative does not use: log of 100."""
 
 LEAST_M = 2e-3
-"""Lengths that differ by less are exchanged within what a tolerance may be."""
+"""Lengths that differ by less are within a tolerance of each other."""
 
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
-"""Offsets below this are none in either unit."""
+"""Offsets below this count as zero in either unit."""
 
 TRIED = 3
-"""How many of the most promising are solved to the end."""
+"""Number of the most promising alternatives that are solved completely."""
 
 LONGEST_S = 4.0
-"""Of CPU time of this thread: nobody waits longer for an explanation, and what runs beside takes none."""
+"""Limit of this thread's CPU time for an explanation, independent of other programs."""
 
 
 def find_alternatives(
@@ -76,19 +76,19 @@ def find_alternatives(
     of_files: bool = False,
     sensors: bool = False,
 ) -> tuple[Finding, ...]:
-    """Name the mistakes that explain a gross misfit, the most probable first.
+    """Return the mistakes that explain a gross misfit, the most probable first.
 
     Parameters
     ----------
     scale, dof
-        chi2/dof at stated variances without any, infinite where nothing could be solved, and its dof.
+        chi2/dof at stated variances without a mistake, infinite where nothing could be solved, and its dof.
     near
-        Only simple mistakes of the file that bring the solution near the nominal values, however well
-        it fits without.
+        Only simple mistakes of the file that bring the solution near the nominal values, even if the fit is good
+        without them.
     of_files
         Only simple mistakes of the files.
     sensors
-        With `near` also a sensor that says nothing in any pose.
+        With `near` also a sensor whose readings are useless in all poses.
     """
     deadline = thread_time() + LONGEST_S
     as_it_is = np.inf
@@ -116,7 +116,7 @@ def find_alternatives(
                 break
             ratio, left = solved(arm, alternative)
             if alternative.fixture is not fixture and closes(arm, alternative, far=as_it_is):
-                # So few equations close by chance nowhere, however good the statements are.
+                # So few equations never close by chance, even with accurate files.
                 ratio = min(ratio, 0.99 * CHI2_PER_DOF_ALTERNATIVE)
             if ratio < CHI2_PER_DOF_ALTERNATIVE and (
                 near or ALTERNATIVE_CHI2_RATIO * ratio < scale
@@ -136,9 +136,9 @@ def find_alternatives(
 def hinge_alternative(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, *, unsensed: tuple[int, ...]
 ) -> tuple[Finding, ...]:
-    """Name a hinge in which everything closes, where poses in a ball tell too little: it is one.
+    """Return the finding that the fixture is a hinge, where the poses do not suffice for a ball but close in a hinge.
 
-    A ball closes wherever a hinge does, with a centre that may be anywhere along its axis.
+    A ball closes wherever a hinge does, with its centre anywhere along the axis.
     """
     if not isinstance(fixture, Ball) or len(poses) < ALTERNATIVE_FIXTURE_POSES:
         return ()
@@ -163,7 +163,7 @@ def step_alternative(
     joint: int,
     scale: float,
 ) -> tuple[Finding, ...]:
-    """Name the shift that explains why a joint's reading seems wrong, if one does; `scale` as above."""
+    """Return the step that explains a wrong reading of a joint, if one does; `scale` as above."""
     blind = AlternativeModel(
         finding=unrelated_reading(joint, arm),
         poses=poses,
@@ -181,7 +181,7 @@ def step_alternative(
 
 
 def _weight(ratio: float, left: int, dof: int) -> float:
-    """Log-weight of a rival that leaves chi2/dof `ratio` of `left` degrees of freedom."""
+    """Log-weight of an alternative with chi2/dof `ratio` for `left` degrees of freedom."""
     fits = -0.5 * dof * np.log(max(ratio, SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - left))
 
@@ -235,7 +235,7 @@ def _same_loop(
 def _frozen(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> Iterator[AlternativeModel]:
-    """A sensor that reads the same in a run of poses: the loops close without that run."""
+    """A sensor that is stuck in a run of poses: the loops close without that run."""
     sigma = arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -256,7 +256,7 @@ def _frozen(
 def _blind(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> Iterator[AlternativeModel]:
-    """A fixture that is another one; a sensor that says nothing in any pose."""
+    """Another fixture, or a sensor whose readings are useless in all poses."""
     for other in instead(arm, fixture, poses):
         yield AlternativeModel(finding=other.finding, poses=poses, fixture=other.fixture)
     yield from _unread(arm, fixture, poses, unsensed)
@@ -279,7 +279,7 @@ def _unread(
 def _shifted(
     arm: ArmModel, blind: AlternativeModel, unsensed: tuple[int, ...]
 ) -> list[tuple[AlternativeModel, float, int]]:
-    """A joint that `blind` does without, read again with a shift taken out: that rival, solved."""
+    """The joint that `blind` does not use, with a step removed from its readings: that alternative, solved."""
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:
         return []
@@ -309,7 +309,7 @@ def _shifted(
 def _screened(
     arm: ArmModel, alternatives: Iterator[AlternativeModel], deadline: float, *, below: float
 ) -> list[AlternativeModel]:
-    """The most promising rivals by the closure that is left when every equation counts the same."""
+    """The most promising alternatives by their closure error with equal weights."""
     costs: list[tuple[float, int, AlternativeModel]] = []
     for number, alternative in enumerate(alternatives):
         if thread_time() > deadline:

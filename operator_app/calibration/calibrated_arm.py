@@ -1,4 +1,4 @@
-"""The calibrated arm without the loop it was calibrated in: tool position, its uncertainty, offsets that stayed fixed.
+"""The calibrated arm without its loop: tool position, its uncertainty, and offsets that were fixed.
 
 Parameters of the mounting (`ground_side`, `hand_side`) are replaced when the fixture is; the arm's own remain.
 """
@@ -33,23 +33,23 @@ TIP_NAMES = frozenset(TIP)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CalibratedArm:
-    """Links 1..n of an arm, and the point of its hand that the fixture held.
+    """Links 1..n of an arm, and the point of its tool at the fixture.
 
-    The base is the arm's own: what is measured to where the fixture stood is as the arm's file has it.
+    The base is the arm's own: entries that count from the fixture's place have their values in the arm's file.
 
     Attributes
     ----------
     flange
         Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     hand
-        The same with the hand's side of the fixture as calibrated: its last frame carries the tip.
+        The same with the calibrated tool side of the fixture: its last frame carries the tip.
     tip_m
         The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
         axis is the z axis of that frame, and for a rigid attachment.
     identified
         Entries of `flange` that were calibrated.
     best, corrections
-        The table that has the tool best where no corrections are applied, and these; None where there are none.
+        The best table for use without corrections, and the corrections; None where there are none.
     """
 
     flange: DhTable
@@ -62,13 +62,13 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Links 1..n that are to be used without corrections: to frame n of the arm's own table, or to the tip's."""
+        """Links 1..n for use without corrections: to frame n of the arm's own table, or to the tip."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
             return self.best.table
         rows, own = self.best.rows.copy(), self.flange.stacked()
-        # What the fixture says of the last link is not the arm's.
+        # The fixture's entries of the last link do not belong to the arm.
         held = own[:, -1] != self.hand.stacked()[:, -1]
         rows[held, -1] = own[held, -1]
         return DhTable.from_stacked(rows)
@@ -86,10 +86,10 @@ class CalibratedArm:
     def T_base(
         self, q_rad: FloatArray, frame: Frame = "tip", *, corrected: bool = False
     ) -> FloatArray:
-        """Place of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
+        """Pose of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
 
-        By the best table; or, `corrected`, by the identified one with corrections of the readings. The tip is
-        turned as the last frame is.
+        By the best table; or, `corrected`, by the identified one with corrections of the readings. The tip has the
+        orientation of the last frame.
         """
         table, tip_m = self.table(frame), self.table_tip_m
         if corrected:
@@ -101,14 +101,14 @@ class CalibratedArm:
         return T
 
     def tip_sigma_m(self, q_rad: FloatArray) -> FloatArray:
-        """Standard deviation of the tip's distance from there at readings (m, n): (m,), m."""
+        """Standard deviation of the tip's position error at readings (m, n): (m,), m."""
         return self.tip_with_sigma_m(q_rad)[1]
 
     def tip_with_sigma_m(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tip in the base frame (m, 3), and the standard deviation of its distance from there (m,), m.
+        """Tip in the base frame (m, 3), and the standard deviation of its error (m,), m.
 
-        ``sqrt(trace(J C J'))``, J = dp/dx of the parameters that are not the ground's, C their covariance; with
-        what no table holds of the corrections.
+        ``sqrt(trace(J C J'))``, J = dp/dx of the parameters without those of the table side, C their covariance; plus
+        the part of the corrections that no table can represent.
         """
         if self.best is not None:
             return self.best.tool(q_rad)
@@ -128,7 +128,7 @@ class CalibratedArm:
 
 
 def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
-    """Place of the last frame of D-H rows 1..n in the base frame at readings (..., n): (..., 4, 4), m."""
+    """Pose of the last frame of D-H rows 1..n in the base frame at readings (..., n): (..., 4, 4), m."""
     frames = forward(q_rad + table.theta_off_rad, *table.stacked()[1:])
     T = np.zeros((*np.shape(q_rad)[:-1], 4, 4))
     T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = frames.R_end, frames.p_end, 1.0
@@ -136,7 +136,7 @@ def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
 
 
 MOST_POSES_SAMPLED = 100
-"""Poses of a session, evenly among all, at which a best table is looked for."""
+"""Poses of a session, evenly among all, for which a best table is computed."""
 
 RANGE_SAMPLES = 300
 """Poses over the joints' ranges: their rms is known to some 4 %."""
@@ -144,14 +144,14 @@ RANGE_SAMPLES = 300
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandErrors:
-    """The hand before and after calibration at poses over the ranges of all joints.
+    """Tool position before and after calibration at poses over the ranges of all joints.
 
     Attributes
     ----------
     tip_m
-        Where it is by the calibrated arm, in the arm's base, (m, 3).
+        Tool position by the calibrated arm, in the arm's base, (m, 3).
     before_m, after_m
-        How far from there it was believed before, and one standard deviation of what is left, (m,).
+        Distance of the tool position before calibration, and one standard deviation of the remaining error, (m,).
     """
 
     tip_m: FloatArray
@@ -160,7 +160,7 @@ class HandErrors:
 
 
 def hand_accuracy(errors: HandErrors) -> HandAccuracy:
-    """Sum up how far off the hand is before and after calibration."""
+    """Summarise the tool position error before and after calibration."""
     return HandAccuracy(
         before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=RANGE_SAMPLES
     )
@@ -173,7 +173,7 @@ def even_poses(arm: ArmModel) -> FloatArray:
 
 
 def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
-    """Compare the hand before and after calibration over the ranges of all joints."""
+    """Compare the tool position before and after calibration over the ranges of all joints."""
     q = even_poses(arm)
     entries = (DhEntry.parse(name) for name in found.identified)
     nominal = arm.table.stacked()
@@ -191,16 +191,16 @@ def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
 
 
 def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
-    """Whose an unknown of a loop is: the arm's outlives the mounting, the ground's and the hand's do not."""
+    """Side of an unknown of a loop: arm, ground or tool; only the arm's stay valid in another mounting."""
     part, plain = model.parts()[0][0], name.partition("[")[0]
     return "ground" if plain in part.ground_side else "hand" if plain in part.hand_side else "arm"
 
 
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
-    """Take the arm out of a calibration of it."""
+    """Return the calibrated arm of a calibration."""
     estimate, model = solution.estimate, solution.model
     x = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
-    # A fixture that was remounted for every placement has a side of the hand in each: the first counts.
+    # A fixture that was remounted for every placement has a tool side in each: the first is used.
     part, columns, _ = model.parts()[0]
     plain = [p.name for p in part.parameters]
     names = [p.name for p in estimate.parameters]
@@ -256,7 +256,7 @@ def with_best_table(
 
 
 def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable:
-    """Put what the fixture says of the last link, identified or not, into the calibrated rows."""
+    """Insert the fixture's entries of the last link, identified or not, into the calibrated rows."""
     stated, ours = part.arm_rows(), nominal.stacked()
     rows = flange.stacked()
     last = stated[:, -1] != ours[:, -1]
@@ -274,14 +274,14 @@ def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
 
 
 DERIVATIVE_STEP_RAD = 1e-4
-"""Of the differences that give rates."""
+"""Step of the numerical derivatives."""
 
 NEGLIGIBLE = 2e-3
-"""Rate (m/rad) of the hand below which an offset does not matter to it: 0.03 mm a degree."""
+"""Rate (m/rad) of the tool below which an offset is neglected: 0.03 mm per degree."""
 
 
 def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:
-    """Joints (1-based) that are read and whose offset is no parameter of a loop."""
+    """Joints (1-based) whose readings are used and whose offset is no parameter of a loop."""
     sought = {p.name.partition("[")[0] for p in model.parameters}
     return tuple(
         j
@@ -295,12 +295,12 @@ def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:
 def with_held(
     accuracy: HandAccuracy, after_m: FloatArray, found: CalibratedArm, arm: ArmModel, fit: LinearFit
 ) -> HandAccuracy:
-    """Return the accuracy with what is known of offsets that were not sought, and of which nothing is.
+    """Return the accuracy including the uncertainty of fixed offsets, and the fixed offsets of unknown uncertainty.
 
     Parameters
     ----------
     after_m
-        One standard deviation of the hand (m,) at `even_poses` without that.
+        One standard deviation of the tool position (m,) at `even_poses` without these offsets.
     fit
         The calibration at its last linearisation.
     """
@@ -327,7 +327,7 @@ def with_held(
 def _rate(
     found: CalibratedArm, joint: int, taken_over: dict[str, float], q: FloatArray
 ) -> FloatArray:
-    """How far the hand moves with an offset (m/rad) at readings `q`, the others following it: (m,)."""
+    """Rate (m/rad) of the tool with an offset at readings `q`, the other parameters being fitted again: (m,)."""
     moved = {name.partition("[")[0]: rate for name, rate in reversed(taken_over.items())}
     rows = found.hand.stacked()
     offset = DhEntry(DhKind.THETA_OFF, joint)

@@ -36,7 +36,7 @@ class IdentifiableLoops(NamedTuple):
     q, kept, flipped
         Readings (k, n), rad, of the poses on the main branch, a mask (m,) of these, and indices of the others.
     search
-        The global start, where one was asked for.
+        The global start, if requested.
     x0, paper
         First estimates of `identifiable`, if any.
     """

@@ -1,4 +1,4 @@
-"""Can the loop close where the arm stands, within what its files leave open? One reading, no pose yet.
+"""Tests whether the loop can close at the present reading within the tolerances of the files, without any pose.
 
 With S and Q the covariances of the unknowns phi and of the readings q, the most probable way to close is
 
@@ -25,13 +25,13 @@ from solver.closing import reduced_equations, unsensed_step
 from solver.loops.closure import ClosureModel
 
 GATE_ROUNDS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
-"""Most steps, the longest of them (rad, m), and the error (rad, m) below which a loop is closed."""
+"""Most steps, the longest step (rad, m), and the error (rad, m) below which a loop is closed."""
 
 LEAST_READING_RAD = float(np.deg2rad(0.1))
-"""A reading is not believed better than this here: what bends is not in this model."""
+"""Least standard deviation of a reading here, because this model has no deflections."""
 
 UNKNOWN_RAD = math.pi
-"""Standard deviation of a reading of which nothing is believed."""
+"""Standard deviation of an ignored reading."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,11 +41,11 @@ class ClosureFit:
     Attributes
     ----------
     chi2
-        Of what that takes; infinite where it does not close at all.
+        chi2 of the necessary changes; infinite where it does not close at all.
     dof
-        Equations of the pose less ignored readings.
+        Equations of the pose minus ignored readings.
     q_rad
-        (n,) joint angles with which it closes.
+        (n,) joint angles at which it closes.
     """
 
     chi2: float
@@ -55,7 +55,7 @@ class ClosureFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopAtReading:
-    """The loop at one reading, with what its files leave open.
+    """The loop at one reading, with the prior from its files.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class LoopAtReading:
 
     @property
     def joints(self) -> tuple[int, ...]:
-        """Joints (1-based) whose readings take part."""
+        """Joints (1-based) whose readings are used."""
         return tuple(
             j for j in range(1, len(self.reading_rad) + 1) if j not in self.model.unsensed_joints
         )
@@ -120,7 +120,7 @@ def loop_at_reading(
     unsensed_joints: tuple[int, ...] = (),
     known: KnownArm | None = None,
 ) -> LoopAtReading:
-    """Return the loop at a reading (n,), as open as its files leave it, and what is `known` of the arm besides."""
+    """Return the loop at a reading (n,), with the prior from its files and from the arm as far as `known`."""
     model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
         [

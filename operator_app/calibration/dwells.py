@@ -16,14 +16,14 @@ from solver.chain.poses import PoseSet
 
 DWELL_S = 1.0
 DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
-"""At rest for this long, within this (largest less smallest reading of each joint), by default."""
+"""Default duration of a dwell, and largest spread in it (largest minus smallest reading of each joint)."""
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
-"""Of a step without samples, this many median steps or this share of the dwell count as observed, no more."""
+"""A gap between samples counts as observed up to this many median steps or this share of the dwell."""
 
 MOST_BISECTIONS = 6
-"""How often the spread is halved to tell dwells from a creep between them."""
+"""Number of times that the spread is halved to separate dwells from a creep between them."""
 
 EDGE_SIGMAS = 5.0
 """Samples at either end of a dwell that are farther from its median than this belong to the motion beside it."""
@@ -31,7 +31,7 @@ EDGE_SIGMAS = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dwell:
-    """The arm at rest: from when (s), for how long (s), how many samples, and their mean and sd (n,), rad."""
+    """The arm at rest: start (s), duration (s), number of samples, and their mean and sd (n,), rad."""
 
     start_s: float
     seconds: float
@@ -51,7 +51,7 @@ class RefusedDwell:
 
 
 def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
-    """Return one pose per dwell, in their order; `utc_of` writes the time of a start, empty where that is none."""
+    """Return one pose per dwell, in their order; `utc_of` formats a start time, empty where there is none."""
     utc = tuple(utc_of(d.start_s) for d in dwells)
     return PoseSet(
         placement=np.ones(len(dwells), dtype=np.int64),
@@ -71,7 +71,7 @@ def find_dwells(
     dwell_s: float = DWELL_S,
     spread_rad: float = DWELL_SPREAD_RAD,
 ) -> tuple[tuple[Dwell, ...], tuple[RefusedDwell, ...]]:
-    """Find the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and what is refused."""
+    """Find the dwells of samples `q_rad` (m, n) at rising times `time_s` (m,), and the refused ones."""
     if len(time_s) < LEAST_SAMPLES:
         return (), ()
     step = np.diff(time_s)
@@ -125,7 +125,7 @@ def _dwell(
     ends: tuple[int, int],
     spread_rad: float,
 ) -> Dwell | RefusedDwell:
-    """Judge the samples between two indices, both included, without the motion at their edges."""
+    """Test the samples between two indices, both included, without the motion at their edges."""
     whole = q_rad[ends[0] : ends[1] + 1]
     away = np.abs(whole - np.median(whole, axis=0))
     noise = 1.4826 * np.median(away, axis=0)
@@ -156,7 +156,7 @@ def _dwell(
 def _at_rest(
     at_s: FloatArray, q_rad: FloatArray, window_s: float, spread_rad: float
 ) -> Iterator[tuple[int, int]]:
-    """Yield first and last index of what windows of this length and spread cover, overlapping ones together."""
+    """Yield first and last index of each region covered by windows of this length and spread."""
     count = len(at_s)
     first = np.arange(count)
     last = np.maximum(
@@ -168,14 +168,14 @@ def _at_rest(
     if not len(rest):
         return
     begins, ends = first[rest], last[rest]
-    # Neighbouring windows end one after the other: apart where one begins behind the end of that before it.
+    # Windows are in order of their ends: a region ends where the next window begins behind it.
     cuts = np.flatnonzero(begins[1:] > ends[:-1])
     for a, b in zip((0, *(cuts + 1)), (*cuts, len(rest) - 1), strict=True):
         yield int(begins[a]), int(ends[b])
 
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
-    """Largest less smallest of rows k to last[k], (len(last), n): by tables of 1, 2, 4, ... rows."""
+    """Largest minus smallest of rows k to last[k], (len(last), n): by tables of 1, 2, 4, ... rows."""
     first = np.arange(len(last))
     length = last - first + 1
     found = np.zeros((len(last), q_rad.shape[1]))

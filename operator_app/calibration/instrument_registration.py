@@ -1,4 +1,4 @@
-"""Registration of an instrument and its target: places found from the measured poses where no file states them."""
+"""Registration of an instrument and its target: placements from the measured poses where no file states them."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from solver.loops.closure import ClosureModel, poses_needed
 from solver.loops.open_arm import MeasuredClosure
 
 REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
-"""Of Gauss and Newton to the places of base and target: most, how far one may turn, and what is none."""
+"""Gauss-Newton steps to the placements of base and target: most steps, largest rotation of one, and tolerance."""
 
 DIGITS = 4
-"""Of nominal places in metres: more would be no nominal values."""
+"""Largest nominal placement, m: a larger one is no nominal value."""
 
 
 def with_registered_instrument(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet
 ) -> EndpointConstraint:
-    """Return the fixture with nominal places near the true ones, where its file states none to rely on."""
+    """Return the fixture with nominal placements near the true ones, where its file states none."""
     if not isinstance(fixture, Measured) or poses.endpoint is None:
         return fixture
     fixture = replace(fixture, full_pose=fixture.full_pose and poses.endpoint.shape[1] == 6)
@@ -44,7 +44,7 @@ def with_registered_instrument(
 
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
-    """Return base and target where they are when the arm's offsets are no longer those of its file."""
+    """Return base and target, refined with the arm's offsets free."""
     model = loop_of_poses(arm, fixture, poses)
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
@@ -65,7 +65,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
 
 
 def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
-    """Return the fixture with the nominal places that a calibration's parameters are counted from."""
+    """Return the fixture with the nominal placements to which a calibration's parameters refer."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
         return fixture
@@ -82,9 +82,9 @@ def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> 
 def placed_by_poses(
     arm: ArmModel, instrument: Measured, poses: PoseSet, values: Mapping[str, float]
 ) -> Measured:
-    """Return the instrument with what is unknown of base and target where the measured poses have it.
+    """Return the instrument with the unknown placements of base and target from the measured poses.
 
-    `values` of the arm's entries take the place of its file's.
+    `values` of the arm's entries replace those of its file.
     """
     if poses.endpoint is None:
         raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
@@ -116,7 +116,7 @@ def placed_by_poses(
 
 
 class _Places(NamedTuple):
-    """Base and target, and what is left of the points (squares, m^2)."""
+    """Base and target, and the remaining error of the points (squares, m^2)."""
 
     left: float
     R_base: FloatArray
@@ -125,10 +125,10 @@ class _Places(NamedTuple):
 
 
 def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured) -> _Places:
-    """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss and Newton.
+    """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton.
 
-    For a given turn of the base the rest is linear; of that turn nothing is known, so that every quarter
-    turn is a start.
+    For a given rotation of the base the rest is linear; that rotation is unknown, so that all 24 quarter turns are
+    starts.
     """
     known = rotation_matrix(np.array(instrument.base_turn_rad))
     turns = (known,) if instrument.base_known else _quarter_turns()
@@ -145,7 +145,7 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
             J[..., 0:3] = -skew(swung)
             J[..., 3:6] = np.eye(3)
             J[..., 6:9] = R_base @ R
-            # The first step finds the places that go with this turn.
+            # The first step finds the placements for this rotation.
             used = free & (np.arange(9) >= 3) if step == 0 else free
             left = measured - base - swung
             d = np.zeros(9)

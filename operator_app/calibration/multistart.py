@@ -30,7 +30,7 @@ from solver.loops.closure import ClosureModel
 from solver.loops.point import GROUND
 
 SCREENING_POSES = 600
-"""Poses, evenly among all, that tell which of several starts is the best one."""
+"""Poses, evenly among all, that decide which of several starts is the best one."""
 
 
 def fit_from_starts(
@@ -42,12 +42,12 @@ def fit_from_starts(
     group: IntArray,
     progress: Progress | None = None,
 ) -> Calibrated:
-    """Fit from each start until one leads to readings as they are stated; return the best.
+    """Fit from each start until one explains the readings within the stated errors; return the best.
 
     Raises
     ------
     PosesDoNotFitError
-        No start leads to anything.
+        No start leads to a fit.
     """
     starts, several = iter(starts), len(q) > 2 * SCREENING_POSES
     first = islice(starts, 1) if several else starts
@@ -72,7 +72,7 @@ def fit_from_starts(
 
 
 def evenly(poses: int, most: int) -> IntArray:
-    """Indices of `most` of so many poses."""
+    """Indices of `most` poses, evenly among all."""
     return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
 
 
@@ -85,7 +85,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None,
 ) -> tuple[Calibrated | None, float]:
-    """Return the best fit of some starts, or the first that is good enough, and its misfit; None where none is."""
+    """Return the best fit of some starts, or the first that is good enough, and its misfit; None if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -105,13 +105,13 @@ def _best_fit(
 
 
 def gross_misfit(found: Calibrated) -> float:
-    """chi2/dof at stated variances; infinite where it is no number."""
+    """chi2/dof at stated variances; infinite where it is NaN."""
     ratio = found.linear.stated.chi2 / max(found.linear.dof, 1)
     return float(ratio) if np.isfinite(ratio) else np.inf
 
 
 SOCKET = frozenset((*GROUND, *(f"{name}[1]" for name in GROUND)))
-"""Coordinates of the socket that a ball's file describes; of several the first."""
+"""Coordinates of the socket that a ball's file describes (the first of several)."""
 
 LOCAL_STARTS, SPREAD_RAD, SPREAD_M = 8, np.deg2rad(25.0), 0.05
 ITERATIONS = 25
@@ -120,10 +120,9 @@ ITERATIONS = 25
 def far_from_nominal(
     parameters: tuple[Parameter, ...], x: FloatArray, sd: FloatArray | None = None
 ) -> list[tuple[Parameter, float]]:
-    """Parameters whose values (P,) are farther from nominal than anybody is mistaken, and how far.
+    """Parameters whose values (P,) are implausibly far from nominal, and how far.
 
-    Where `sd` (P,) is given, only what lies outside by three of these as well: what hardly any pose
-    sees may end anywhere.
+    With `sd` (P,), only those that are also farther by three of these: weakly determined ones may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = [
@@ -140,16 +139,16 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Name a better solution than `estimate`, or say that it is far from where it should be.
+    """Return a better solution than `estimate`, or the finding that it is far from the nominal values.
 
     Parameters
     ----------
     q
-        Readings (m, n) of the poses that were used, rad.
+        Readings (m, n) of the used poses, rad.
     judged
-        Names of the parameters that were looked for.
+        Names of the identified parameters.
     """
-    # Of several placements the fixture's file can describe one: where the others are nobody noted.
+    # The fixture's file describes one of several placements: those of the others are not stated.
     looked_for = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
     far = far_from_nominal(
         tuple(p for p, yes in zip(estimate.parameters, looked_for, strict=True) if yes),
@@ -172,7 +171,7 @@ def local_minimum_causes(
     )
     better = best < OTHER_SOLUTION_COST_SHARE * own
     if not better and p.name in SOCKET:
-        # It is where the poses saw it: a note (`socket_elsewhere`).
+        # Its place follows from the poses: a note (`socket_elsewhere`).
         return ()
     return (
         Finding(
@@ -188,7 +187,7 @@ def local_minimum_causes(
 
 
 def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the note that a ball's socket stands elsewhere than its file says, which no verdict depends on."""
+    """Return the note that a ball's socket is not where its file states, on which no verdict depends."""
     here = [p.name in SOCKET for p in estimate.parameters]
     far = far_from_nominal(
         tuple(p for p in estimate.parameters if p.name in SOCKET),
@@ -202,7 +201,7 @@ def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
 
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
-    """Parameters (P,) of the best solution that starts about the nominal values lead to."""
+    """Parameters (P,) of the best solution from starts around the nominal values."""
     return _best(hard, ClosureProblem.of(hard, q)).x
 
 
@@ -223,22 +222,22 @@ OF_THE_SOLUTION = {
     FindingKind.PARALLEL_AXES,
     FindingKind.NOT_CONVERGED,
 }
-"""Causes that are read off the solution itself: they lead nothing astray."""
+"""Causes that follow from the solution itself and cannot have made it diverge."""
 
 
 def has_diverged(
     causes: Iterable[Finding], scale: float, estimate: Estimate, judged: tuple[str, ...]
 ) -> bool:
-    """Whether a gross cause refuses, and the solution is where no file would have it or known to nobody's use.
+    """Whether a gross cause blocks, and the solution is implausible or uselessly uncertain.
 
     Parameters
     ----------
     scale
         chi2/dof at stated variances.
     judged
-        Names of the parameters that were looked for.
+        Names of the identified parameters.
     """
-    # A local optimum is astray however well it fits.
+    # A local optimum counts as diverged even if it fits well.
     if not any(
         c.blocking
         and (c.kind is FindingKind.OTHER_SOLUTION or scale > CHI2_PER_DOF_REFUSED)
@@ -246,7 +245,7 @@ def has_diverged(
         for c in causes
     ):
         return False
-    # Of several placements the fixture's file can describe one.
+    # The fixture's file describes one of several placements.
     here = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
     chosen = tuple(p for p, yes in zip(estimate.parameters, here, strict=True) if yes)
     sd: FloatArray = estimate.standard_deviation[here]

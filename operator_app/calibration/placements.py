@@ -28,7 +28,7 @@ from solver.loops.placements import Placements
 from solver.loops.point import GROUND, PointClosure
 
 SINGULAR_DISTANCE = 1e-10
-"""Directions of a correlation matrix in which nothing is known of a difference."""
+"""Eigenvalue of a correlation matrix below which a difference in that direction is unknown."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,10 +38,10 @@ class IndistinguishablePlacements:
     Attributes
     ----------
     numbers
-        As the operator counts them, ascending.
+        Numbers of the placements, ascending.
     parameter, difference, sigmas
-        What differs most among them in standard deviations: by how much (rad or m, without sign), and in
-        standard deviations of the difference.
+        Parameter with the largest difference in standard deviations, its difference (rad or m, absolute), and the same
+        in standard deviations.
     """
 
     numbers: tuple[int, ...]
@@ -111,15 +111,15 @@ def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArr
 
 
 MOST_PAIRS = 45
-"""Pairs of ten placements; of more only neighbours are listed."""
+"""Number of pairs of ten placements; with more, only neighbours are listed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distance:
     """Distance of two placements' points (numbers of placements), m, and its standard uncertainty.
 
-    `measured` is what the fixture's file states of it, if anything, and counts in the distance as well; `deviation`
-    is how far that is above what the poses alone say, in sigmas of the difference.
+    `measured` is the value in the fixture's file, if any, which enters the distance as well; `deviation` is its excess
+    over the distance from the poses alone, in sigmas of the difference.
     """
 
     between: tuple[int, int]
@@ -137,7 +137,7 @@ def distances(
 ) -> tuple[Distance, ...]:
     """Return the distances between the sockets of a ball; empty for other fixtures, or one placement.
 
-    `measured` are those that took part in the estimate, each with its deviation.
+    `measured` are those used in the estimate, each with its deviation.
     """
     parts = model.parts()
     if len(parts) < 2 or not all(isinstance(part, PointClosure) for part, _, _ in parts):
@@ -177,7 +177,7 @@ def distances(
 def compared(
     fixture: EndpointConstraint, poses: PoseSet, fit: LinearFit
 ) -> tuple[tuple[KnownDistance, float], ...]:
-    """Return the measured distances that took part in a fit of these poses, each with its deviation."""
+    """Return the measured distances used in a fit of these poses, each with its deviation."""
     stated = stated_distances(fixture, poses.placements)
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 

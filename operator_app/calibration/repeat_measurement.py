@@ -1,4 +1,4 @@
-"""A pose measured twice: what slipped in between, and by how much.
+"""A pose measured twice: slips in between, and their size.
 
 The drives do not return exactly and the other joints follow them: such a difference lies along the self-motions of
 the chain. What remains is noise, play, compliance of the fixture, or a slip.
@@ -23,19 +23,19 @@ LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
 """Shape of a slip of a fixture that is stated to be rigid."""
 
 SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
-"""Times the stated give at which a slip of the fixture is tried."""
+"""Multiples of the stated compliance at which a slip of the fixture is tried."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reread:
-    """Two readings of one pose, and how many poses had been captured when it was read again.
+    """Two readings of one pose, and the number of poses captured before the second.
 
     Attributes
     ----------
     label
-        Of the pose.
+        Label of the pose.
     first_rad, again_rad
-        (n,), each the mean of as many samples.
+        (n,), each the mean of equally many samples.
     """
 
     label: str
@@ -48,25 +48,24 @@ class Reread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Repeat:
-    """What two readings of one pose say.
+    """Comparison of two readings of one pose.
 
     Attributes
     ----------
     difference_rad
-        (n,) second reading less the first, all joints.
+        (n,) second reading minus the first, all joints.
     chi2, dof
-        Of the difference that no motion of the chain explains, by stated noise, play and compliance.
+        chi2 of the difference that no motion of the chain explains, by stated noise, play and compliance.
     joint
-        The joint (1-based) whose reading alone explains most of that.
+        Joint (1-based) whose reading alone explains most of that.
     size_rad, sigma_rad
-        By how much it slipped then, and how well that is known.
+        Size of that slip and its standard uncertainty.
     chi2_left
-        What stays unexplained by it, with one degree of freedom less: large where it was no joint,
-        but the fixture.
+        Remaining chi2, with one degree of freedom less: large if the fixture slipped and not a joint.
     joint_odds
-        How much likelier that joint makes it than the fixture does, each as far off as is most likely.
+        Likelihood ratio of a slip of that joint to one of the fixture, each at its most likely size.
     turned_rad, shifted_m
-        How far the fixture slipped, if it was the fixture.
+        Slip of the fixture, if it was the fixture.
     """
 
     difference_rad: FloatArray
@@ -92,20 +91,20 @@ def compare_readings(
     samples_again: int | None = None,
     compliance: Compliance = RIGID,
 ) -> Repeat:
-    """Compare two readings (n,) of one pose, each the mean of `samples`, by all that is stated.
+    """Compare two readings (n,) of one pose, each the mean of `samples`, under the stated errors.
 
     Parameters
     ----------
     model, x
-        The loop of this pose and its parameters as calibrated: they say how the chain moves.
+        The loop of this pose and its calibrated parameters, from which the motions of the chain follow.
     give
-        The fixture's: with friction the other way round, it bends anew.
+        Stated deflection of the fixture, which may differ when friction is reversed.
     """
     used, variances = [], []
     for j, joint in enumerate(arm.joints):
         if not isinstance(joint.sensor, NoSensor) and j + 1 not in model.unsensed_joints:
-            # Noise of two readings, and play that may be taken up from either side. What sags under
-            # its own weight sags alike in the same pose.
+            # Noise of two readings, and play that may be taken up from either side. Sag under gravity is the same in
+            # the same pose.
             used.append(j)
             variances.append(
                 joint.sensor.variance_of_mean_rad2(samples)
@@ -151,7 +150,7 @@ def compare_readings(
 
 
 def _of_joint(explained: float) -> float:
-    """Logarithm of how much likelier a slip of one joint makes it, at its most likely variance."""
+    """Log-likelihood gain of a slip of one joint, at its most likely variance."""
     return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
 
 
@@ -176,7 +175,7 @@ def repeats_of(
 ) -> tuple[tuple[Reread, Repeat], ...]:
     """Compare all readings of poses that count; `labels` are those of the poses of `model`.
 
-    Where nothing holds the hand the drives alone decide where it comes back to.
+    On an open arm the drives alone determine the repeated pose.
     """
     if model.parts()[0][0].hold is None:
         return ()

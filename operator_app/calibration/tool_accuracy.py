@@ -12,17 +12,17 @@ from solver.estimators.estimate import Estimate
 from solver.loops.closure import ClosureModel
 
 POSES_AT_ONCE = 2000
-"""Poses at a time: memory stays flat."""
+"""Poses computed at a time, to bound memory."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSigma:
-    """Standard deviation of the hand's distance from where the parameters say it is, m.
+    """Standard deviation of the tool's distance from its position by the parameters, m.
 
     Attributes
     ----------
     rms, worst
-        Over the poses of the calibration.
+        Root mean square and largest value over the poses of the calibration.
     """
 
     rms: float
@@ -31,7 +31,7 @@ class TipSigma:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
-    """Distances over many poses, m: root mean square, what 95 % of them stay below, and the largest."""
+    """Distances over many poses, m: root mean square, 95 % quantile, and the largest."""
 
     rms: float
     most: float
@@ -40,12 +40,12 @@ class Spread:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOffset:
-    """An offset of which nothing is known but its value in the arm's file.
+    """A fixed offset of unknown uncertainty.
 
     Attributes
     ----------
     rate_m_per_rad
-        How far the hand moves with what it is off, rms over the joints' ranges.
+        Rate of the tool position with the offset's error, rms over the joints' ranges.
     """
 
     name: str
@@ -55,20 +55,19 @@ class HeldOffset:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandAccuracy:
-    """What a calibration brings where the arm is used: its hand's distance from where it was believed.
+    """Tool position error before and after a calibration, where the arm is used.
 
     Attributes
     ----------
     before
-        Between the hand by the arm file's own entries and by the calibrated ones, as the arm's base sees
-        it; where the fixture stood and how the hand held it have no part in that.
+        Distance between the tool by the entries of the arm file and by the calibrated ones, in the arm's base frame,
+        without the fixture's placement on table and tool.
     after
-        What is left by the covariance of the parameters, one standard deviation.
+        Remaining error by the covariance of the parameters, one standard deviation.
     poses
-        How many, evenly over all joints' ranges.
+        Number of poses, evenly over all joints' ranges.
     holds_for
-        Offsets that were not sought and of which no file states how well they are known: `after` holds
-        only where they are what they were held at.
+        Fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
     """
 
     before: Spread
@@ -79,15 +78,15 @@ class HandAccuracy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueErrors:
-    """How far a calibration is from the truth, which only the simulator of an arm knows.
+    """Errors of a calibration against the truth, which only the simulator of an arm knows.
 
     Attributes
     ----------
     inside_95, of
-        How many true values lie within the 95 % intervals of their entries, of how many.
+        Number of true values within the 95 % intervals of their entries, and number of entries.
     tool_rms_m, predicted_rms_m
-        Distance of the tool from where it truly is, rms over the joints' ranges, and what the covariance
-        of the parameters predicts for it.
+        Tool position error against the truth, rms over the joints' ranges, and the same as predicted by the covariance
+        of the parameters.
     """
 
     inside_95: int
@@ -97,7 +96,7 @@ class TrueErrors:
 
 
 def spread_of(distances_m: FloatArray) -> Spread:
-    """Sum distances up."""
+    """Summarise distances."""
     return Spread(
         rms=float(np.sqrt(np.mean(distances_m**2))),
         most=float(np.quantile(distances_m, 0.95)),
@@ -113,11 +112,11 @@ def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
 
 
 def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigma:
-    """Propagate the covariance of all parameters to the hand's position at poses `q` (m, n), rad.
+    """Propagate the covariance of all parameters to the tool position at poses `q` (m, n), rad.
 
-    With J = dp/dx the rate of the closure's position rows, ``sigma^2 = trace(J C J')`` at each pose. The
-    hand is seen from the arm's own base: where the fixture stands (`ClosureModel.ground_side`) has no
-    part in that. Errors of the readings come on top.
+    With J = dp/dx the rate of the closure's position rows, ``sigma^2 = trace(J C J')`` at each pose. The tool position
+    is in the arm's base frame, independent of the fixture's place on the table (`ClosureModel.ground_side`). Errors of
+    the readings are not included.
     """
     x, C = estimate.x, estimate.covariance
     ground = set(model.ground_side)

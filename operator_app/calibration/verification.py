@@ -30,27 +30,27 @@ from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
 
 NEWTON_STEPS = 3
-"""Of Newton's iteration to where a ball's socket stands, in which the loop is linear."""
+"""Newton steps to the place of a ball's socket, in which the loop is linear."""
 
 
 NOT_KNOWN = 0.1
-"""Standard deviation (m) of what is not known beside what poses tell."""
+"""Prior standard deviation (m) of a place that only the poses determine."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fixed:
-    """Parameters fixed before the poses were taken, and what they were fixed with.
+    """Parameters fixed before the poses were taken, with the other results of their calibration.
 
     Attributes
     ----------
     values
         Parameter values by name, rad and m.
     covariance
-        Of these, in the same order (P, P).
+        Covariance of these, in the same order (P, P).
     rvdt_sd_rad
-        Noise and curve of RVDT joints as found with the parameters, by joint.
+        Estimated noise and curve of RVDT joints, by joint.
     fixture_variance
-        Give of the fixture as found (6,), or None. Both count only where they are less than stated.
+        Estimated compliance variance of the fixture (6,), or None. Both are used only where they are less than stated.
     unsensed_joints
         Joints whose readings the calibration did not use.
     """
@@ -64,7 +64,7 @@ class Fixed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VerificationResult:
-    """What new poses say of a calibration.
+    """Result of a verification with new poses.
 
     Attributes
     ----------
@@ -73,13 +73,13 @@ class VerificationResult:
     nominal
         Closure sigmas of the same poses at the nominal parameters, for comparison.
     odd_poses
-        Indices of poses too improbable to be chance, the worst first; of a sound set any is in 1 of 1000.
+        Indices of poses too improbable to be chance, the worst first; one sound set in 1000 has any.
     poses
-        How many were judged.
+        Number of tested poses.
     shift
-        One joint or the fixture that has shifted in all of them alike; None where none has.
+        Common shift of one joint or the fixture in all new poses; None where there is none.
     stated
-        The misfit by what files state at least; None where the verification's own is that.
+        The misfit with at least the stated errors; None where `verification` is that already.
     """
 
     verification: HeldOutPoses
@@ -91,28 +91,27 @@ class VerificationResult:
 
     @property
     def why(self) -> str:
-        """What has shifted, in words; empty where nothing is named."""
+        """The shift as text; empty where none was found."""
         return "" if self.shift is None else shift_in_words(self.shift)
 
     @property
     def holds(self) -> bool:
-        """Whether the calibration predicts these poses as well as it claims to."""
+        """Whether the calibration predicts these poses within its stated uncertainty."""
         found = self.verification
         if self.shift is not None or self.odd_poses:
             return False
-        # A smaller chi2 than expected is no failure: these poses fit better than promised.
+        # A smaller chi2 than expected is no failure: these poses fit better than stated.
         chi2 = found.chi2 if self.stated is None else self.stated
         return bool(found.closed.all()) and chi2.per_dof <= chi2.high
 
 
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
-    """Take the parameters of a calibration with everything that was found beside them.
+    """Return the parameters of a calibration with its other results.
 
     Parameters
     ----------
     placement
-        Of several that were calibrated, the one that new poses are of: its parameters without its number.
-        None: all of them.
+        The calibrated placement of the new poses: its parameters, without its number. None: all placements.
     """
     estimate, components = solution.estimate, solution.components
     found = () if components is None else components.components
@@ -130,7 +129,7 @@ def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed
 
 
 def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
-    """Noise and curve of each RVDT together: at a new reading the curve is one more unknown error."""
+    """Noise and curve of each RVDT together: at a new reading the curve is a further unknown error."""
     sd: dict[int, float] = {}
     for c in found:
         kind, _, number = c.name.partition("_")
@@ -148,16 +147,16 @@ def verify_poses(
     calibrated: tuple[int, ...] | None = None,
     made: MadeFrom | None = None,
 ) -> VerificationResult:
-    """Judge new poses of the same arm in the same fixture, at the same placement.
+    """Test new poses of the same arm in the same fixture, at the same placement.
 
     Parameters
     ----------
     made
-        The calibration with its own poses. What these tell of curves, sag and give is then known, and one
-        common shift is looked for. None: all of that is independent in every pose.
+        The calibration with its own poses. Curves, sag and compliance are then known from these, and one common shift
+        is searched. None: all of that is independent in every pose.
     calibrated
-        Numbers of the placements that were calibrated, where the new poses may be of others: where the
-        fixture stands there is found from them, everything else is as it was fixed. None: the same.
+        Numbers of the calibrated placements, if the new poses may be of others: the fixture's place there is found from
+        them, all other parameters are fixed. None: the same placements.
 
     Raises
     ------
@@ -178,7 +177,7 @@ def verify_poses(
         x, covariance = _stood(model, x, covariance, poses.q_rad, unknown)
     found = verify(model, x, covariance, poses.q_rad, stated_noise(arm, fixture, poses, fixed))
     if unknown:
-        # As many equations as unknowns went into where it stands.
+        # The place of the fixture takes as many equations as it has unknowns.
         chi2 = found.chi2
         left = chi2.dof - len(unknown)
         found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
@@ -209,9 +208,9 @@ def _with_prediction(
     found: HeldOutPoses,
     odd: tuple[int, ...],
 ) -> tuple[HeldOutPoses, tuple[int, ...], CommonShift | None, Chi2Test]:
-    """Return what is judged with all that the calibration's own poses tell; as found without where nothing fits.
+    """Return the test with the information of the calibration's own poses, or without it where they do not fit.
 
-    The last is the misfit by what files state at least.
+    The last value is the misfit with at least the stated errors.
     """
     from scipy.special import chdtrc
 
@@ -219,7 +218,7 @@ def _with_prediction(
     if predicted is None:
         return found, odd, None, found.chi2
     named = find_outliers(predicted.left)
-    # A shift is one only if it is there without the poses that are wrong by themselves.
+    # A shift counts only if it remains without the outliers.
     shift = shifted(named.rest, predicted.subjects)
     left = predicted.left
     if shift is not None:
@@ -244,7 +243,7 @@ def _with_prediction(
 
 
 def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
-    """Placement of new poses that are of the same one, whatever number their file gives it."""
+    """Placement number of new poses in the same placement, whatever their file states."""
     known = made.poses.placements
     return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
@@ -252,17 +251,17 @@ def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
 def stated_noise(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, fixed: Fixed
 ) -> NoiseModel:
-    """Return what the files state of new readings, and less where the calibration found less.
+    """Return the stated noise of new readings, or the estimated one where that is less.
 
-    What a calibration found to be larger than stated is no excuse: a fixture that slipped while it
-    was made would make every later pose look good.
+    Noise estimated larger than stated is not used: after a slip of the fixture during the calibration every later pose
+    would look good.
     """
     everything = np.ones(len(poses), dtype=np.bool_)
     stated = noise_model(arm, fixture, poses, everything)
     variance = np.array(stated.joint_variance)
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
     for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
-        # At a new reading the curve is one more unknown error.
+        # At a new reading the curve is a further unknown error.
         whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], fixed.rvdt_sd_rad.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(whole, least) + gain**2
@@ -281,7 +280,7 @@ def _elsewhere(
     poses: PoseSet,
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
-    """What was fixed under the names of the new poses' model, and what of that nobody knows yet."""
+    """Return the fixed parameters by the names of the new poses' model, and those still unknown."""
     sources: dict[str, str] = {}
     unknown: list[str] = []
     for p in model.parameters:
@@ -313,7 +312,7 @@ def _stood(
     q: FloatArray,
     unknown: tuple[str, ...],
 ) -> tuple[FloatArray, FloatArray]:
-    """Find where the fixture stands from the poses themselves; free from there as if never known."""
+    """Find the place of the fixture from the poses themselves, without a prior."""
     here = [k for k, p in enumerate(model.parameters) if p.name in unknown]
     x, covariance = x.copy(), covariance.copy()
     for _ in range(NEWTON_STEPS):
@@ -325,7 +324,7 @@ def _stood(
 
 
 def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray]:
-    """Values and covariance in the order of the model; what was held keeps its nominal value."""
+    """Values and covariance in the order of the model; fixed parameters have their nominal values."""
     known = list(fixed.values)
     names = [p.name for p in model.parameters]
     strange = sorted(set(known) - set(names))

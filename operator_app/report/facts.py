@@ -73,7 +73,7 @@ class Facts:
     causes
         What may be wrong, the most probable first.
     notices
-        What the operator should know and do.
+        Warnings with their remedies.
     data
         What the JSON object holds beside the figures with a key.
     """

@@ -19,7 +19,7 @@ GIVE_ROUNDS = 4
 CURVE_SHARE = 0.5
 """Share of a sensor's linearity that is allowed for as if it were noise."""
 UNSENSED_SIGMA_RAD = 1.0
-"""Noise that stands for no sensor at all: a joint read this badly tells nothing about an offset."""
+"""Noise that stands for no sensor at all: readings this noisy have no information about an offset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,13 +106,13 @@ def planning_noise(
     unsensed_joints: Sequence[int] = (),
     wrist_curve_rad: FloatArray | None = None,
 ) -> NoiseModel:
-    """Noise of interim estimates: one reading's standard deviations (n,), joints not to be relied upon apart.
+    """Noise of interim estimates: standard deviations of one reading (n,), larger for joints not to be relied upon.
 
     Parameters
     ----------
     unsensed_joints
-        Joints (1-based) whose reading will not be used. They stay in the model, for their angle can
-        be predicted, with a noise that tells nothing.
+        Joints (1-based) whose reading will not be used. They stay in the model, because their angle can be predicted,
+        with noise so large that it carries no information.
     wrist_curve_rad
         Systematic deviation of each sensor (n,) to be allowed for as if it were noise (an RVDT's
         linearity); None for none.

@@ -1,7 +1,7 @@
-"""Arguments as a program gives them, looked at before anything is computed with them.
+"""Checks the arguments of a caller before anything is computed.
 
-What is wrong is said with the argument's name, what was given, and what to give: TypeError where it is no such
-thing at all, ValueError where it is one that makes no sense. Knows no arm's model and no file.
+An error names the argument, its value and the valid values: TypeError for a wrong type, ValueError for a wrong value.
+Knows no arm's model and no file.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from solver.arrays import FloatArray
 
 LARGEST_TOLERANCE_MM = 100.0
-"""As ``--length-tolerance``."""
+"""Limit, as of ``--length-tolerance``."""
 
 LONGEST_SHOWN = 80
-"""Characters of what was given, as an error shows it."""
+"""Most characters of a value in an error."""
 
 
 def shown(value: Any) -> str:
-    """Return what was given in one short line."""
+    """Return a value in one short line."""
     short = reprlib.Repr()
     short.maxother = short.maxstring = LONGEST_SHOWN
     return " ".join(short.repr(value).split())
@@ -108,13 +108,13 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
-    """Refuse what is none of the choices."""
+    """Refuse a value that is none of the choices."""
     if value not in choices:
         raise ValueError(f"{name}={shown(value)}: give {' or '.join(map(repr, choices))}")
 
 
 def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
-    """Return sensor readings (n,) or (m, n) of an arm with these ranges; they may be a turn out of them."""
+    """Return sensor readings (n,) or (m, n) of an arm with these ranges; they may be a turn outside."""
     found, n = numbers(name, value), len(lower_rad)
     if found.ndim == 0 or found.shape[-1] != n:
         raise ValueError(f"{name} has shape {found.shape}: {shape_wanted(found.shape, n)}")
@@ -130,7 +130,7 @@ def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatA
 
 
 def shape_wanted(shape: tuple[int, ...], joint_count: int) -> str:
-    """Say what shape readings have."""
+    """Return the required shape of readings, as text."""
     turned = len(shape) == 2 and shape[0] == joint_count
     return (
         f"the arm has {joint_count} joints; give one column a joint, in its order, and one row a pose"

@@ -151,7 +151,7 @@ def compare(
     ConfigError, SessionError
         There is no such file or session, or it has no calibration.
     TypeError, ValueError
-        An argument is none, or makes no sense; names it.
+        An argument is invalid; the text names it.
 
     Examples
     --------

@@ -93,7 +93,7 @@ def plan(
     Raises
     ------
     TypeError, ValueError
-        An argument is none, or makes no sense; names it.
+        An argument is invalid; the text names it.
     SessionError
         No plan can be made; the text has the reason and the remedy.
 
@@ -166,7 +166,7 @@ def simulate(
     Raises
     ------
     TypeError, ValueError
-        An argument is none, or makes no sense; names it.
+        An argument is invalid; the text names it.
     SessionError
         The loop does not close near the arm's home, or does not allow that many poses.
 

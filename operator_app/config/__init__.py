@@ -1,1 +1,1 @@
-"""Files people touch: strict schemas and their domain objects. pydantic stays in here."""
+"""Files that people edit: strict schemas and their domain objects. Only this package imports pydantic."""

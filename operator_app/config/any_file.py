@@ -1,4 +1,4 @@
-"""Files of any kind: told apart by what they hold, everything wrong with all of them at once, their JSON Schemas."""
+"""Files of any kind: detection of the kind, all problems of all files at once, their JSON Schemas."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
 
 @cache
 def _meanings() -> dict[str, dict[str, str]]:
-    """Return what keys mean, by kind of file, as far as their models do not say it."""
+    """Return descriptions of keys, by kind of file, that their models do not have."""
     text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
     found: dict[str, dict[str, str]] = yaml.safe_load(text)
     return found
@@ -92,7 +92,7 @@ def schema_name(kind: FileKind) -> str:
 
 
 def schema_line(kind: FileKind) -> str:
-    """Return the comment that editors look for at the top of a file, without its ``#``."""
+    """Return the comment at the top of a file by which editors find its schema, without ``#``."""
     return f"yaml-language-server: $schema={schema_name(kind)}"
 
 
@@ -111,7 +111,7 @@ Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | L
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looked:
-    """One file: what kind it is (None: nobody can tell), and what it holds where nothing is wrong with it."""
+    """One file: its kind (None: unknown), and its content if it is valid."""
 
     source: Resource
     kind: AnyKind | None
@@ -120,18 +120,18 @@ class Looked:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Found:
-    """Files as read, in the order given, and all that is wrong with them."""
+    """Files as read, in the order of the arguments, and all their problems."""
 
     files: tuple[Looked, ...]
     problems: tuple[Problem, ...]
 
     def of(self, kind: AnyKind) -> tuple[Looked, ...]:
-        """The files of one kind."""
+        """Return the files of one kind."""
         return tuple(looked for looked in self.files if looked.kind == kind)
 
 
 def read_any(path: str) -> Resource:
-    """Read a file whatever it is; raises ConfigError."""
+    """Read a file of any kind; raises ConfigError."""
     where = expanded(path)
     return Resource(
         file=path, folder=where.parent, data=read_limited(where, path, limit=LIMIT_BYTES)
@@ -139,7 +139,7 @@ def read_any(path: str) -> Resource:
 
 
 def kind_of(source: Resource) -> AnyKind | None:
-    """Tell what kind of file this is: by its ``schema`` line, else by its keys or its header."""
+    """Return the kind of a file: by its ``schema`` line, else by its keys or its header."""
     text = source.data.decode("utf-8", errors="replace")
     kinds = SCHEMA_LINE.search(text)
     for kind in FILES:
@@ -161,7 +161,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reads one file after the other; arms first, as they say how many joints the others speak of."""
+    """Reads one file after the other; arms first, since they define the number of joints of the others."""
 
     joints: set[int] = field(default_factory=set)
     problems: dict[Problem, None] = field(default_factory=dict)
@@ -171,7 +171,7 @@ class _Reader:
         try:
             holds = self._parsed(source, kind)
         except ConfigError as error:
-            # A file that a procedure names may be given as well: its problems are told once.
+            # A file named by a procedure may also be an argument: its problems are reported once.
             self.problems |= dict.fromkeys(error.problems)
         if isinstance(holds, ArmModel):
             self.joints.add(holds.joint_count)
@@ -181,7 +181,7 @@ class _Reader:
 
     def _parsed(self, source: Resource, kind: AnyKind | None) -> Holds:
         data, file = source.data, source.file
-        # Where arms of several sizes are given, nobody can say of which this file speaks.
+        # With arms of several sizes it is unknown which one this file belongs to.
         joints = next(iter(self.joints)) if len(self.joints) == 1 else None
         match kind:
             case "arm":
@@ -196,7 +196,7 @@ class _Reader:
                 return parse_parameters(data, file)
             case "poses":
                 return self._of_an_arm(parse_poses(data, file, joint_count=joints), file)
-        # What keeps it from being read at all is the better complaint.
+        # The error that prevents reading it is reported instead.
         load_strict(data, file)
         kinds = ", ".join(FILES)
         raise only(
@@ -208,7 +208,7 @@ class _Reader:
         )
 
     def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
-        """Refuse poses whose number of joints is that of none of the arms."""
+        """Refuse poses whose number of joints no arm has."""
         count = loaded.poses.joint_count
         if self.joints and count not in self.joints:
             known = " and ".join(map(str, sorted(self.joints)))
@@ -236,9 +236,9 @@ def look_through(
     Parameters
     ----------
     known
-        Of some, by name, which kind is wanted.
+        Expected kind of some files, by name.
     missing
-        What is wrong with files that are not among these, as they cannot be read at all.
+        Problems of further files, which cannot be read at all.
     """
     kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
     reader = _Reader(problems=dict.fromkeys(missing))

@@ -49,7 +49,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class RowModel(StrictModel):
     """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
 
-    ``beta_deg`` is Hayati's: what is identified in place of s where the row joins parallel axes.
+    ``beta_deg`` is Hayati's: it is identified in place of s where the row joins parallel axes.
     """
 
     row: Count
@@ -62,7 +62,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """What the files of all sensors have: their kind, and the names of their domain object's figures."""
+    """Common fields of all sensors: kind, and the names of the domain object's figures."""
 
     makes: ClassVar[type[Sensor]]
 
@@ -142,7 +142,7 @@ class JointModel(StrictModel):
 
 
 def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, remedy: str) -> None:
-    """Report a list of joints or links that has not one item a row of the D-H table."""
+    """Report a list of joints or links whose length differs from the number of rows of the D-H table."""
     rows = info.data.get("dh")
     if rows is not None and len(rows) != len(items):
         text = f"there are {len(items)} {name}s for {len(rows)} D-H rows"
@@ -310,7 +310,7 @@ class ArmFile(StrictModel):
 
     def _assumed(self) -> Iterator[str]:
         yield from assumed_of_rows(self.tolerance, [row.tolerance for row in self.dh])
-        # What a joint without a sensor does between sensor and link is no error of a reading.
+        # A joint without a sensor has no play or sag that affects a reading.
         sensed = {j.joint: j for j in self.joints if not isinstance(j.sensor, NoSensorModel)}
         encoders = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, EncoderModel)}
         rvdts = {k: j.sensor for k, j in sensed.items() if isinstance(j.sensor, RvdtModel)}
@@ -321,8 +321,8 @@ class ArmFile(StrictModel):
 
 
 PARALLEL_RAD = math.radians(10.0)
-"""Neighbouring axes nearer to parallel than this are joined by Hayati's row [9]: where they are, a twist of
-0.1 deg moves the foot of their common normal, from which s counts, by 1 % of a and more."""
+"""Neighbouring axes nearer to parallel than this need Hayati's row [9]: a twist error of 0.1 deg would move the foot of
+their common normal, from which s counts, by 1 % of a or more."""
 
 
 def _is_hayati(row: RowModel) -> bool:
@@ -332,7 +332,7 @@ def _is_hayati(row: RowModel) -> bool:
 
 
 def _seen_by(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
-    """Return what is identified where a file frees an entry: beta for s between parallel axes."""
+    """Return the entry that is identified where a file frees one: beta for s between parallel axes."""
     if entry.kind is DhKind.S and entry.row in hayati:
         return DhEntry(DhKind.BETA, entry.row)
     return entry
@@ -344,7 +344,7 @@ def parse_arm(data: bytes, file: str) -> ArmModel:
     Raises
     ------
     ConfigError
-        With all that is wrong.
+        The file is wrong; lists all problems.
     """
     return read_model(ArmFile, data, kind="arm", file=file).model()
 

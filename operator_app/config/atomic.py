@@ -1,7 +1,7 @@
-"""Writing files: whole or not at all, also through a power cut; YAML that `strict_yaml` reads back as the same values.
+"""Writes files completely or not at all, even in a power cut; writes YAML that `strict_yaml` reads back exactly.
 
-Floats are written with the digits that read back as the same double (never more than 17), text is
-quoted whenever it could be taken for anything else.
+Floats are written with the digits that read back as the same double (never more than 17), text is quoted whenever it
+could be read as another type.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from operator_app.config.strict_yaml import resolve_plain
 
 
 def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> None:
-    """Put `data` into `path`: temporary file in the same folder, fsync, rename, fsync of the folder.
+    """Write `data` to `path`: temporary file in the same folder, fsync, rename, fsync of the folder.
 
-    A reader sees the old file or the new one, never a part. The permissions of an existing file are kept.
-    A symbolic link is replaced by a file, and what it points to is left alone: a folder may come from
-    somebody else. With `through_link` it stays a link, and the file it points to is replaced.
+    A reader sees the old file or the new one, never a part. The permissions of an existing file are kept. A symbolic
+    link is replaced by a file, and its target does not change: the folder may come from somebody else. With
+    `through_link` the target is replaced instead.
 
     Raises
     ------
     WriteError
-        The system refused; nothing was changed and no temporary file is left.
+        The system refused; nothing was changed, and no temporary file remains.
     """
     try:
         _replace(Path(os.path.realpath(path)) if through_link else path, data)
@@ -51,10 +51,10 @@ def _replace(target: Path, data: bytes) -> None:
             os.fsync(file.fileno())
         Path(name).replace(target)
     except BaseException:
-        # Also on Ctrl-C: a half-written temporary file is of no use to anybody.
+        # Also on Ctrl-C: a half-written temporary file is useless.
         Path(name).unlink(missing_ok=True)
         raise
-    # The rename itself is only safe from a power cut once the folder is on the disk.
+    # The rename survives a power cut only once the folder is on the disk.
     folder = os.open(target.parent, os.O_RDONLY)
     try:
         os.fsync(folder)
@@ -68,7 +68,7 @@ def _mode(target: Path) -> int:
     except FileNotFoundError:
         found = stat.S_IFLNK
     if stat.S_ISLNK(found):
-        # mkstemp makes files for the owner only; a result is an ordinary file.
+        # mkstemp makes files for the owner only; a result has ordinary permissions.
         mask = os.umask(0)
         os.umask(mask)
         return 0o666 & ~mask
@@ -84,7 +84,7 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
     Raises
     ------
     ValueError
-        For a value that a strict file cannot hold, such as NaN.
+        A strict file cannot hold a value, such as NaN.
     """
     text = yaml.dump(
         data,
@@ -103,12 +103,12 @@ def float_text(value: float) -> str:
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written: only finite numbers")
     text = repr(float(value))
-    # YAML 1.1 readers, which this file may meet as well, take 1e-08 for text.
+    # YAML 1.1 readers take 1e-08 for text.
     return text if "." in text else text.replace("e", ".0e")
 
 
 def scalar_text(value: str) -> str:
-    """Write a text as it stands behind a key, on one line: quoted where it could be anything else."""
+    """Format a text as the value of a key, on one line: quoted where it could be read as another type."""
     written: str = yaml.dump(value, Dumper=_StrictDumper, width=math.inf)
     return written.removesuffix("...\n").rstrip("\n")
 

@@ -1,4 +1,4 @@
-"""CSV read strictly: every record with its line, every cell complained about with its column."""
+"""Strict reading of CSV: records with their line, problems with line and column."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ MOST_PROBLEMS = 100
 CSV_NUMBER = re.compile(r"[-+]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 NOT_FINITE = re.compile(r"[-+]?(?:nan|inf|infinity|#n/a|n/a|na)", re.IGNORECASE)
 FORMULA = re.compile(r"'*(?:\s*[=+\-@]|[\t\r\n])")
-"""Words that a spreadsheet takes for a formula, apostrophes before them or not: one more makes them text."""
+"""Text that a spreadsheet takes for a formula, with or without apostrophes before it: one more makes it text."""
 ESCAPED = re.compile(r"(\\+)u\{([0-9a-f]{1,6})\}")
 LOOKS_ESCAPED = re.compile(r"(\\+)(u\{[0-9a-f]{1,6}\})")
 HIDDEN_CANDIDATE = re.compile(r"(\\*)([^\\])", re.DOTALL)
 SHOWN_BLANKS = "\t\n"
-"""What a cell may have in it beside characters that are shown."""
+"""Characters allowed in a cell in addition to printable ones."""
 
 Record = tuple[int, list[str]]
-"""Line that a record starts in, from 1, and its cells."""
+"""First line of a record, from 1, and its cells."""
 
 
 class BadCell(Exception):
-    """A cell that cannot be used: text and remedy."""
+    """An invalid cell: text and remedy."""
 
     def __init__(self, text: str, remedy: str) -> None:
         self.text = text
@@ -44,7 +44,7 @@ def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
     Raises
     ------
     ConfigError
-        It is empty (`example` says what belongs there), or no CSV with commas.
+        The file is empty (`example` is a valid header), or no CSV with commas.
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:
@@ -82,17 +82,16 @@ def read_columns(
     Parameters
     ----------
     columns
-        Names in the order of the file; what reads a cell of each, and raises `BadCell`.
+        Names in the order of the file, and the function that reads a cell of each and raises `BadCell`.
     packed
-        Columns of floats: 8 bytes each, where an object of its own takes four times that.
+        Columns stored as floats of 8 bytes, a quarter of the size of objects.
     unique
-        Columns that no two rows may have in common, and what to do if they do.
+        Columns whose values have to differ between rows, and the remedy if they do not.
 
     Raises
     ------
     ConfigError
-        With all that is wrong, up to a hundred problems: a file that is wrong all over is one
-        mistake, not a thousand.
+        The file is wrong; lists all problems, up to a hundred.
     """
     problems: list[Problem] = []
     found: dict[str, MutableSequence[Any]] = {
@@ -178,10 +177,10 @@ def whole_number(cell: str) -> int:
 
 
 def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = ()) -> bytes:
-    """Write records, the header first, so that `read_records` gives the same cells.
+    """Write records, the header first, so that `read_records` returns the same cells.
 
-    Cells of the columns called `texts` are somebody's words: they are written so that no spreadsheet
-    takes them for a formula and no terminal obeys them; `text_of` gives the words back.
+    Cells of the columns named in `texts` are free text: they are written so that no spreadsheet takes them for a
+    formula and no terminal interprets them; `text_of` returns the original text.
     """
     rows = iter(records)
     header = list(next(rows))
@@ -193,13 +192,13 @@ def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = 
 
 
 def text_of(cell: str) -> str:
-    """Return the words that `write_records` wrote into a cell of text."""
+    """Return the original text of a cell written by `write_records`."""
     words = cell[1:] if cell.startswith("'") and FORMULA.match(cell) else cell
     return ESCAPED.sub(_unescaped, words)
 
 
 def _as_text(words: str) -> str:
-    # Backslashes before an escape are doubled, so that words that look like one stay what they are.
+    # Backslashes before an escape are doubled, so that text that looks like an escape is unchanged.
     safe = LOOKS_ESCAPED.sub(r"\1\1\2", words)
     if harmless(safe, keep=SHOWN_BLANKS) != safe:
         safe = HIDDEN_CANDIDATE.sub(_escaped, safe)

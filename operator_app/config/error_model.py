@@ -1,7 +1,7 @@
-"""What files state about what is not known exactly, and about the weight of links; what is assumed where they do not.
+"""Errors and masses stated in files, and the defaults for those that are not.
 
-The figures assumed are those that an ordinary shop reaches. All are one standard deviation, 0 is
-exact: a plain ``tolerance: 0`` or ``give: 0`` stands for all figures of that mapping.
+The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is
+exact: a plain ``tolerance: 0`` or ``give: 0`` sets all figures of that mapping to 0.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ from solver.chain.statics import LinkMasses
 LENGTH_MM, TWIST_DEG = 0.5, 0.1
 ACCURACY_DEG = BACKLASH_DEG = SAG_DEG = 0.01
 GAIN = 0.005
-"""Share of an RVDT's reading. Data sheets hold linearity against the best-fit line and state the scale
-factor apart, trimmed to 1 % or better with its electronics: two standard deviations of this."""
+"""Gain error of an RVDT, as a share of its reading. Data sheets state linearity relative to the best-fit line, and the
+scale factor separately, trimmed to 1 % or better: two standard deviations of this."""
 GIVE_MM, GIVE_MRAD = 0.2, 0.2
 
 
 class Uncertain(StrictModel):
-    """Figures that are all 0 where the file has a plain 0 in their place."""
+    """Figures that a plain 0 in the file sets to 0."""
 
     # In JSON Schema bounds concern numbers only, keys mappings only.
     model_config = ConfigDict(
@@ -52,33 +52,33 @@ class Uncertain(StrictModel):
 
 
 class ToleranceModel(Uncertain):
-    """How well the maker's table states lengths and twists."""
+    """Uncertainty of lengths and twists in the maker's table."""
 
     length_mm: StatedMm = LENGTH_MM
     twist_deg: StatedDeg = TWIST_DEG
 
 
 class RowToleranceModel(Uncertain):
-    """The same of one row, where it differs."""
+    """The same for one row, where it differs."""
 
     length_mm: StatedMm | None = None
     twist_deg: StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Domain object; what is not stated here is as in the whole arm."""
+        """Domain object; figures not stated here are those of the whole arm."""
         length = arm.length_mm if self.length_mm is None else self.length_mm
         twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
         return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
 
 
 class GiveModel(Uncertain):
-    """How far a fixture yields under load."""
+    """Compliance of a fixture under load."""
 
     position_mm: StatedMm = GIVE_MM
     orientation_mrad: StatedMrad = GIVE_MRAD
 
     def compliance(self, held: Sequence[str]) -> Compliance:
-        """Domain object of a fixture that holds ``position_mm`` or ``orientation_mrad`` or both."""
+        """Domain object of a fixture that constrains ``position_mm`` or ``orientation_mrad`` or both."""
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
             position_m=self.position_mm / 1e3,
@@ -88,14 +88,14 @@ class GiveModel(Uncertain):
 
 
 def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> Iterator[str]:
-    """Figures of the table that some row takes from nobody."""
+    """Figures of the table that are not stated for some row."""
     for key in ToleranceModel.model_fields:
         if key not in arm.model_fields_set and any(getattr(row, key) is None for row in rows):
             yield f"tolerance.{key}: {getattr(arm, key):g}"
 
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
-    """Say of which joints, by number, the figure `key` is not in the file."""
+    """Return, as text, for which joints (by number) the figure `key` is not in the file."""
     silent = [j for j, model in models.items() if key not in model.model_fields_set]
     if silent:
         value = getattr(models[silent[0]], key)
@@ -103,13 +103,13 @@ def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[s
 
 
 MASS_PERCENT, CENTRE_MM, TILT_DEG = 20.0, 15.0, 3.0
-"""How well masses, centres and the mounting are known where a file gives no figure."""
+"""Default uncertainties of masses, centres and the mounting."""
 
 
 class LinkModel(StrictModel):
-    """What moves with one joint: its mass and where its centre is.
+    """Parts that move with one joint: their mass and its centre.
 
-    Without it, what bends under load is taken to be any smooth function of the pose.
+    Without it, deflections under load are modelled as any smooth function of the pose.
     """
 
     link: Annotated[Count, Field(description="The joint that it moves with, from 1.")]
@@ -130,7 +130,7 @@ class LinkModel(StrictModel):
 
 
 class GravityModel(StrictModel):
-    """Which way is down, seen from the arm's base (frame 0)."""
+    """Direction of gravity in the arm's base (frame 0)."""
 
     down: Annotated[
         tuple[Number, Number, Number], Field(description="Any length: [-1, 0, 0] is along -x.")
@@ -149,7 +149,7 @@ def link_masses(links: Sequence[LinkModel], gravity: GravityModel) -> LinkMasses
     """Domain object."""
     mass = np.array([link.mass_kg for link in links])
     down = np.array(gravity.down, dtype=np.float64)
-    down /= np.abs(down).max()  # of any length, also one whose square is no float
+    down /= np.abs(down).max()  # of any length, even if its square is no float
     return LinkMasses(
         mass_kg=mass,
         centre_m=np.array([link.centre_m for link in links], dtype=np.float64),

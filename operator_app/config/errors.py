@@ -1,4 +1,4 @@
-"""Problems of files, as errors; pydantic's in words for the operator: what is wrong and what to do."""
+"""Problems of files, as errors; those of pydantic translated for the operator: problem and remedy."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Problem:
-    """One thing that is wrong with a file.
+    """One problem of a file.
 
     Attributes
     ----------
     file
-        Name of the file as the user gave it, or ``packaged:<name>``.
+        Name of the file as typed by the user, or ``packaged:<name>``.
     line
-        Line, from 1; None when the problem is the file as a whole (it is missing, it is empty).
+        Line, from 1; None if the problem is the whole file (missing, empty).
     column
         YAML: character in the line, from 1. CSV: number of the field, from 1.
     key
-        Where in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file.
-        Items of a list are named by their own number where they have one, else counted from 1.
+        Place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list
+        have their own number where there is one, else they are counted from 1.
     text
-        What is wrong.
+        The problem.
     remedy
-        What to do about it.
+        The remedy.
     """
 
     file: str
@@ -45,15 +45,15 @@ class Problem:
         head = f"{place}: {self.key}: " if self.key else f"{place}: "
         text = self.text
         if self.remedy:
-            # What asks something has its own stop.
+            # A question has its own punctuation mark.
             text += f"{'' if text.endswith('?') else ';'} {self.remedy}"
         line = f"{head}{text}"
-        # One line whatever the file holds, and nothing in it that a terminal would obey.
+        # One line whatever the file holds, without characters that a terminal would interpret.
         return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
 class ConfigError(Exception):
-    """A file cannot be used. `problems` holds all that is wrong, in the order of the file."""
+    """A file cannot be used. `problems` lists all problems, in the order of the file."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         listed = tuple(problems)
@@ -65,12 +65,12 @@ class ConfigError(Exception):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
-        """Made again from its problems: it may come out of another process."""
+        """Rebuild from the problems: the error may come from another process."""
         return type(self), (self.problems,)
 
 
 class WriteError(Exception):
-    """A file could not be written; whatever was there before is still there, whole."""
+    """A file could not be written; an existing file is unchanged."""
 
     def __init__(self, *, file: str, reason: str) -> None:
         self.file = file
@@ -97,7 +97,7 @@ def only(file: str, line: int | None, column: int | None, text: str, remedy: str
 
 
 def words_for(error: ErrorDetails) -> tuple[str, str]:
-    """Pydantic's error in words for the operator: what is wrong, what to do."""
+    """Return a pydantic error as problem and remedy for the operator."""
     kind, context = error["type"], error.get("ctx", {})
     value = error["input"]
     if kind == "missing":
@@ -154,7 +154,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
 
 
 def value_in_words(value: Any) -> str:
-    """A value as part of a sentence."""
+    """Return a value as part of a sentence."""
     if value is None:
         return "empty"
     if isinstance(value, bool):
@@ -190,7 +190,7 @@ def _either(context: dict[str, Any]) -> str:
 
 
 def is_near_option(error: ErrorDetails) -> bool:
-    """Whether a value that is none of a list of words is nearly one of them."""
+    """Whether a value is nearly one of a list of words."""
     options = _options(error.get("ctx", {}))
     return bool(difflib.get_close_matches(str(error["input"]), options, n=1))
 

@@ -1,4 +1,4 @@
-"""The fixture file (``sarcal/fixture/1``): where the metal is, how well that is known, and the fixture it makes."""
+"""The fixture file (``sarcal/fixture/1``): placement, tolerances, and the fixture built from them."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from operator_app.config.schema import StrictModel, read_by_kind, report
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FixtureSpec:
-    """A fixture as its file describes it.
+    """A fixture as described in its file.
 
     Attributes
     ----------
     name
         Name shown to the operator.
     fixture
-        The loop it closes, at its nominal placement.
+        The fixture at its nominal placement.
     checklist
-        What the operator confirms before anything moves.
+        Check list that the operator confirms before anything moves.
     """
 
     name: str
@@ -56,12 +56,12 @@ class FixtureSpec:
 
     @property
     def tolerance_m(self) -> float:
-        """How well the placement was measured: the true one is believed to be within this."""
+        """Tolerance of the placement (lengths): the true one is within it."""
         return self.fixture.tolerance.position_m
 
     @property
     def tolerance_rad(self) -> float:
-        """The same of its angles."""
+        """Tolerance of the placement (angles)."""
         return self.fixture.tolerance.orientation_rad
 
 
@@ -97,7 +97,7 @@ SMALLEST_MM = 5.0
 
 
 class CommonFields(StrictModel, ABC):
-    """What every fixture file has."""
+    """Common fields of all fixture files."""
 
     makes: ClassVar[type[Hinge | Rigid | Ball | Measured]]
 
@@ -132,21 +132,21 @@ class CommonFields(StrictModel, ABC):
         )
 
     def tolerance(self) -> Tolerance:
-        """Tell how well the placement was measured."""
+        """Return the tolerance of the placement."""
         return Tolerance(
             position_m=self.tolerance_mm / 1e3, orientation_rad=math.radians(self.tolerance_deg)
         )
 
     @abstractmethod
     def own(self) -> dict[str, Any]:
-        """Tell what one kind of fixture has beside its placement, as its domain object takes it."""
+        """Return the arguments of the domain object, other than its placement."""
 
 
 class MetalFields(CommonFields):
-    """What every file of a fixture has that holds the hand.
+    """Common fields of the files of all fixtures that constrain the tool.
 
-    `stiffness` was once asked for and read by nothing; files that state it are still read. What
-    counts is how far the fixture yields, which is `give`.
+    `stiffness` was a field of earlier versions and had no effect; files that state it are still read. The compliance is
+    in `give`.
     """
 
     holds: ClassVar[tuple[str, ...]] = ("position_mm", "orientation_mrad")
@@ -155,15 +155,15 @@ class MetalFields(CommonFields):
     stiffness: Any = None
 
     def own(self) -> dict[str, Any]:
-        """Tell how far it yields."""
+        """Return the compliance."""
         return {"compliance": self.give.compliance(self.holds)}
 
 
 class HingePlacement(StrictModel):
     """Nominal placement of a hinge.
 
-    The zeros of the first and the last joint are counted from the common normals to the hinge axis: the
-    last two keys say how they stand there. Without them the arm's own offsets do.
+    The offsets of the first and the last joint count from the common normals to the hinge axis: they are the last two
+    keys. Without these the arm's own offsets are used.
     """
 
     a_0_mm: LengthMm
@@ -210,7 +210,7 @@ class BallPlacement(StrictModel):
 
 
 class DistanceModel(StrictModel):
-    """A distance between two sockets that was measured."""
+    """A measured distance between two sockets."""
 
     between: tuple[PlacementNumber, PlacementNumber]
     mm: Annotated[LengthMm, Field(gt=0.0)]
@@ -239,7 +239,7 @@ class BallModel(MetalFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Tell how far it yields, and which distances between sockets were measured."""
+        """Return the compliance, and the measured distances between sockets."""
         known = tuple(
             KnownDistance(between=d.between, value_m=d.mm / 1e3, sigma_m=d.sigma_mm / 1e3)
             for d in self.distance
@@ -248,7 +248,7 @@ class BallModel(MetalFields):
 
 
 class MeasuredPlacement(StrictModel):
-    """Nominal place of the arm's base in the instrument's frame, and of the target on the hand."""
+    """Nominal placement of the arm's base in the instrument's frame, and of the target on the tool."""
 
     base_mm: PointMm
     base_turn_deg: TurnVectorDeg
@@ -257,7 +257,7 @@ class MeasuredPlacement(StrictModel):
 
 
 class MeasuredModel(CommonFields):
-    """An instrument that sees the endpoint."""
+    """An instrument that measures the endpoint."""
 
     makes = Measured
     kind: Literal["measured"]
@@ -278,7 +278,7 @@ class MeasuredModel(CommonFields):
         return value
 
     def own(self) -> dict[str, Any]:
-        """Tell what the instrument sees, how well, and what is known of its set-up."""
+        """Return the instrument's kind, its standard deviations, and which placements are known."""
         sigma = {"sigma_mm": self.instrument_sigma_mm, "sigma_deg": self.instrument_sigma_deg}
         return {
             **in_si(sigma),
@@ -294,4 +294,4 @@ MODELS: dict[str, type[CommonFields]] = {
     "ball": BallModel,
     "measured": MeasuredModel,
 }
-"""One line a kind; the kinds are those of `fixtures.registry`."""
+"""Model of each kind; the kinds are those of `fixtures.registry`."""

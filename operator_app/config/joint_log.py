@@ -1,6 +1,6 @@
-"""Joint angles as robots log them: rows of numbers, with a header or without, in radians or degrees.
+"""Joint logs of robots: rows of numbers, with a header or without, in radians or degrees.
 
-For whoever has a log and no poses file. Numbers stand between commas or white space; lines that begin with
+Numbers are separated by commas or white space; lines that begin with
 ``#`` are comments.
 """
 
@@ -34,14 +34,14 @@ WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_LOGGED_PLACEMENTS = 100
 JOINT_NAME = re.compile(r"(.*?)(\d{1,3})(\D*)")
 OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
-"""What a log has beside its joints."""
+"""Names of columns in a log that are not joints."""
 
 RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of a log, from 1, in cells."""
+    """A line of a log: its number, from 1, and its cells."""
 
     line: int
     cells: list[str]
@@ -60,13 +60,13 @@ def load_joint_log(
     Parameters
     ----------
     unit
-        Of the angles; None: degrees, unless they look like radians, which is refused.
+        Unit of the angles; None: degrees, unless they look like radians, which is refused.
     columns
-        Which columns are joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of
-        the header; empty: all there are.
+        Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty: all
+        columns.
     placement
-        The column, by number or name, that says in which placement of the fixture a pose was taken: whole
-        numbers, or names, which are numbered as they come. Empty: all are of one.
+        The column, by number or name, with the placement of the fixture for each pose: whole numbers, or names, which
+        are numbered in order of appearance. Empty: one placement.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def load_joint_log(
 
 
 def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return the number of each row's placement, from 1, and where they have names, these as notes."""
+    """Return the number of each row's placement, from 1, and names of placements as notes."""
     names = [row.cells[by] for row in body]
     for row, name in zip(body, names, strict=True):
         if not name:
@@ -136,7 +136,7 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
 
 
 def read_rows(text: str) -> list[Row]:
-    """Split into cells, at commas where a line has any, else at white space."""
+    """Split lines into cells, at commas if a line has any, else at white space."""
     found = []
     for line, words in enumerate(text.splitlines(), 1):
         if words.strip() and not words.lstrip().startswith("#"):
@@ -155,7 +155,7 @@ def is_number(cell: str) -> bool:
 
 
 def find_column(option: str, word: str, header: list[str], there: int, file: str) -> int:
-    """Return the index of a column that is named by the header or by its number."""
+    """Return the index of a column by its name in the header or its number."""
     if word in header:
         return header.index(word)
     if not re.fullmatch(r"[1-9]\d{0,3}", word):
@@ -171,7 +171,7 @@ def find_column(option: str, word: str, header: list[str], there: int, file: str
 def find_columns(
     wanted: str, header: list[str], left: list[int], joint_count: int, file: str
 ) -> tuple[int, ...]:
-    """Return the indices of the columns of joints 1 to n; `left` are those that may be of joints."""
+    """Return the indices of the columns of joints 1 to n; `left` are the candidates."""
     there = left[-1] + 1 if left else 0
     if not wanted:
         if len(left) == joint_count:
@@ -180,7 +180,7 @@ def find_columns(
         text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
         if named := _numbered_run(header, left, joint_count):
             return named
-        # What a log has beside its joints, times mostly, stands before them.
+        # Other columns of a log, mostly times, come before the joints.
         first = max(1, there - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
         if header:
@@ -211,7 +211,7 @@ def find_columns(
 
 
 def _numbered_run(header: list[str], left: list[int], joint_count: int) -> tuple[int, ...]:
-    """Return the columns whose names differ by their number alone, 1 to n (q1, q2, ...); empty if none do."""
+    """Return the columns whose names differ only in their number, 1 to n (q1, q2, ...); empty if none do."""
     found: dict[str, dict[int, int]] = {}
     for k in left:
         if header and (match := JOINT_NAME.fullmatch(header[k])):

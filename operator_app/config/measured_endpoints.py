@@ -1,12 +1,12 @@
-"""Measured endpoints: what an instrument says of one pose, by a JSON object a line or a row of CSV below its heading.
+"""Measured endpoints: one measurement of an instrument, as a JSON object on a line or as a row of CSV.
 
-``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. The names
-are those of a poses file; how the target is turned is named as in the table. `pose` may be left out: then
-the first measurement after the question counts. An instrument that sees no target at a pose says ``"lost"``
-with the reason.
+``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. The names are
+those of a poses file; the orientation of the target has the names in the table. `pose` may be left out: then the first
+measurement after the request counts. An instrument that does not see the target at a pose sends ``"lost"`` with the
+reason.
 
-How the target is turned, as a rotation vector, by the names of its columns. There is no default: a rotation
-vector and three Euler angles look alike, and mean something else.
+Conversion of the target's orientation to a rotation vector, by the names of its columns. There is no default, since a
+rotation vector and three Euler angles look alike.
 
 ====================================  ==============================================================
 ``rx_deg, ry_deg, rz_deg``            a rotation vector: axis times angle
@@ -46,11 +46,11 @@ ROTATION_EXAMPLE = (
 )
 
 UNIT_WITHIN = 1e-3
-"""A quaternion written with few digits is this far from unit length, not more."""
+"""Largest deviation of a quaternion with few digits from unit length."""
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """Columns that a column of this name belongs to, in order; None: it says nothing of a turn."""
+    """All columns of the representation to which a column of this name belongs; None: it is no orientation."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -61,18 +61,18 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """All ways of writing a turn that any of these names belongs to; one, or none, is in order."""
+    """All representations of an orientation to which any of these names belongs; at most one is valid."""
     found = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(found)
 
 
 def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
-    """Rotation vectors (m, 3), rad, of the values (m, 3 or 4) of these columns, deg or a quaternion.
+    """Rotation vectors (m, 3), rad, from the values (m, 3 or 4) of these columns, deg or a quaternion.
 
     Raises
     ------
     ValueError
-        A quaternion is none; says how long it is.
+        A quaternion is not of unit length; the text states its length.
     """
     if group == ROTATION:
         return np.deg2rad(values)
@@ -87,7 +87,7 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
 
 
 def _of_turns(axes: str, angles: FloatArray) -> FloatArray:
-    """Turns by `angles` (m, 3) about the moving `axes` one after the other."""
+    """Rotations by `angles` (m, 3) about the moving `axes`, one after the other."""
     R = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
     for axis, angle in zip(axes, angles.T, strict=True):
         R = R @ _about(axis, angle)
@@ -111,7 +111,7 @@ def _of_quaternions(q: FloatArray) -> FloatArray:
         worst = float(length[np.argmax(np.abs(length - 1.0))].item())
         raise ValueError(f"a quaternion of length {worst:.4g}: one that is a turn has length 1")
     q = q / length
-    # Both signs are the same turn: the one of at most half a turn is the shorter way.
+    # Both signs are the same rotation: the one of at most half a turn is used.
     q = np.where(q[:, :1] < 0.0, -q, q)
     sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, q[:, :1])
@@ -124,7 +124,7 @@ OTHER_KEYS = ("pose", "lost", "utc", "error")
 
 
 class BadLine(ValueError):
-    """A line that is no measurement; what is wrong with it, and what to do."""
+    """An invalid line: problem and remedy."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,11 +134,11 @@ class EndpointLine:
     Attributes
     ----------
     pose
-        What it is of; empty where the instrument does not say.
+        Name of the pose; empty where the instrument does not send it.
     endpoint
-        Position (3,) m, and a rotation vector (rad) behind it where it was measured: (6,); empty when lost.
+        Position (3,) m, followed by a rotation vector (rad) where measured: (6,); empty when lost.
     lost
-        Why there is no measurement of this pose; empty when there is.
+        Reason for a missing measurement of this pose; empty if there is one.
     """
 
     pose: str
@@ -167,7 +167,7 @@ def read_row(heading: str, text: str) -> EndpointLine:
 
 
 def require_heading(heading: str) -> None:
-    """Refuse columns that no row below could be read with; raises BadLine."""
+    """Refuse a heading with which no row could be read; raises BadLine."""
     _require_names([name.strip() for name in _cells(heading)])
 
 
@@ -175,7 +175,7 @@ def _cells(line: str) -> list[str]:
     try:
         return next(csv.reader([line]), [])
     except csv.Error as error:
-        # A carriage return in the middle of it, say.
+        # For instance, a carriage return in the middle of it.
         raise BadLine(f"is no line of CSV ({error})") from error
 
 
@@ -204,7 +204,7 @@ def _line_of(found: Mapping[str, Any]) -> EndpointLine:
 
 
 def _require_names(names: Any) -> None:
-    """Refuse what is unknown, missing, or two ways of writing one turn."""
+    """Refuse unknown or missing names, and two representations of the orientation."""
     known = (*POSITION_COLUMNS, *OTHER_KEYS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION)
     for name in names:
         if name in known or group_of(name) is not None:
@@ -234,7 +234,7 @@ def _number(name: str, value: Any) -> float:
         except BadCell as error:
             raise BadLine(f"has {name} {value!r}: {error.text}") from error
     try:
-        # JSON knows whole numbers that no float holds.
+        # JSON allows whole numbers larger than any float.
         known = isinstance(value, int | float) and not isinstance(value, bool)
         found = float(value) if known else math.nan
     except OverflowError:
@@ -251,30 +251,30 @@ def _number(name: str, value: Any) -> float:
 TARGETS = tuple(f"{axis}{k}_m" for k in (1, 2, 3) for axis in "xyz")
 
 LEAST_HEIGHT_M = 0.01
-"""Height of the triangle below which its targets are nearly in line: rotations about that line are not seen."""
+"""Height of the triangle below which its targets are nearly in line: rotations about that line are not measurable."""
 
 MOST_OFF_M, MOST_OFF_SPREADS = 1e-3, 8.0
-"""A pose whose targets are farther than both from the common triangle, in metres and in the usual distance, has one
-that moved or two that were exchanged."""
+"""Limits of the distance of a pose's targets from the common triangle, in metres and relative to the usual distance:
+beyond both a target has moved, or two were exchanged."""
 
 TRIANGLE_ROUNDS = 5
-"""Of turning all triangles onto their mean; the second changes it by the square of the noise."""
+"""Iterations of aligning all triangles with their mean; the second changes it by the square of the noise."""
 
 
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     """Positions (m) and rotation vectors (rad) of the triangles of three points, (m, 6) from (m, 9).
 
     An instrument that measures points only measures a pose by three targets: columns ``x1_m,y1_m,z1_m`` to
-    ``x3_m,y3_m,z3_m`` of a poses file. Where each sits on the hand need not be known: what the poses have in common
-    is their triangle, which is the mean over all poses. Its frame has its origin in the centroid, x towards target 1,
-    and z normal to the triangle (targets 1, 2, 3 counter-clockwise). With a standard deviation of s in each coordinate
-    and sides of length a the origin has s / sqrt(3), a rotation about a line in the triangle's plane sqrt(2) s / a,
-    and one about its normal s / a.
+    ``x3_m,y3_m,z3_m`` of a poses file. Their places on the tool need not be known: the triangle common to all poses is
+    the mean over them. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
+    (targets 1, 2, 3 counter-clockwise). For a standard deviation of s in each coordinate and sides of length a, that of
+    the origin is s / sqrt(3), that of a rotation about a line in the triangle's plane sqrt(2) s / a, and about its
+    normal s / a.
 
     Raises
     ------
     ValueError
-        The triangle is nearly a line, or that of a pose differs from the others; names the pose.
+        The triangle is nearly a line, or that of a pose differs from the others; the text names the pose.
     """
     points = points_m.reshape(-1, 3, 3)
     centroid = points.mean(axis=1)
@@ -289,7 +289,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
 
 
 def _turns(shape: FloatArray, seen: FloatArray) -> FloatArray:
-    """Rotations (m, 3, 3) that turn a triangle (3, 3), a row a point, nearest to those seen (Kabsch)."""
+    """Rotations (m, 3, 3) that align a triangle (3, 3), one row for each point, with the measured ones (Kabsch)."""
     U, _, Vt = np.linalg.svd(np.swapaxes(seen, -1, -2) @ shape)
     U[..., 2] *= np.linalg.det(U @ Vt)[:, None]
     return np.asarray(U @ Vt)

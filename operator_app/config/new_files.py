@@ -1,6 +1,6 @@
-"""What `sarcal new` writes: fixture and procedure files, and packaged files under another name.
+"""Files written by `sarcal new`: fixture and procedure files, and packaged files under another name.
 
-Everything written is read back by the same models as any other file.
+All are read back by the same models as any other file.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
         raise only(source.file, None, None, f"is no packaged {kind}", remedy)
     text = source.data.decode()
     for key, value in {"name": name, **instead}.items():
-        # A path may hold backslashes, which a template would take for its own.
+        # A path may have backslashes, which a template would interpret.
         line = f"{key}: {scalar_text(value)}".replace("\\", r"\\")
         text = re.sub(rf"^{key}: .*$", line, text, count=1, flags=re.MULTILINE)
     head = f"# {schema_line(kind)}\n# A copy of the packaged {packaged}.\n"
@@ -71,10 +71,10 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
 
 
 def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
-    """Return the file of a fixture that was measured for an arm."""
+    """Return the file of a measured fixture for an arm."""
     made = _hinge_placement(fixture) if isinstance(fixture, Hinge) else _ball_placement(fixture)
     comment = MEASURED_HINGE if isinstance(fixture, Hinge) else MEASURED_BALL
-    # How far it gives and what has to be confirmed is nobody's measure: as in the packaged one.
+    # Compliance and check list are not measured: as in the packaged file.
     packaged = load_strict(resolve("fixture", fixture.kind).data, fixture.kind).data
     data: dict[str, Any] = {
         "schema": "sarcal/fixture/1",
@@ -119,7 +119,7 @@ def procedure_file(
     held: Mapping[str, str],
     closed: bool,
 ) -> bytes:
-    """Return the file of a procedure that fits an arm in a fixture; `closed`: the fixture holds the hand."""
+    """Return the file of a procedure for an arm in a fixture; `closed`: the fixture constrains the tool."""
     joints = range(1, arm.joint_count + 1)
     slowest = min(math.degrees(j.max_speed_rad_per_s) for j in arm.joints)
     plan = "planned" if closed else "explore"
@@ -172,7 +172,7 @@ def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
 
 
 def _millimetres(value_m: float) -> float:
-    """To a hundredth: nobody measures a mounting better."""
+    """Round to 0.01 mm: nobody measures a mounting better."""
     return round(1e3 * value_m, 2)
 
 

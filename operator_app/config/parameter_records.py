@@ -34,7 +34,7 @@ from solver.chain.parameters import DhEntry
 Int32 = Annotated[int, Field(strict=True, ge=-(2**31), le=2**31 - 1)]
 FORCED, NOT_ACCEPTED = "FORCED", "NOT_ACCEPTED"
 REFUSED = (FORCED, NOT_ACCEPTED)
-"""Codes of the warning that a calibration was not accepted: used all the same for a reason, or not used."""
+"""Codes of the warning that a calibration was not accepted: used anyway for a reason, or not used."""
 Code = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Side = Literal["arm", "ground", "hand"]
 
@@ -49,7 +49,7 @@ class WhichArm(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WhichFixture(StrictRecord):
-    """What the operator calls the fixture that closed the loop, and its kind."""
+    """Name of the fixture, and its kind."""
 
     name: ExactText
     kind: ExactText
@@ -64,7 +64,7 @@ class JointParameters(StrictRecord):
     theta_off_deg
         Joint-angle offset: theta' = theta + theta_off.
     sigma_deg
-        Its standard deviation; None where it was not calibrated.
+        Its standard deviation; None if it was not calibrated.
     home_offset_counts
         The offset in counts of the joint's sensor, for 607Ch; None for a joint without a sensor.
     """
@@ -91,8 +91,7 @@ class DhRow(StrictRecord):
 class CalibratedEntry(StrictRecord):
     """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m.
 
-    `side` says whose it is: the arm's outlives the mounting, the ground's and the hand's do not. None in
-    files of version 1.
+    `side` is arm, ground or tool: only those of the arm stay valid in another mounting. None in files of version 1.
     """
 
     entry: ExactText
@@ -126,7 +125,7 @@ class CalibratedEntry(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correction(StrictRecord):
-    """What to add to one reading of an RVDT, and how well that is known (one standard deviation)."""
+    """Correction to add to one reading of an RVDT, and its standard deviation."""
 
     reading_deg: AngleDeg
     add_deg: Number
@@ -135,16 +134,16 @@ class Correction(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RvdtRemedy(StrictRecord):
-    """What the closed loop says of one RVDT, its own readings taking no part.
+    """Corrections of one RVDT from the closed loop, without its own readings.
 
     Attributes
     ----------
     theta_off_deg
         Offset that belongs to corrected readings.
     gain
-        Reading per angle; 1 is right. Its line is in the table as well.
+        Reading per angle, ideally 1; included in the table.
     table
-        By rising reading, over the range that the poses cover; linear in between.
+        Corrections by rising reading, over the range that the poses cover; linear in between.
     """
 
     joint: Count
@@ -166,7 +165,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """A figure in both readings of eqs. 14 and 15."""
+    """A figure in both interpretations of eqs. 14 and 15."""
 
     rms: NonNegativeNumber
     as_printed: NonNegativeNumber
@@ -174,7 +173,7 @@ class TwoFigures(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality(StrictRecord):
-    """How good the calibration is."""
+    """Quality figures of the calibration."""
 
     poses: Count
     rank: Whole
@@ -186,7 +185,7 @@ class Quality(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DocumentWarning(StrictRecord):
-    """A warning, as the operator saw it."""
+    """A warning, as shown to the operator."""
 
     code: Code
     text: ExactText
@@ -194,15 +193,15 @@ class DocumentWarning(StrictRecord):
 
 CORRELATION_PLACES, SHARE_PLACES = 5, 4
 BUDGET_SUM_TOLERANCE = 0.01
-"""What rounding leaves of a sum of shares that should be 1."""
+"""Rounding error of a sum of shares that should be 1."""
 
 Correlation = Annotated[Number, Field(ge=-1.0, le=1.0)]
 Share = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 Correlations = Mapping[str, tuple[Correlation, ...]]
-"""Of each calibrated entry but the first: with every one listed before it, in their order."""
+"""Correlations of each calibrated entry but the first with all those before it, in order."""
 Budget = Mapping[str, Mapping[str, Share]]
-"""Of a calibrated entry: the share of its variance that each source of error brings."""
+"""Share of each source of error in the variance of a calibrated entry."""
 
 
 def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, tuple[float, ...]]:
@@ -210,7 +209,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     scale = np.where(sd > 0.0, sd, np.inf)
     found = np.clip(covariance / np.outer(scale, scale), -1.0, 1.0)
-    # Minus zero would be another text for the same.
+    # Minus zero would be written differently.
     rounded = np.round(found, CORRELATION_PLACES) + 0.0
     return {name: tuple(rounded[k, :k].tolist()) for k, name in enumerate(names) if k}
 
@@ -218,7 +217,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return which share of each variance (k,) its parts bring; what rounds to nothing is left out."""
+    """Return the shares of the parts of each variance (k,); those that round to zero are left out."""
     found = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:
@@ -230,7 +229,7 @@ def budget_of(
 def complaints_of_correlations(
     value: Mapping[str, Sequence[float]], names: Sequence[str]
 ) -> Iterator[tuple[Path, str, str]]:
-    """Yield place, text and remedy of what does not fit the calibrated entries."""
+    """Yield place, text and remedy of correlations that do not match the calibrated entries."""
     if value and list(value) != list(names[1:]):
         yield (), "are not of the calibrated entries after the first, in their order", _WHOLE
         return
@@ -243,7 +242,7 @@ def complaints_of_correlations(
 def complaints_of_budget(
     value: Mapping[str, Mapping[str, float]], names: Sequence[str]
 ) -> Iterator[tuple[Path, str, str]]:
-    """Yield place, text and remedy of what does not fit the calibrated entries, or adds up to nothing whole."""
+    """Yield place, text and remedy of shares that do not match the calibrated entries, or do not add up to 1."""
     for name, shares in value.items():
         total = sum(shares.values())
         if name not in names:

@@ -1,11 +1,11 @@
-"""The result of a calibration (``sarcal/parameters/3``): what the controller is given.
+"""The parameters document of a calibration (``sarcal/parameters/3``), for the controller.
 
-The document is what its file holds, in the units of the file (degrees, metres, millimetres,
-milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` gives SI.
-What is made here in a program is checked as it is written, what is read as it is read. Version 1 had no `side`,
-no `rvdt` and no `forced`. Version 2 was first written without `correlations` and `budget`, and programs of that
-time refuse them; a key that comes after them raises the number, which old programs refuse in plainer words.
-Version 3 has ``beta_deg`` of rows; a document without any is written as version 2.
+The document has the content of its file, in the units of the file (degrees, metres, millimetres,
+milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` is in SI units. A document made
+by the program is checked when it is written, one from a file when it is read. Version 1 had no `side`, no `rvdt` and no
+`forced`. Version 2 was first written without `correlations` and `budget`, and programs of that time refuse these keys;
+any later key raises the version number, for which old programs have a clearer message. Version 3 adds ``beta_deg`` to
+rows; a document without any is written as version 2.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ UtcTime = Annotated[
 
 
 BESIDE_THE_TABLE = {"ball": 6, "measured": 12}
-"""Unknowns that are no entries of the arm's table: a ball's centre and its socket, an instrument and its target."""
+"""Unknowns that are not in the arm's table: a ball's centre and its socket, an instrument and its target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,22 +91,22 @@ class ParametersDocument(StrictRecord):
     Attributes
     ----------
     software_version, utc
-        What made the document, and when (aware, UTC).
+        Version of the program, and time of writing (UTC, with time zone).
     joints, dh, calibrated
-        Offsets, the whole D-H table (rows 0..n), and which of its entries were calibrated. Row 0 is the
-        fixture's where that is a D-H link (hinge, rigid), and all zero where it is none (ball).
+        Offsets, the whole D-H table (rows 0..n), and its calibrated entries. Row 0 is that of a fixture that is a D-H
+        link (hinge, rigid), otherwise zero (ball).
     pose_set_sha256
         `solver.chain.poses.PoseSet.sha256` of the poses.
     correlations
-        Of each calibrated entry but the first: with every one that is listed before it, in their order. With
-        the sigmas this is the whole covariance.
+        Correlations of each calibrated entry but the first with all those before it, in order. With the sigmas they
+        define the whole covariance.
     budget
-        Of each calibrated entry, by source of error: its share of the variance. Lengths and twists that were
-        corrected within a tolerance have none.
+        Share of each source of error in the variance of each calibrated entry; none for lengths and twists corrected
+        within tolerances.
     rvdt
-        Of each RVDT that the poses could judge: what to correct its readings by.
+        Corrections of the readings of each RVDT that the poses could determine.
     forced
-        Why it is used though it was not accepted; None where it was.
+        Reason for using a calibration that was not accepted; None if it was.
     """
 
     arm: WhichArm
@@ -236,7 +236,7 @@ def _fitting(
     info: ValidationInfo,
     complaints: Callable[[M, Sequence[str]], Iterable[tuple[Path, str, str]]],
 ) -> M:
-    """Note what of a mapping does not fit the entries that are listed as calibrated."""
+    """Report parts of a mapping that do not match the calibrated entries."""
     calibrated = info.data.get("calibrated")
     if calibrated is not None:
         for place, text, remedy in complaints(value, [part.entry for part in calibrated]):
@@ -247,7 +247,7 @@ def _fitting(
 def _entry_complaints(
     part: CalibratedEntry, before: list[str], joints: tuple[JointParameters, ...] | None
 ) -> Iterator[tuple[str, str]]:
-    """Yield text and remedy of the first thing that is wrong with one calibrated entry."""
+    """Yield text and remedy of the first problem of one calibrated entry."""
     entry = DhEntry.parse(part.entry)
     key, other = ("sigma_deg", "sigma_m") if entry.kind.is_angle else ("sigma_m", "sigma_deg")
     if part.entry in before:

@@ -22,7 +22,7 @@ WITHOUT_BETA = "sarcal/parameters/2"
 RESULT = "the result"
 REMEDY = "this calibration cannot be exported: take more and different poses"
 OF_A_NEWER = "a newer sarcal may have written it: read the file with that one, or remove this key"
-"""Nobody writes this file by hand, so a key that nothing here is like was not misspelt."""
+"""Programs write this file, so an unknown key is no misspelling."""
 
 
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
@@ -48,17 +48,16 @@ def load_parameters(path: str | Path) -> ParametersDocument:
 
 
 def format_parameters(document: ParametersDocument) -> bytes:
-    """Write a document; `parse_parameters` gives back the same one, bit for bit.
+    """Write a document; `parse_parameters` returns the same one, bit for bit.
 
     Raises
     ------
     ConfigError
-        The schema would refuse it: an iteration ran away to lengths no arm has, a number is not
-        finite, a text is empty. What is written goes to a controller, so it is checked here.
+        The document is not valid, for instance after a diverged fit: it is checked before it goes to a controller.
     """
-    # Of the two sigmas of an entry, the one that it does not have is left out.
+    # An entry has one of two sigmas; the other is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
-    # Without a beta it is what programs of version 2 read.
+    # Without a beta, programs of version 2 can read it.
     name = schema_name("parameters") if document.table.beta_rad.any() else WITHOUT_BETA
     try:
         data = dump_strict({"schema": name, **body}, comment=COMMENT)
@@ -73,7 +72,7 @@ def format_parameters(document: ParametersDocument) -> bytes:
 
 
 def save_parameters(path: Path, document: ParametersDocument) -> None:
-    """Write a parameters file atomically; WriteError when the system refuses, else as above."""
+    """Write a parameters file atomically; WriteError if the system refuses, otherwise as above."""
     write_atomically(path, format_parameters(document))
 
 

@@ -49,7 +49,7 @@ LIMIT_BYTES = 32 * 1024 * 1024
 """100,000 poses of seven joints with their standard deviations are some 20 MB."""
 
 FEWEST_POSES_FOR_UNIT = 5
-"""Fewer poses than this are too few to suspect their unit."""
+"""Least number of poses for a check of their unit."""
 
 KEY = ("placement", "pose")
 OPTIONAL = ("samples", "utc", "note")
@@ -64,7 +64,7 @@ HEADER_EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FileWarning:
-    """Something that may be a mistake but need not be one."""
+    """A possible mistake in a file."""
 
     code: str
     text: str
@@ -72,7 +72,7 @@ class FileWarning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadedPoses:
-    """Poses as read, and what looked odd about them."""
+    """Poses as read, with warnings."""
 
     poses: PoseSet
     warnings: tuple[FileWarning, ...]
@@ -92,12 +92,12 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     Parameters
     ----------
     joint_count
-        Joints of the arm the poses belong to; None takes what the file has.
+        Number of the arm's joints; None takes that of the file.
 
     Raises
     ------
     ConfigError
-        With all that is wrong (the first hundred problems of a file that is wrong all over).
+        The file is wrong; lists up to a hundred problems.
     """
     records = read_records(decode_text(data, file), file, example=HEADER_EXAMPLE)
     line, header = next(records)
@@ -130,7 +130,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
 
 
 def format_poses(poses: PoseSet) -> bytes:
-    """Write poses as CSV: every number with the digits that read back as the same double."""
+    """Format poses as CSV: every number with the digits that read back as the same double."""
     joints = range(1, poses.joint_count + 1)
     columns: dict[str, Any] = {
         "placement": poses.placement.tolist(),
@@ -152,7 +152,7 @@ def format_poses(poses: PoseSet) -> bytes:
 
 
 def save_poses(path: Path, poses: PoseSet) -> None:
-    """Write a poses file atomically; WriteError when the system refuses."""
+    """Write a poses file atomically; WriteError if the system refuses."""
     write_atomically(path, format_poses(poses))
 
 
@@ -162,14 +162,14 @@ def _columns(names: Collection[str], table: FloatArray) -> dict[str, list[float]
 
 # ---- the header --------------------------------------------------------------------------------
 Complaint = tuple[int | None, str, str, str]
-"""Column from 1 (None where there is none), name, text, remedy."""
+"""Column from 1 (None if missing), name, text, remedy."""
 
 
 def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Complaint]:
     joints = {int(m[1]) for name in names if (m := THETA.fullmatch(name))}
     last = joint_count if joint_count is not None else max(joints, default=1)
     theta, sd = ([f"{kind}{j}_deg" for j in range(1, last + 1)] for kind in ("theta", "sd"))
-    # Columns that a misspelt one was probably meant to be: not missing as well.
+    # Columns probably meant by misspelt ones: they do not also count as missing.
     meant: set[str] = set()
     endpoints = (*POSITION_COLUMNS, *ROTATION, *ROLL_PITCH_YAW, *QUATERNION, *TARGETS)
     every = (*KEY, *theta, *sd, *OPTIONAL, *endpoints)
@@ -233,13 +233,13 @@ def _known(name: str) -> bool:
 
 
 def _in_our_unit(name: str, candidates: list[str]) -> str:
-    """The column that this one is in another unit; empty where it is none."""
+    """Return the column of which this is a version in another unit; empty if there is none."""
     unit = UNIT.fullmatch(name)
     return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
 
 
 def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
-    """Text, remedy and the column that was probably meant."""
+    """Return text, remedy and the column that was probably meant."""
     if not name:
         return "this column has no name", "name it or take it out", ""
     text = "unknown column"
@@ -251,7 +251,7 @@ def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
 
 # ---- the rows ----------------------------------------------------------------------------------
 def _reader(name: str) -> Callable[[str], Any]:
-    """What reads a cell of this column."""
+    """Return the function that reads a cell of this column."""
     if name in ("placement", "samples"):
         return whole_number
     texts: dict[str, Callable[[str], str]] = {"pose": _label, "utc": _utc, "note": text_of}
@@ -280,7 +280,7 @@ def _quantity(name: str, cell: str) -> float:
 
 
 def _as_numbered(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
-    """Return the rows as their poses are numbered, whatever their order in the file; named poses stay."""
+    """Return the rows in the order of their pose numbers; named poses keep their place."""
     numbers = [NUMBERED.fullmatch(label) for label in columns["pose"]]
     if not all(numbers) or len({m[1] for m in numbers if m}) > 1:
         return columns
@@ -333,7 +333,7 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
 
 
 def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
-    """A pose without a time that can be read: from which side its joints came is told by the poses' times."""
+    """Return a warning of poses without a valid time, from which the direction of approach would follow."""
     given = poses.utc or ()
     if not any(given):
         return ()
@@ -363,7 +363,7 @@ def _time(utc: str) -> datetime | None:
 
 
 def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
-    """Three angles that no rotation vector has: it is the shortest way round."""
+    """Return a warning of three angles that cannot be a rotation vector, which is at most half a turn."""
     if poses.endpoint is None or poses.endpoint.shape[1] < 6:
         return ()
     longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))

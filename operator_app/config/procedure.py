@@ -1,7 +1,7 @@
-"""A procedure (``sarcal/procedure/1``): what ``sarcal run`` does.
+"""A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
-`ProcedureFile` is what the file holds, in its units, with SI beside it; what fits the arm is checked
-elsewhere. `Procedure` is that with the arm and the fixture it names, and the operator's choices.
+`ProcedureFile` has the content of the file, in its units and in SI; it is checked against the arm elsewhere.
+`Procedure` adds its arm and fixture, and the operator's choices.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
     from solver.chain.arm_model import ArmModel
 
 MOST_PLACEMENTS = 20
-"""How often a session may mount its fixture."""
+"""Largest number of placements in a session."""
 
 DEFAULT_PROFILE = "sarcos"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcceptanceLimits(StrictRecord):
-    """What a calibration must reach to be accepted; None is no limit.
+    """Limits for the acceptance of a calibration; None is no limit.
 
-    The sigmas are the ``rms`` reading of eqs. 14 and 15. Without a limit of its own, chi2/dof must
-    lie below the upper end of its 99.9 % band.
+    The sigmas are the ``rms`` interpretation of eqs. 14 and 15. Without its own limit, chi2/dof must lie below the
+    upper end of its 99.9 % band.
     """
 
     scaled_condition_number: Annotated[PositiveNumber, Field(ge=1.0)] = 100.0
@@ -66,9 +66,9 @@ class AcceptanceLimits(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureBus(StrictRecord):
-    """Which bus, in python-can's words; None leaves it to python-can's own configuration.
+    """The bus, in python-can's terms; None: as in python-can's own configuration.
 
-    `sdo_timeout_s` is how long a node may take to answer an object access; `profile` names the bus
+    `sdo_timeout_s` is the time-out of an object access; `profile` names the bus
     profile, by built-in name or path.
     """
 
@@ -81,14 +81,14 @@ class ProcedureBus(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
-    """Drive joints, by number or chosen by the program; `trial`: by small wiggles on the arm, too."""
+    """Drive joints, by number or chosen by the program; `trial`: also from small trial motions of the arm."""
 
     position: Literal["auto"] | Annotated[tuple[Count, ...], Field(min_length=1)]
     trial: Yes = False
 
     @property
     def listed(self) -> tuple[int, ...]:
-        """The joints that are named; none when the program chooses."""
+        """The joints listed in the file; none if the program chooses."""
         return () if self.position == "auto" else self.position
 
 
@@ -121,10 +121,10 @@ class Exploration(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettleRule(StrictRecord):
-    """When the arm counts as still: every joint's spread over `window_syncs` SYNCs is small.
+    """Standstill: every joint's spread over `window_syncs` SYNCs is small.
 
-    Small is `spread_sigmas` standard deviations of the joint's sensor, but never less than
-    `spread_min_deg`; after `timeout_syncs` the pose is given up.
+    The limit is `spread_sigmas` standard deviations of the joint's sensor, but at least `spread_min_deg`; after
+    `timeout_syncs` the pose is skipped.
     """
 
     window_syncs: Annotated[int, Field(strict=True, ge=2, le=10_000)]
@@ -152,26 +152,25 @@ class SettleRule(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CapturePlan(StrictRecord):
-    """Which poses are taken, and how.
+    """Number, strategy and sampling of poses.
 
     Attributes
     ----------
     strategy
-        ``plan`` in the file. ``explore``: visit the box as it comes; ``planned``: explore a little,
-        then plan on what was found and take `poses` chosen poses more.
+        ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan with the
+        estimate and take `poses` further poses.
     poses
-        How many.
+        Number of poses.
     exploration
-        The box the drive joints are taken through; empty when the modes are chosen automatically.
+        The box of drive joint angles; empty if the modes are chosen automatically.
     speed_deg_per_s
         Command speed of the drive joints.
     samples_per_pose
         SYNC samples averaged into one pose.
     seed
-        Of the sequence of poses.
+        Seed of the sequence of poses.
     requested_sigma
-        With a plan: standard deviations at which it may end sooner, by parameter name with unit: combined, with every
-        stated error at its stated size.
+        With a plan: combined standard uncertainties at which it may end early, by parameter name with unit.
     """
 
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"
@@ -196,7 +195,7 @@ class CapturePlan(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportChoice(StrictRecord):
-    """What happens with the result."""
+    """Use of the result."""
 
     upload: Yes
 
@@ -205,9 +204,8 @@ class ExportChoice(StrictRecord):
 class ProcedureFile(StrictRecord):
     """The whole file, without its ``schema`` line; arm and fixture by name or path.
 
-    `home_deg` takes the place of the arm's home, which need not be a pose in this fixture. `held` are
-    free entries of the arm that are not identified here, each with the reason why. `tracker` is where an
-    instrument's measurements come from, in the words of ``--tracker``.
+    `home_deg` replaces the arm's home, which may be no pose in this fixture. `held` are free entries of the arm that
+    are fixed here, each with the reason. `tracker` is the source of an instrument's measurements, as in ``--tracker``.
     """
 
     name: Name
@@ -226,33 +224,32 @@ class ProcedureFile(StrictRecord):
 
     @property
     def chosen_modes(self) -> Modes:
-        """The modes, whichever way they are written."""
+        """The modes, in either form of the file."""
         return Modes(position="auto") if self.modes == "auto" else self.modes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Procedure:
-    """A procedure with the arm, the fixture and the bus profile it names.
+    """A procedure with its arm, fixture and bus profile.
 
     Attributes
     ----------
     name
         Name shown to the operator.
     arm, fixture
-        As read from their files; the arm with this procedure's home, and without the free entries that
-        it holds.
+        As read from their files; the arm has this procedure's home, and the entries in `held` are not free.
     held
-        Those entries by name, each with the reason why.
+        Fixed entries by name, each with the reason.
     tracker
-        Where an instrument's measurements come from.
+        Source of an instrument's measurements.
     profile
-        How the arm's nodes are set up on the bus.
+        Set-up of the arm's nodes on the bus.
     sources
         The four files as found (procedure, arm, fixture, profile), for the session's snapshot.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial
-        Whether that choice also asks the arm, by small wiggles.
+        Whether that choice also uses small trial motions of the arm.
     unsensed_joints
         Joints whose readings are not used.
     estimator
@@ -260,9 +257,9 @@ class Procedure:
     upload
         Whether the parameters go to the controller.
     length_tolerance_m
-        How well the maker's link lengths are known (standard deviation); None: exact.
+        Standard deviation of the maker's link lengths; None: exact.
     placements
-        How often the fixture is mounted, the capture's poses taken each time.
+        Number of placements of the fixture; the poses are captured in each.
     """
 
     name: str

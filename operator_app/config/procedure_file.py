@@ -1,4 +1,4 @@
-"""The procedure file (``sarcal/procedure/1``): read with the files it names, and checked against arm and fixture."""
+"""The procedure file (``sarcal/procedure/1``): read with its other files, and checked against arm and fixture."""
 
 from __future__ import annotations
 
@@ -31,15 +31,15 @@ T = TypeVar("T")
 def parse_procedure(
     source: Resource, *, snapshot: Mapping[Kind, Resource] | None = None
 ) -> Procedure:
-    """Read a procedure and the arm, the fixture and the bus profile it names.
+    """Read a procedure with its arm, fixture and bus profile.
 
-    Names are built-in names or paths; relative paths start from the procedure's own folder. The files in
-    a `snapshot` are taken instead, whatever the procedure names.
+    Names are built-in names or paths; relative paths start from the procedure's own folder. The files in a `snapshot`
+    are used instead of the named ones.
 
     Raises
     ------
     ConfigError
-        With all that is wrong in any of the four files.
+        One of the four files is wrong; lists all problems.
     """
     document = load_strict(source.data, source.file)
     problems: list[Problem] = []
@@ -47,7 +47,7 @@ def parse_procedure(
     try:
         found = check_model(ProcedureFile, document, kind="procedure")
     except ConfigError as error:
-        # What it names is read all the same: one run tells all that is wrong.
+        # Its other files are read anyway, so that all problems are reported at once.
         named: dict[Kind, Callable[[bytes, str], object]] = {
             "arm": parse_arm,
             "fixture": parse_fixture,
@@ -102,7 +102,7 @@ def load_procedure(reference: str | Path) -> Procedure:
 
 
 def _as_here(found: ProcedureFile, arm: ArmModel) -> ArmModel:
-    """Return the arm with this procedure's home, and without the free entries that it holds."""
+    """Return the arm with this procedure's home, and with its `held` entries fixed."""
     home = found.home_deg
     fits = home is not None and len(home) == arm.joint_count
     return replace(
@@ -123,15 +123,15 @@ def _referred(
     at: KeyPath = (),
     name: str = "",
 ) -> tuple[Resource, T] | None:
-    """File that the procedure names, under the key `kind` unless told otherwise.
+    """File named in the procedure, under the key `kind` by default.
 
-    What is wrong with it goes to `problems`.
+    Its problems are added to `problems`.
     """
     try:
         named = name or str(document.data[kind])
         found = known.get(kind) or resolve(kind, named, folder=source.folder)
     except ConfigError as error:
-        # The reference is what is wrong: say where it stands.
+        # The reference is wrong: report its place.
         problems += (
             document.problem(at or (kind,), f"{p.file}: {p.text}", p.remedy) for p in error.problems
         )
@@ -146,7 +146,7 @@ def _referred(
 def check_joints(
     found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
 ) -> Iterator[Problem]:
-    """Joint numbers that contradict each other or, where it is known, the arm."""
+    """Check joint numbers against each other and, where it is known, the arm."""
     modes = found.chosen_modes
     drives = modes.listed
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
@@ -180,7 +180,7 @@ def check_joints(
 
 
 def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
-    """A home of its own for every joint and inside its range; held entries that are free in the arm."""
+    """Check that the procedure's home is complete and in range, and that its `held` entries are free in the arm."""
     if found.home_deg is not None:
         if len(found.home_deg) != arm.joint_count:
             text = f"has {len(found.home_deg)} angles for {arm.joint_count} joints"
@@ -204,7 +204,7 @@ def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> It
 def _check_exploration(
     found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
 ) -> Iterator[Problem]:
-    """Each drive joint that exists has one travel, and no other joint has any; a plan needs none."""
+    """Check that each existing drive joint has one travel, and no other joint has any; a plan needs none."""
     here: KeyPath = ("capture", "exploration")
     named = [item.joint for item in found.capture.exploration]
     for k, joint in enumerate(named):
@@ -223,7 +223,7 @@ def _check_exploration(
 
 
 def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
-    """Travels from home stay inside the ranges; no drive joint is faster than it may be."""
+    """Check that travels from home stay inside the ranges, and the speed of the drive joints."""
     boxes = [
         (k, item)
         for k, item in enumerate(found.capture.exploration)
@@ -240,7 +240,7 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
                     f"outside its range {low:.6g} to {high:.6g} deg",
                     "shorten the travel",
                 )
-    # Where the program chooses, any joint may come to drive.
+    # If the program chooses, any joint may drive.
     named = [item.joint for _, item in boxes]
     drives = named if found.chosen_modes.listed else range(1, arm.joint_count + 1)
     slowest = min(drives, key=lambda j: arm.joints[j - 1].max_speed_rad_per_s, default=None)
@@ -254,7 +254,7 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
 def check_requested(
     found: ProcedureFile, parameters: Sequence[Parameter], document: YamlDocument
 ) -> Iterator[Problem]:
-    """Standard deviations are asked for of parameters there are, in their unit, and with a plan."""
+    """Check that requested standard deviations name existing parameters, in their unit, and with a plan."""
     here: KeyPath = ("capture", "requested_sigma")
     asked = found.capture.requested_sigma
     if asked and found.capture.strategy != "planned":

@@ -1,6 +1,6 @@
-"""A bus profile (``sarcal/profile/1``): how an arm's nodes are set up.
+"""A bus profile (``sarcal/profile/1``): set-up of an arm's nodes.
 
-`ProfileFile` is what the file holds; `ProfileFile.for_joints` what the hardware works with.
+`ProfileFile` has the content of the file; `ProfileFile.for_joints` returns the profile for the hardware.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
 def _form(
     pattern: str, what: str, example: str
 ) -> tuple[StringConstraints, object, WithJsonSchema]:
-    """Text of a form, refused in words."""
+    """Text that matches a pattern, with a readable error."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -68,7 +68,7 @@ def hexadecimal(text: str) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PdoSpec(StrictRecord):
-    """One PDO: its number, its identifier (``180h + node``), and what it carries (``6064h(32)``)."""
+    """One PDO: its number, its identifier (``180h + node``), and its objects (``6064h(32)``)."""
 
     pdo: Annotated[Count, Field(le=512)]
     cob_id: CobId
@@ -81,7 +81,7 @@ class PdoSpec(StrictRecord):
         return tuple((int(m[1], 16), int(m[2] or 0), int(m[3])) for m in found if m is not None)
 
     def at(self, node: int) -> Pdo:
-        """Return it as it is on one node."""
+        """Return the PDO of one node."""
         match = re.fullmatch(_COB_ID, self.cob_id)
         base = 0 if match is None else int(match[1], 16) + (node if match[2] else 0)
         return Pdo(number=self.pdo, cob_id=base, entries=self.entries)
@@ -89,7 +89,7 @@ class PdoSpec(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSpec(StrictRecord):
-    """What one joint has of its own; what it does not say is as for all."""
+    """Settings of one joint; others are as for all joints."""
 
     joint: Annotated[Count, Field(le=MAX_JOINTS)]
     node: NodeNumber | None = None
@@ -102,13 +102,13 @@ class JointSpec(StrictRecord):
 
     @property
     def counts_otherwise(self) -> bool:
-        """Whether its drive counts in another way than the arm file's sensor."""
+        """Whether the counts of its drive differ from those of the arm file's sensor."""
         return (self.direction, self.counts_per_rev, self.zero_counts) != (1, None, 0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceType(StrictRecord):
-    """1000h of a drive that can be driven, in the bits of the mask."""
+    """1000h of a supported drive, in the bits of the mask."""
 
     value: Hexadecimal
     mask: Hexadecimal
@@ -124,7 +124,7 @@ class ModeCodes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience(StrictRecord):
-    """How slow heartbeats may be, and after what silence a node is lost."""
+    """Largest heartbeat period, and the silence after which a node counts as lost."""
 
     slowest_ms: Annotated[Count, Field(le=MAX_HEARTBEAT_MS)] = DEFAULT_HEARTBEAT_LIMIT_MS
     silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
@@ -137,8 +137,8 @@ class ProfileFile(StrictRecord):
     Attributes
     ----------
     pdo_maps
-        ``compared``: a drive whose PDOs are others is refused. ``configured``: they are written into it at every
-        connect, before anything is enabled, and not stored in it.
+        ``compared``: a drive with other PDOs is refused. ``configured``: the PDOs are written into the drive at every
+        connection, before anything is enabled, and not stored.
     """
 
     name: Name
@@ -157,7 +157,7 @@ class ProfileFile(StrictRecord):
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:
-        """Profile of an arm of that many joints; None: of as many as it has room for."""
+        """Return the profile of an arm with this number of joints; None: with the largest possible number."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)
@@ -180,7 +180,7 @@ class ProfileFile(StrictRecord):
         )
 
     def own(self, number: int) -> JointSpec:
-        """What one joint has of its own."""
+        """Return the settings of one joint."""
         return next((j for j in self.joints if j.joint == number), JointSpec(joint=number))
 
     def _joint(self, number: int, own: JointSpec) -> JointProfile:

@@ -26,7 +26,7 @@ from operator_app.config.strict_yaml import load_strict
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
-    """Read a bus profile for an arm of `joints` joints; None: for as many as it has room for.
+    """Read a bus profile for an arm of `joints` joints; None: for the largest possible number.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProf
 
 
 def format_profile(profile: BusProfile, *, comment: str) -> bytes:
-    """Write a profile so that it reads back the same, what all joints have in common once."""
+    """Format a profile so that it reads back the same; common settings of all joints are written once."""
     shared = {
         key: _relative(getattr(profile.joints[0], key), profile.drives[0])
         for key in ("commands", "answers")
@@ -99,11 +99,11 @@ _RESERVED = (
 
 Place = tuple[str | int, ...]
 Complaint = tuple[Place, str, str]
-"""Where in the file, what is wrong, what to do."""
+"""Place in the file, problem, remedy."""
 
 
 def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
-    """Everything that is wrong with the profile of an arm of `joints` joints (None: of any)."""
+    """Yield all problems of the profile of an arm of `joints` joints (None: of any)."""
     yield from _check_supervisor(found)
     yield from _check_listed(found, joints)
     if found.modes.position == found.modes.free:
@@ -205,7 +205,7 @@ def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterato
 
 
 def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
-    """No node and no identifier twice."""
+    """Check that no node and no identifier is used twice."""
     whole = found.for_joints(count)
     places = {joint.joint: ("joints", k) for k, joint in enumerate(found.joints)}
     nodes = {} if whole.supervisor is None else {whole.supervisor: "the supervisor"}
@@ -218,7 +218,7 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
                 f"node {joint.node} is {nodes[joint.node]} and joint {number}",
                 "give each its own number",
             )
-            return  # whatever follows of it
+            return  # with its consequences
         nodes[joint.node] = f"joint {number}"
         for key, pdos in (("commands", joint.commands), ("answers", joint.answers)):
             own = bool(getattr(found.own(number), key))
@@ -227,7 +227,7 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
                 used = identifiers.get(pdo.cob_id) or next(
                     (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
                 )
-                if used and here not in reported:  # what is said for all joints is said once
+                if used and here not in reported:  # settings of all joints are written once
                     reported.add(here)
                     yield (
                         here,

@@ -25,7 +25,7 @@ UNITS = {
     "rad_per_s": "radians per second",
     "nm": "newton metres",
 }
-"""Units as keys end in them."""
+"""Units, as the endings of keys."""
 UNIT = re.compile(rf"(.+?)_({'|'.join(sorted(UNITS, key=len, reverse=True))})")
 
 TO_SI: Mapping[str, tuple[str, Callable[[float], float]]] = {
@@ -39,16 +39,16 @@ LONGEST_M = 10.0
 """No arm or fixture here is longer; a larger number of metres is an angle or millimetres."""
 
 LARGEST_DEG = 3600.0
-"""Sensor angles are continuous and may exceed a turn, but not ten; beyond are counts."""
+"""Sensor angles are continuous and may exceed one turn, but not ten; larger numbers are counts."""
 
 
 def refuse(text: str, remedy: str = "") -> PydanticCustomError:
-    """Build the error with which a schema refuses a value, in words for the operator."""
+    """Return the error with which a schema refuses a value, with a text for the operator."""
     return PydanticCustomError("refused", "{what}", {"what": text, "remedy": remedy})
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Bring numbers, and tuples of them, to the units of the program, and rename them: a_mm to a_m."""
+    """Convert numbers, and tuples of them, to the units of the program, and rename them: a_mm to a_m."""
     found = {}
     for key, value in values.items():
         match = UNIT.fullmatch(key)
@@ -63,7 +63,7 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def length_doubt(value_m: float) -> str:
-    """Say what a number of metres probably is instead; empty when it is plausible."""
+    """Return, as text, what a number of metres probably is instead; empty when it is plausible."""
     if abs(value_m) <= LONGEST_M:
         return ""
     return (
@@ -73,7 +73,7 @@ def length_doubt(value_m: float) -> str:
 
 
 def angle_doubt(value_deg: float) -> str:
-    """Say what a number of degrees probably is instead; empty when it is plausible."""
+    """Return, as text, what a number of degrees probably is instead; empty when it is plausible."""
     if abs(value_deg) <= LARGEST_DEG:
         return ""
     return (
@@ -127,7 +127,7 @@ def _twist_deg(value: float) -> float:
 
 
 def _stated(limit: float, unit: str) -> Callable[[float], float]:
-    """Refuse what is no uncertainty any more but another arm or fixture."""
+    """Refuse an implausibly large uncertainty."""
 
     def check(value: float) -> float:
         if value > limit:
@@ -141,7 +141,7 @@ def _stated(limit: float, unit: str) -> Callable[[float], float]:
 
 
 def _range(largest: float, smallest: float | None = None) -> WithJsonSchema:
-    """Say in a JSON Schema what one of the functions above refuses in words."""
+    """Return the JSON Schema equivalent of one of the checks above."""
     low = -largest if smallest is None else smallest
     return WithJsonSchema({"type": "number", "minimum": low, "maximum": largest})
 
@@ -157,7 +157,7 @@ Yes = Annotated[bool, Field(strict=True)]
 LengthM = Annotated[Number, AfterValidator(_length_m), _range(LONGEST_M)]
 LengthMm = Annotated[Number, AfterValidator(_length_mm), _range(1e3 * LONGEST_M)]
 AngleDeg = Annotated[Number, AfterValidator(_angle_deg), _range(LARGEST_DEG)]
-"""An angle of a joint: may go beyond a turn."""
+"""An angle of a joint: may exceed one turn."""
 TurnDeg = Annotated[Number, AfterValidator(_turn_deg), _range(360.0)]
 """An offset: within a turn."""
 TwistDeg = Annotated[Number, AfterValidator(_twist_deg), _range(360.0)]
@@ -168,11 +168,11 @@ StatedDeg = Annotated[NonNegativeNumber, AfterValidator(_stated(10.0, "deg")), _
 StatedMrad = Annotated[
     NonNegativeNumber, AfterValidator(_stated(200.0, "mrad")), _range(200.0, 0.0)
 ]
-"""How uncertain something is, as one standard deviation; 0 is exact."""
+"""An uncertainty, as one standard deviation; 0 is exact."""
 
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]
 ExactText = Annotated[str, StringConstraints(strict=True, min_length=1)]
-"""Text that is kept to the last space, for what a program wrote and will compare."""
+"""Text kept exactly, with its spaces: a program wrote it and will compare it."""
 Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,63}$")]
 
 
@@ -203,5 +203,5 @@ def _degrees(wanted_rad: float) -> float:
 
 
 def short_degrees(angle_rad: FloatArray) -> list[float]:
-    """Angles (n,) that are only proposed: to a millionth of a degree, as somebody copies them into a file."""
+    """Round proposed angles (n,) to 1e-6 deg, for copying into a file."""
     return [round(angle, 6) + 0.0 for angle in np.rad2deg(angle_rad).tolist()]

@@ -24,10 +24,10 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 LARGEST_ANGLE_RAD = 20.0 * np.pi
 NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
-"""From this size on times since 1970 count nanoseconds, microseconds, milliseconds, seconds."""
+"""Least times since 1970 in nanoseconds, microseconds, milliseconds and seconds."""
 
 SINCE_1970_S = 1e8
-"""Times from here on are of the calendar; smaller ones count from the start of something."""
+"""Least calendar time; smaller ones count from the start of the recording."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,11 +37,11 @@ class JointRecording:
     Attributes
     ----------
     joints
-        What joints 1 to n are called there.
+        Names of joints 1 to n in the recording.
     source
-        Its topic or column of times.
+        Topic or column of times.
     left_out
-        Messages or lines that have no angle of some joint, or the time of another one.
+        Number of messages or lines without the angle of a joint, or with the time of another one.
     """
 
     file: str
@@ -53,7 +53,7 @@ class JointRecording:
 
 
 def utc_text(time_s: float) -> str:
-    """Return a time since 1970 as poses files have it; empty where it counts from something else."""
+    """Return a time since 1970 in the format of poses files; empty where it counts from something else."""
     if time_s < SINCE_1970_S:
         return ""
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
@@ -74,14 +74,14 @@ def load_timed_log(
     time
         The column of times, by name or number: s; since 1970 also ms, us or ns; or ISO 8601.
     joints, columns
-        As of a bag; `columns` may be numbers as well.
+        As in `load_bag`; `columns` may be numbers as well.
     unit
-        Of the angles; None: degrees, unless they look like radians, which is refused.
+        Unit of the angles; None: degrees, unless they look like radians, which is refused.
 
     Raises
     ------
     ConfigError
-        With what is wrong.
+        The file is wrong; states the problem.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -105,7 +105,7 @@ def load_timed_log(
             cells.append(_time_s(row.cells[by], file, row.line, by))
             cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
         elif row is not lines[-1]:
-            # The last line of a recorder that was killed is half a line.
+            # The last line of a killed recorder is incomplete.
             text = f"{len(row.cells)} cells where the lines before have {width}"
             raise only(file, row.line, None, text, "mend this line")
     table = np.array(cells).reshape(-1, 1 + len(where))
@@ -126,7 +126,7 @@ def load_timed_log(
 
 
 def _time_s(cell: str, file: str, line: int, column: int) -> float:
-    """Read a time: a number, or ISO 8601 as seconds since 1970; of no zone is UTC."""
+    """Read a time: a number, or ISO 8601 as seconds since 1970; without a zone it is UTC."""
     try:
         return float(cell or "nan")
     except ValueError:
@@ -140,7 +140,7 @@ def _time_s(cell: str, file: str, line: int, column: int) -> float:
 
 
 def _angle(cell: str, file: str, line: int, column: int) -> float:
-    """Read an angle; nothing, or no finite one, is a sample that was lost."""
+    """Read an angle; an empty or non-finite value is a lost sample."""
     try:
         return float(cell or "nan")
     except ValueError as error:
@@ -151,12 +151,12 @@ def _angle(cell: str, file: str, line: int, column: int) -> float:
 def recording_of(
     time_s: FloatArray, q_rad: FloatArray, *, joints: tuple[str, ...], file: str, source: str
 ) -> JointRecording:
-    """Order samples by time and leave out those that are not whole.
+    """Order samples by time and leave out incomplete ones.
 
     Raises
     ------
     ConfigError
-        Nothing is left, or these are no angles.
+        No complete sample remains, or the values are no angles.
     """
     whole = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(whole):
@@ -181,9 +181,9 @@ def recording_of(
 def find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
-    """Return what joints 1 to n are called among `names`: as `columns` says, as the arm does, or by number.
+    """Return the names of joints 1 to n among `names`: those in `columns`, those of the arm, or numbered ones.
 
-    Numbered names, such as panda_joint1 to panda_joint7, are taken where there is one row of n of them.
+    Numbered names, such as panda_joint1 to panda_joint7, are used if there is exactly one series of n.
     """
     count = len(joints)
     if columns:
@@ -218,11 +218,11 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether it is a file of a ROS 2 bag, or the folder of one."""
+    """Whether the path is a file of a ROS 2 bag, or the folder of one."""
     where = expanded(path)
     try:
         return where.suffix in BAG_SUFFIXES or (where / "metadata.yaml").is_file()
-    except OSError:  # a name too long; who opens the file says so
+    except OSError:  # a name too long; opening the file reports it
         return False
 
 
@@ -234,16 +234,16 @@ def load_bag(
     Parameters
     ----------
     joints
-        What the arm calls joints 1 to n.
+        The arm's names of joints 1 to n.
     columns
-        What the bag calls them, in this order; empty: the arm's names, or the one row of numbered names.
+        Their names in the bag, in this order; empty: the arm's names, or the only series of numbered names.
     topic
-        Of the joint states; empty: ``/joint_states``, or the only one of that type.
+        Topic of the joint states; empty: ``/joint_states``, or the only one of that type.
 
     Raises
     ------
     ConfigError
-        With what is wrong; also where the extra is not installed.
+        The bag cannot be read, or the extra is not installed; states the problem.
     """
     file = str(path)
     try:
@@ -271,13 +271,13 @@ def load_bag(
     except ConfigError:
         raise
     except Exception as error:
-        # A damaged bag fails in any way inside the library.
+        # A damaged bag may raise anything inside the library.
         text = f"cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}"
         remedy = "record it again, or repair it (mcap recover, ros2 bag reindex)"
         raise only(file, None, None, text, remedy) from error
     names = sorted({name for _, _, at in states for name in at})
     order = find_joints(names, joints, file=file, columns=columns)
-    # A gripper may speak on the same topic, in messages of its own.
+    # A gripper may send separate messages on the same topic.
     own = [state for state in states if not state[2].keys().isdisjoint(order)]
     stamped = all(stamp_ns for stamp_ns, _, _ in own)
     return recording_of(

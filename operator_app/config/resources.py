@@ -22,13 +22,13 @@ Kind = Literal["arm", "fixture", "procedure", "profile"]
 WORDS = {kind: kind for kind in ("arm", "fixture", "procedure")} | {"profile": "bus profile"}
 
 DESCRIPTION_LIMIT_BYTES = 16 * 1024 * 1024
-"""Of a URDF."""
+"""Limit for a URDF."""
 YAML_LIMIT_BYTES = 256 * 1024
-"""Far above any file of ours (the largest is some 10 kB); a larger one is the wrong file."""
+"""Limit far above any valid file (the largest is some 10 kB); a larger one is the wrong file."""
 
 
 OPEN_ALREADY = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
-"""Pipes that somebody writes to: the shell's ``<(command)``."""
+"""Pipes with a writer: the shell's ``<(command)``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,11 +38,11 @@ class Resource:
     Attributes
     ----------
     file
-        Name to show: the path as given, or ``packaged:<name>.yaml``.
+        Name for messages: the path as typed, or ``packaged:<name>.yaml``.
     folder
         Folder that relative references inside the file start from; None for a packaged file.
     data
-        Its bytes.
+        Content of the file.
     """
 
     file: str
@@ -64,12 +64,12 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
     reference
         Built-in name or path.
     folder
-        Where a relative path starts (default: the working directory).
+        Start of relative paths (default: the working directory).
 
     Raises
     ------
     ConfigError
-        It is neither a built-in name nor a file; the message lists the names there are.
+        It is neither a built-in name nor a file; the message lists the built-in names.
     """
     text = str(reference)
     names = builtin_names(kind)
@@ -93,7 +93,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
 
 
 def expanded(reference: str | Path) -> Path:
-    """Return a path with ``~`` made a home folder; that of nobody is taken as it stands."""
+    """Return a path with ``~`` replaced by the home folder; an unknown user's is unchanged."""
     path = Path(reference)
     try:
         return path.expanduser()
@@ -105,7 +105,7 @@ def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
     """Read a file of at most `limit` bytes; every refusal of the system becomes a ConfigError."""
     try:
         if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
-            # To open it would keep us waiting for whoever writes to it, perhaps for ever.
+            # Opening it would wait for its writer, perhaps forever.
             raise OSError(errno.EINVAL, "it is a pipe, not a file")
         with path.open("rb") as file:
             data = file.read(limit + 1)

@@ -1,9 +1,9 @@
-"""From a strict YAML document to a checked model, complaining about everything at once.
+"""Converts a strict YAML document to a checked model, and reports all problems at once.
 
 Wraps pydantic: its errors become `Problem`s with file, line and key, unknown keys get the key that
-was probably meant, and a misspelt key does not also count as a missing one. A model is a `StrictModel`
-that makes something else, or a dataclass below `StrictRecord` that is what the program works with:
-made in a program it is believed, read from a file or written to one it is checked.
+was probably meant, and a misspelt key does not also count as a missing one. A model is a `StrictModel` that builds a
+domain object, or a dataclass below `StrictRecord` that is one itself: it is checked when read from a file or written to
+one, not when made in the program.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from operator_app.config.quantities import UNIT, UNITS, length_doubt
 from operator_app.config.strict_yaml import Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
-"""Which versions of a kind of file are read, the one that is written last; 1 alone where nothing is said."""
+"""Versions of a kind of file that are read, the written one last; by default only 1."""
 
 UNKNOWN_KEY = ("extra_forbidden", "unexpected_keyword_argument")
 UNKNOWN, KNOWN_HERE = "unknown key", "known here: "
 
 
 class StrictModel(BaseModel):
-    """Base of every model of a file: nothing unknown, nothing changed afterwards."""
+    """Base of every model of a file: no unknown keys, immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -68,7 +68,7 @@ def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> Non
 
 
 def check_numbered(info: ValidationInfo, items: Sequence[Any], first: int, key: str) -> None:
-    """Report every item of a list whose own number, under `key`, is not its place from `first`."""
+    """Report every item of a list whose number, under `key`, differs from its place, counted from `first`."""
     for k, item in enumerate(items):
         number, place = getattr(item, key), k + first
         if number != place:
@@ -92,12 +92,12 @@ def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
 
 
 def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
-    """Check a document that has been read; otherwise as `read_model`."""
+    """Check a document that has been read; other behaviour as `read_model`."""
     return _validate(model, document, [*document.problems, *_check_schema(document, kind)])
 
 
 def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file whose key ``kind`` says which model it follows; otherwise as `read_model`."""
+    """Read a file whose key ``kind`` selects its model; other behaviour as `read_model`."""
     document = load_strict(data, file)
     problems = [*document.problems, *_check_schema(document, kind)]
     which = document.data.get("kind")
@@ -127,12 +127,12 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
 
 
 def is_unlike_any_key(problem: Problem) -> bool:
-    """Whether a problem is a key that is like none of those known at its place."""
+    """Whether a problem is a key that resembles no known key at its place."""
     return problem.text == UNKNOWN and problem.remedy.startswith(KNOWN_HERE)
 
 
 def schema_name(kind: str) -> str:
-    """Return what the first line of a file of this kind says when it is written."""
+    """Return the value of the ``schema`` line that is written for this kind of file."""
     return f"sarcal/{kind}/{VERSIONS.get(kind, (1,))[-1]}"
 
 
@@ -159,7 +159,7 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
                 f"version {match[2]} of the {kind} file",
                 f"this program reads version {' and '.join(map(str, versions))}",
             )
-        # Every other complaint would only follow from this one.
+        # All other problems would only follow from this one.
         raise ConfigError((problem,))
     if next(iter(document.data)) != "schema":
         yield document.problem(("schema",), "is not the first key", line)
@@ -170,7 +170,7 @@ def _problems(
 ) -> Iterator[Problem]:
     placed = _without_alternatives(document, [(_path(document, error), error) for error in errors])
     if noted:
-        # What a record refuses as a whole has been noted with its place.
+        # Errors of a whole record have been reported with their place.
         placed = [(path, error) for path, error in placed if error["type"] != "value_error"]
     missing = {path for path, error in placed if error["type"] == "missing"}
     meant: set[Path] = set()
@@ -192,10 +192,10 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep one complaint where a value may be a word or something else and is neither.
+    """Keep one problem where a value may be a word or another type and is neither.
 
-    Pydantic lists what is wrong with every alternative. The word is what was meant if it is nearly
-    right, or if words are all that text could be.
+    Pydantic lists the problems of every alternative. That of the word is kept if the value is nearly one, or if text
+    can only be a word.
     """
     kept = list(placed)
     for path, error in placed:
@@ -228,7 +228,7 @@ def _path(document: YamlDocument, error: ErrorDetails) -> Path:
 def _unknown_key(
     document: YamlDocument, model: type[M], path: Path, missing: set[Path]
 ) -> tuple[str, str, Path | None]:
-    """Text, remedy, and the missing key that was probably meant."""
+    """Return text, remedy, and the missing key that was probably meant."""
     key, parent = str(path[-1]), path[:-1]
     known = _keys(document, model, parent)
     present = document.at(parent)
@@ -274,7 +274,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], whole: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """What a node of a JSON Schema stands for; of several kinds only the one that `value` names."""
+    """Resolve a node of a JSON Schema; of several kinds only the one that `value` names."""
     if "$ref" in node:
         return [whole["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

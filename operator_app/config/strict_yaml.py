@@ -1,9 +1,9 @@
 """Strict YAML with the line of every key.
 
 A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true``
-and ``false``; everything that only YAML 1.1 takes for something else (``yes``, ``12:30``, ``0x1F``,
-``010``, dates) stays text, so that a schema that wants a number refuses it in words. Anchors,
-aliases, tags, merge keys, duplicate keys and non-finite numbers are refused.
+and ``false``; values that only YAML 1.1 takes for another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
+text, so that a schema that requires a number refuses them with a message. Anchors, aliases, tags, merge keys, duplicate
+keys and non-finite numbers are refused.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     Raises
     ------
     ConfigError
-        It is no YAML mapping at all. Problems that leave the rest readable are in the result.
+        The file is no YAML mapping. Problems that leave the rest readable are in the result.
     """
     text = _decode(data, file)
     if text.lstrip().startswith("<"):
@@ -66,7 +66,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         what, remedy = _syntax(error, text, line)
         raise only(file, line, column, what, remedy) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        # PyYAML lets chr() and int() speak for themselves on absurd escapes and directives.
+        # PyYAML passes on the errors of chr() and int() for absurd escapes and directives.
         raise only(file, None, None, "is not YAML that can be read", "check the file") from error
     if node is None:
         raise only(file, None, None, "is empty", "start from a packaged file")
@@ -97,12 +97,12 @@ def _composed(text: str, file: str) -> Node | None:
 
 
 def resolve_plain(text: str) -> Scalar:
-    """Read an unquoted scalar. Infinite when a number does not fit into a double.
+    """Read an unquoted scalar; inf if a number does not fit into a double.
 
     Raises
     ------
     ValueError
-        It is a number too long to be one.
+        The number has too many digits.
     """
     if text in NULLS:
         return None
@@ -130,7 +130,7 @@ class StrictLoader(yaml.SafeLoader):
         self.depth = 0
 
     def compose_node(self, parent: Node | None, index: Any) -> Node | None:
-        """Compose one node, refusing what is not plain data."""
+        """Compose one node; refuse anything but plain data."""
         event = self.peek_event()  # type: ignore[no-untyped-call]
         mark = event.start_mark
         if isinstance(event, AliasEvent) or getattr(event, "anchor", None) is not None:
@@ -148,7 +148,7 @@ class StrictLoader(yaml.SafeLoader):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Found:
-    """A problem before the names of list items around it are known."""
+    """A problem whose path is not yet formatted with names of list items."""
 
     mark: tuple[int, int]
     path: Path
@@ -158,7 +158,7 @@ class _Found:
 
 @dataclass(slots=True)
 class _Builder:
-    """Turns nodes into plain data, remembering where everything was."""
+    """Converts nodes to plain data, and records their positions."""
 
     marks: dict[Path, tuple[int, int]] = field(default_factory=dict)
     found: list[_Found] = field(default_factory=list)
@@ -243,7 +243,7 @@ def _decode(data: bytes, file: str) -> str:
 
 
 def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
-    """Say what PyYAML found, in the words of somebody who edits the file."""
+    """Return PyYAML's error as text for a person who edits the file."""
     lines = text.splitlines()
     shown = lines[line - 1] if 0 < line <= len(lines) else ""
     problem = str(error.problem or error.context or "")
@@ -263,7 +263,7 @@ def _mark(node: Node) -> tuple[int, int]:
 
 
 Path = tuple[str | int, ...]
-"""Where a value is: keys and list indices from 0."""
+"""Path of a value: keys and list indices from 0."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,9 +279,9 @@ class YamlDocument:
     marks
         Line and column (from 1) of every key and list item, by path; ``()`` is the document.
     problems
-        What was refused on the way but did not keep the rest from being read.
+        Problems that leave the rest readable.
     unreadable
-        Paths whose values are placeholders, because of one of the problems.
+        Paths whose values are placeholders because of a problem.
     """
 
     file: str
@@ -316,7 +316,7 @@ class YamlDocument:
         return value
 
     def name(self, path: Path) -> str:
-        """Write a path for people: list items by their own number where they have one."""
+        """Format a path for people: list items by their own number where they have one."""
         text = ""
         for depth, part in enumerate(path):
             if isinstance(part, str):

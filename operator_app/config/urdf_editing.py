@@ -1,4 +1,4 @@
-"""A calibration as URDF: a new one of the arm, or somebody's own with other origins of joints; UR's kinematics file.
+"""A calibration as URDF: a new file, or the user's own with calibrated joint origins; UR's kinematics file.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.
@@ -36,14 +36,14 @@ def format_urdf(
 ) -> bytes:
     """Write links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
-    Joints have the arm's names for them where those are names in a URDF: without spaces, each its own.
+    Joints have the arm's names where these are valid in a URDF: without spaces, and unique.
 
     Parameters
     ----------
     T_tip
-        Place of the link 'tip' on the last one at a reading of zero, (4, 4), m; None: there is none.
+        Pose of the link 'tip' on the last one at a reading of zero, (4, 4), m; None: no such link.
     comment
-        Lines for whoever opens the file.
+        Lines of a comment in the file.
     """
     names = [joint.name for joint in arm.joints]
     if len({re.sub(r"\s", "", name) for name in names} & set(names)) != len(names):
@@ -81,45 +81,45 @@ def format_urdf(
 
 
 def xml_comment(lines: Iterable[str]) -> bytes:
-    """Lines as a comment of XML; nothing where there are none."""
+    """Format lines as an XML comment; empty without lines."""
     # Two hyphens would end it.
     words = re.sub("-(?=-)", "- ", "\n".join(f"  {_xml_text(line)}" for line in lines))
     return f"<!--\n{words}\n-->\n".encode() if words else b""
 
 
 def _xml_text(text: str) -> str:
-    """Write out as an escape what no XML may hold: somebody else chose serial numbers and names."""
+    """Escape characters that XML does not allow: serial numbers and names are not ours."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
 SAME = 1e-11
-"""Origins nearer to each other than this (m, or entries of a rotation) are one."""
+"""Origins nearer to each other than this (m, or entries of a rotation) count as equal."""
 OTHER_ARM_M, OTHER_ARM_RAD = 0.05, math.radians(10.0)
-"""A file whose rows differ more than this from the arm's is of another arm."""
+"""Largest difference of a file's rows from the arm's: beyond, it belongs to another arm."""
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 UR_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-"""Blocks of UR's kinematics file: where each link's joint is on the link before; joints turn about z."""
+"""Blocks of UR's kinematics file: pose of each link's joint on the link before; joints turn about z."""
 
 
 def with_calibration(
     data: bytes, file: str, arm: ArmModel, table: DhTable, comment: Sequence[str]
 ) -> bytes:
-    """The same file with the geometry of `table` in the origins of its joints, and a comment.
+    """Return the same file with the geometry of `table` in the origins of its joints, and a comment.
 
     Parameters
     ----------
     data, file
         A URDF, a xacro whose chain has literal numbers, or UR's ``default_kinematics.yaml``; and its name.
     arm
-        Whose calibration it is, as its file states it.
+        The calibrated arm, as in its file.
     comment
-        Lines for whoever opens the file.
+        Lines of a comment in the file.
 
     Raises
     ------
     ConfigError
-        The file cannot be read, or is of another arm; says where they differ.
+        The file cannot be read, or is of another arm; the text states the difference.
     """
     if file.lower().endswith((".yaml", ".yml")):
         chain = _matching([_ur_chain(data, file)], arm, file)
@@ -129,7 +129,7 @@ def with_calibration(
 
 
 def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray]:
-    """Origins (4, 4) by joint of those that have to change for the chain to be that of `table`.
+    """Origins (4, 4), by joint, that have to change for the chain to match `table`.
 
     Of joint j, ``C_j`` leads from frame j-1, seen with all joints at zero, to the file's own frame. With the
     change d_j of its offset its link is at ``Rz(q_j + d_j) C_j``, so that shapes turn with their joints.
@@ -171,7 +171,7 @@ def _about_z(angle: float) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Chains between all links fixed to the ends of the arm's joints: by their names, else of the only arm there is."""
+    """Chains between all links fixed to the ends of the arm, whose joints are found by name or as the only arm."""
     tree = UrdfTree.read(data, file)
     ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
     if not ends:
@@ -181,7 +181,7 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
-    """The chain whose rows are nearest to the arm's; ConfigError where that is another arm's."""
+    """Return the chain whose rows are nearest to the arm's; ConfigError if it is another arm's."""
     n, found = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:
@@ -207,7 +207,7 @@ _TAG = re.compile(rb"""<[^\s>/]+(?:[^>"']|"[^"]*"|'[^']*')*>""")
 
 
 def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[str]) -> bytes:
-    """Bytes of an XML file with these origins in its joints of the robot, and the comment before it."""
+    """Return the bytes of an XML file with these joint origins, and the comment before the robot."""
     cuts, way, joint = list[tuple[int, int, bytes]](), list[str](), ""
     parser = expat.ParserCreate()
 
@@ -223,7 +223,7 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
             joint = attributes["name"]
             cuts.append((match.end(), match.end(), _origin_tag(origins[joint])))
         elif tag == "origin" and joint and way[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
-            # In place of the new one that was to be put in.
+            # Replaces an earlier comment of this program.
             cuts[-1] = (at, match.end(), _changed_tag(match[0], origins[joint]))
         way.append(tag)
 
@@ -263,7 +263,7 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
 
 
 def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:
-    """Link, key, the value's match in its line, and the line's place in the bytes."""
+    """Yield link, key, the value's match in its line, and the line's place in the bytes."""
     decode_text(data, file)
     link, at = "", 0
     for line in data.splitlines(keepends=True):

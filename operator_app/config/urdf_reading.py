@@ -21,21 +21,21 @@ from solver.chain.kinematics import DhTable
 ONLY_REVOLUTE = "an arm here has revolute joints only: --base and --tip leave others out"
 
 NO_LIMIT_RAD = math.pi
-"""Either way, of a joint that goes round and round."""
+"""Range of a continuous joint, in either direction."""
 GRIPPER = re.compile(r"finger|grip|jaw|knuckle|thumb", re.IGNORECASE)
-"""What joints of a tool, and not of the arm, are called."""
+"""Names of joints of a gripper, not of the arm."""
 FLANGES = ("tool0", "flange")
-"""Ends that are taken where others have the same turning joints (REP 199)."""
+"""Preferred ends among links with the same revolute joints (REP 199)."""
 ENDS_SHOWN = 12
 REPORTED_RAD = 1e-8
-"""A rounded angle is reported where it differs by more from what it stands for."""
+"""Difference of a rounded angle from the exact one above which it is reported."""
 
 Matrix = FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfJoint:
-    """One joint that turns: name, range (rad), speed (rad/s) and torque (Nm); None where not stated."""
+    """One revolute joint: name, range (rad), speed (rad/s) and torque (Nm); None where not stated."""
 
     name: str
     lower_rad: float
@@ -46,9 +46,9 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint of the file: where it is on its parent, its axis, None where it does not turn.
+    """One joint of the file: its pose on its parent, and its axis, None if it is fixed.
 
-    `rounded` holds each angle that was rounded in the file, and what it stands for, deg.
+    `rounded` lists each rounded angle of the file, and the exact one, deg.
     """
 
     name: str
@@ -67,16 +67,16 @@ class UrdfChain:
     Attributes
     ----------
     base, tip
-        Its first and its last link.
+        First and last link.
     steps
-        All joints between them, fixed ones too.
+        All joints between them, including fixed ones.
     table
         Rows 1..n.
     frames
         Frames 0..n with all joints at zero, seen in the base link, (4, 4), m.
     T_link_base, T_flange_tip
-        Fixed steps that D-H rows cannot hold, (4, 4), m: from the base link to frame 0, and from frame n to
-        the tip. Identity for a file of ours.
+        Fixed transforms that D-H rows cannot represent, (4, 4), m: from the base link to frame 0, and from frame n to
+        the tip. Identity for a file of this program.
     """
 
     name: str
@@ -91,7 +91,7 @@ class UrdfChain:
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Angles that the file rounds by more than `REPORTED_RAD`, and what each stands for, deg."""
+        """Angles that the file rounds by more than `REPORTED_RAD`, and the exact ones, deg."""
         every = {word: deg for step in self.steps for word, deg in step.rounded.items()}
         return {
             w: deg for w, deg in every.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
@@ -99,25 +99,24 @@ class UrdfChain:
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
-    """Read the chain of revolute joints from one link to another; nothing else of the file counts.
+    """Read the chain of revolute joints from one link to another; the rest of the file is ignored.
 
     Parameters
     ----------
     base, tip
-        Names of the links; empty: the file's root, and the only end that its turning joints lead to,
-        grippers left out.
+        Names of the links; empty: the file's root, and the only end of its revolute joints, without grippers.
 
     Raises
     ------
     ConfigError
-        It is no URDF, or its joints are no serial chain of turning ones; says which is not.
+        The file is no URDF, or its joints are no serial chain of revolute ones; the text names the wrong one.
     """
     return UrdfTree.read(data, file).chain(base, tip)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfTree:
-    """The joints of a URDF by the link that each carries, as its file writes them."""
+    """The joints of a URDF by child link."""
 
     name: str
     file: str
@@ -141,7 +140,7 @@ class UrdfTree:
         return cls(name=robot.get("name", "arm"), file=file, elements=elements)
 
     def chain(self, base: str, tip: str) -> UrdfChain:
-        """Chain between two links; empty names and errors as in `parse_urdf`."""
+        """Return the chain between two links; empty names and errors as in `parse_urdf`."""
         file, elements = self.file, self.elements
         links = {*elements, *(_links(e)[0] for e in elements.values())}
         for option, name in (("base", base), ("tip", tip)):
@@ -162,7 +161,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
+        """Return bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -176,7 +175,7 @@ class UrdfTree:
 
 
 def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> UrdfChain:
-    """Chain of these joints in D-H terms; ConfigError where none of them turns."""
+    """Return the chain of these joints in D-H terms; ConfigError if none is revolute."""
     joints = tuple(step.joint for step in steps if step.joint)
     if not joints:
         raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
@@ -215,14 +214,14 @@ def _robot(data: bytes, file: str) -> ET.Element:
 
 
 def _links(element: ET.Element) -> tuple[str, str]:
-    """Parent and child of a joint; empty where it names none."""
+    """Return parent and child of a joint; empty if missing."""
     found = (element.find(key) for key in ("parent", "child"))
     parent, child = ("" if e is None else e.get("link", "") for e in found)
     return parent, child
 
 
 def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET.Element]:
-    """Joints from the root to a link."""
+    """Return the joints from the root to a link."""
     way: list[ET.Element] = []
     while link in elements:
         if len(way) > len(elements):
@@ -233,10 +232,10 @@ def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET
 
 
 def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
-    """Link at the end of the only arm there is; what a gripper moves is none of its ends."""
+    """Return the link at the end of the only arm, without links that a gripper moves."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
-    # A circle has no end; its links are as good as any to say so.
+    # A cycle has no end; any of its links can be named.
     ends, turning = dict[str, int](), {"revolute", "continuous"}
     for leaf in leaves or list(elements):
         way = _way_to(leaf, elements, file)
@@ -368,7 +367,7 @@ def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
 
 
 def _row_records(table: DhTable) -> Iterator[dict[str, float]]:
-    # What geometry brings in rounding beyond these places is nobody's figure.
+    # Further decimal places are rounding errors of the geometry.
     columns = table.stacked()
     degrees, lengths = np.rad2deg(columns[[0, 3, 4]]).round(12), columns[1:3].round(13)
     rows = np.column_stack((*lengths, *degrees)).tolist()

@@ -1,4 +1,4 @@
-"""Axes of a chain and places of a URDF (xyz, rpy) turned into D-H rows, Hayati's where neighbours are parallel."""
+"""Converts axes of a chain and poses of a URDF (xyz, rpy) to D-H rows, Hayati's for parallel neighbours."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
 MEET_M = 1e-9
-"""Axes closer than this meet."""
+"""Distance below which axes count as intersecting."""
 MEETING_SINE, FAR_M = 1e-9, 2.0
-"""A tip's axis nearer to parallel, or with a common normal farther away, has none of its own."""
+"""Least angle of a tip's axis, and largest distance of its common normal, for a row of its own."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,22 +31,22 @@ class AxisLine:
 def rows_of(
     axes: Sequence[AxisLine], T_base_tip: FloatArray
 ) -> tuple[DhTable, tuple[FloatArray, ...]]:
-    """D-H rows of a chain whose last row ends at a tip.
+    """Return the D-H rows of a chain whose last row ends at a tip.
 
     Parameters
     ----------
     axes
-        Of joints 1..n.
+        Axes of joints 1..n.
     T_base_tip
-        Place of the tip with all joints at zero, (4, 4), m.
+        Pose of the tip with all joints at zero, (4, 4), m.
 
     Returns
     -------
     Rows 1..n; and frames 0..n seen in the base link with all joints at zero, (4, 4) each. Frame 0 is on axis 1
-    beside the base link's origin; frame n is as near to the tip as its row can bring it.
+    beside the base link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
-    # Frame 0: the file's own base where that stands on the first axis.
+    # Frame 0: the file's own base if it is on the first axis.
     origin = axes[0].point_m - float(axes[0].point_m @ z) * z
     x = _across(z, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
     frames, rows = [frame_of(x, z, origin)], list[tuple[float, ...]]()
@@ -63,7 +63,7 @@ def rows_of(
         frames.append(frames[-1] @ link_transform(row))
         z = frames[-1][:3, 2]
     columns = np.array(rows).T
-    # The rounding of sines and cosines is no figure.
+    # Sines and cosines have rounding errors.
     return DhTable.from_stacked(np.where(np.abs(columns) < 1e-12, 0.0, columns)), tuple(frames)
 
 
@@ -79,14 +79,14 @@ def link_transform(row: Sequence[float]) -> FloatArray:
 
 
 def frame_of(x: FloatArray, z: FloatArray, origin_m: FloatArray) -> FloatArray:
-    """Frame (4, 4) with these axes, at right angles to each other."""
+    """Frame (4, 4) with these orthogonal axes."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = np.column_stack((x, np.cross(z, x), z)), origin_m
     return T
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Row to an axis that is not parallel: along the common normal."""
+    """Return the row to an axis that is not parallel: along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -98,7 +98,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Row to a parallel axis: frame j where that goes through the plane z = 0 of frame j-1 [9]."""
+    """Return the row to a parallel axis: frame j is where it crosses the plane z = 0 of frame j-1 [9]."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
@@ -116,9 +116,9 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
-    """Row to a tip whose axis is nearly the joint's: by the common normal where that is at hand.
+    """Return the row to a tip whose axis is nearly the joint's: by the common normal if that is near.
 
-    Elsewhere to the tip's origin, its small tilt left out.
+    Otherwise to the tip's origin, without its small tilt.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)
@@ -139,7 +139,7 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
 
 
 def _across(z: FloatArray, *wanted: FloatArray) -> FloatArray:
-    """Return the first of `wanted` that is not along z, made square to it."""
+    """Return the first of `wanted` that is not along z, made orthogonal to it."""
     for direction in wanted:
         x = direction - (direction @ z) * z
         if np.linalg.norm(x) > 0.1:
@@ -152,7 +152,7 @@ def _angle(a: FloatArray, b: FloatArray, about: FloatArray) -> float:
 
 
 EXACT_PLACES = 13
-"""Decimals of an angle that is rounded no more than a double is."""
+"""Decimals of an angle with the precision of a double."""
 
 
 def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
@@ -168,7 +168,7 @@ def rotation_of_rpy(rpy: FloatArray) -> FloatArray:
 
 
 def rpy_of(R: FloatArray) -> FloatArray:
-    """Roll, pitch, yaw (3,), rad, of a rotation matrix; to the last digits at a pitch of 90 deg too."""
+    """Roll, pitch, yaw (3,), rad, of a rotation matrix; also exact at a pitch of 90 deg."""
     yaw = math.atan2(R[1, 0], R[0, 0])
     c, s = math.cos(yaw), math.sin(yaw)
     pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
@@ -177,7 +177,7 @@ def rpy_of(R: FloatArray) -> FloatArray:
 
 
 def origin_words(T: FloatArray) -> dict[str, str]:
-    """Attributes of an <origin> at a place (4, 4), m."""
+    """Attributes of an <origin> for a pose (4, 4), m."""
     # -0.0 and the rounding of sines are no figures.
     numbers = {"xyz": T[:3, 3], "rpy": rpy_of(T[:3, :3])}
     return {
@@ -187,7 +187,7 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 
 
 def meant_deg(word: str) -> float | None:
-    """Angle in deg of which a word is the rounded or cut-off value in rad; None where it is as it stands.
+    """Return the exact angle in deg of a rounded or truncated value in rad; None if it is not rounded.
 
     Four decimals or more stand for a multiple of 15 deg (1.5708, 0.7854), two or three of 90 deg (3.14).
     """

@@ -1,7 +1,7 @@
-"""What a user always wants (``sarcal/settings/1``): interface, channel, bitrate, theme, operator.
+"""Default settings of a user (``sarcal/settings/1``): interface, channel, bitrate, theme, operator.
 
 One file in the platform's folder for settings. The command line, a session, a procedure, the environment and
-``can.conf`` are all stronger. A file that is wrong is an error and not left out: it may name another bus.
+``can.conf`` override it. An invalid file is an error and not ignored: it may name another bus.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ SETTINGS_SCHEMA = "sarcal/settings/1"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UserSettings(StrictRecord):
-    """What the file holds; None where it says nothing.
+    """Content of the file; None for missing settings.
 
     Attributes
     ----------
     interface, channel, bitrate
-        As ``-i``, ``-c`` and ``-b``. Channel and bitrate count where the interface comes from here as well.
+        As ``-i``, ``-c`` and ``-b``. Channel and bitrate are used only if the interface comes from here as well.
     theme
-        Of the terminal app.
+        Theme of the terminal app.
     operator
-        Who works here: kept in the journal of every session.
+        Name of the operator, kept in the journal of every session.
     """
 
     interface: Text | None = None
@@ -51,7 +51,7 @@ class UserSettings(StrictRecord):
 
     @property
     def stated(self) -> Mapping[str, object]:
-        """What it says, by key."""
+        """Settings in the file, by key."""
         return {key: value for key, value in asdict(self).items() if value is not None}
 
 
@@ -59,24 +59,24 @@ KEYS = tuple(field.name for field in fields(UserSettings))
 
 
 def settings_path() -> Path:
-    """Return where the file is, or would be."""
+    """Return the path of the file, which need not exist."""
     return user_config_path("sarcal", appauthor=False) / FILE_NAME
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings; without a file, none.
+    """Return the user's settings; empty without a file.
 
     Raises
     ------
     ConfigError
-        The file is wrong: all that is, with line and key.
+        The file is wrong; lists all problems with line and key.
     """
     data = settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
 
 def settings_if_right() -> tuple[UserSettings, str]:
-    """Return the user's settings and a warning. Where the file is wrong, the defaults; the bus does not use these."""
+    """Return the user's settings and a warning. If the file is wrong: defaults, which are not used for the bus."""
     try:
         return load_settings(), ""
     except ConfigError:
@@ -87,13 +87,13 @@ def settings_if_right() -> tuple[UserSettings, str]:
 
 
 def settings_bytes() -> bytes | None:
-    """Return what the user's file holds, None without one."""
+    """Return the content of the user's file; None without one."""
     path = settings_path()
     try:
         if not path.exists():
             return None
     except OSError:
-        # A folder that this user may not look into holds no settings of theirs.
+        # A folder that this user may not read has none of their settings.
         return None
     return read_limited(path, str(path), limit=YAML_LIMIT_BYTES)
 
@@ -104,10 +104,10 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 
 
 def usual_bus(named: str | None = None) -> BusSettings | None:
-    """Return the bus that the user's settings name, None where they name none; raises ConfigError.
+    """Return the bus in the user's settings; None without one; raises ConfigError.
 
-    Where an interface has been `named` already, or the environment names one, nobody asks them: a wrong file
-    does not matter.
+    If an interface has been `named` already, or is in the environment, the settings are not read, and a wrong file does
+    not matter.
     """
     from hardware.buses.python_can import BusSettings
 
@@ -124,14 +124,14 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
 
 
 def changed(words: Mapping[str, str]) -> UserSettings:
-    """Return the user's settings with these keys set, an empty text taking one away.
+    """Return the user's settings with these keys set; an empty text removes one.
 
-    A file that is wrong is mended so, key by key; what is no setting can be taken away.
+    A wrong file can be repaired in this way, key by key, and unknown keys can be removed.
 
     Raises
     ------
     ConfigError
-        A word is no setting, or something is wrong still.
+        A key is no setting, or the file is still wrong.
     """
     from hardware.buses.python_can import known_interfaces
 
@@ -158,25 +158,25 @@ def changed(words: Mapping[str, str]) -> UserSettings:
     try:
         return parse_settings(dump_strict({"schema": schema, **kept, **typed}), file)
     except ConfigError:
-        # Told with the lines of the file as it is.
+        # Reported with the lines of the present file.
         parse_settings(data or b"", file)
         raise
 
 
 def _is_rate(text: str) -> bool:
-    """Whether it can be a number of bits a second; Python makes no number of thousands of digits."""
+    """Whether a text can be a bit rate; Python refuses to convert thousands of digits."""
     return text.isdecimal() and len(text) < 10
 
 
 def format_settings(settings: UserSettings) -> bytes:
-    """Write them as a file."""
+    """Format settings as a file."""
     return dump_strict({"schema": SETTINGS_SCHEMA, **settings.stated})
 
 
 def save_settings(settings: UserSettings) -> Path:
-    """Write the user's file; return where it is."""
+    """Write the user's file; return its path."""
     path = settings_path()
     path.parent.mkdir(parents=True, exist_ok=True)
-    # Who keeps settings elsewhere links to them.
+    # The file may be a link to settings kept elsewhere.
     write_atomically(path, format_settings(settings), through_link=True)
     return path

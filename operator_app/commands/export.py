@@ -8,7 +8,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    a_name,
     a_path,
     bus_options,
     choices_from,
@@ -17,6 +16,7 @@ from operator_app.commands.options import (
     json_option,
     recording,
     scenario_options,
+    session_argument,
     session_record_option,
     sessions_option,
 )
@@ -31,9 +31,7 @@ FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
-    )
+    session_argument(parser)
     parser.add_argument(
         "--format",
         choices=FORMATS,

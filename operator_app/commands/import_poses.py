@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import (
     a_name,
+    arm_and_fixture_options,
     estimator_options,
     json_option,
     parse_joints,
@@ -36,12 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(.mcap, .db3, its folder) or, with --time, a log over time; of several files each is a placement "
         "of the fixture, in this order",
     )
-    parser.add_argument(
-        "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
-    )
-    parser.add_argument(
-        "--fixture", type=a_name, default="hinge", help="fixture file or built-in name"
-    )
+    arm_and_fixture_options(parser)
     unit = parser.add_mutually_exclusive_group()
     unit.add_argument("--rad", action="store_true", help="the angles are radians")
     unit.add_argument(
@@ -84,11 +80,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--name", type=a_name, help="name of the session (default: that of the file)"
-    )
-    parser.add_argument(
-        "--drop-unidentifiable",
-        action="store_true",
-        help="fix unidentifiable parameters at their nominal values, instead of refusing",
     )
     estimator_options(parser)
     tolerance_option(parser)

@@ -175,6 +175,28 @@ def tracker_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def session_argument(parser: argparse.ArgumentParser) -> None:
+    """SESSION: the session of a command about one."""
+    parser.add_argument(
+        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
+    )
+
+
+def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
+    """``--arm``, ``--fixture`` and ``--drop-unidentifiable`` of a command with a file of poses."""
+    parser.add_argument(
+        "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
+    )
+    parser.add_argument(
+        "--fixture", type=a_name, default="hinge", help="fixture file or built-in name"
+    )
+    parser.add_argument(
+        "--drop-unidentifiable",
+        action="store_true",
+        help="fix unidentifiable parameters at their nominal values, instead of refusing",
+    )
+
+
 def sessions_option(parser: argparse.ArgumentParser) -> None:
     """``--sessions``: where session folders are kept."""
     parser.add_argument(

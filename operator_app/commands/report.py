@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    a_name,
     a_path,
     estimator_options,
     given_joints,
+    session_argument,
     sessions_option,
 )
 from operator_app.exit_codes import ExitCode
@@ -24,9 +24,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
-    )
+    session_argument(parser)
     parser.add_argument(
         "-o",
         "--output",

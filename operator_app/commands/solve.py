@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     a_name,
+    arm_and_fixture_options,
     estimator_options,
     json_option,
     parse_joints,
@@ -30,12 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "poses", type=a_name, metavar="POSES.csv", help="captured poses, angles in deg"
     )
-    parser.add_argument(
-        "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
-    )
-    parser.add_argument(
-        "--fixture", type=a_name, default="hinge", help="fixture file or built-in name"
-    )
+    arm_and_fixture_options(parser)
     parser.add_argument(
         "--placements", type=a_name, metavar="NUMBERS", help="use these placements only, e.g. 1,2"
     )
@@ -43,11 +39,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--global-start",
         action="store_true",
         help="search globally instead of starting from the nominal values",
-    )
-    parser.add_argument(
-        "--drop-unidentifiable",
-        action="store_true",
-        help="fix unidentifiable parameters at their nominal values, instead of refusing",
     )
     parser.add_argument(
         "--checks",

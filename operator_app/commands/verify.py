@@ -17,6 +17,7 @@ from operator_app.commands.options import (
     print_warnings,
     recording,
     scenario_options,
+    session_argument,
     session_record_option,
     sessions_option,
     tracker_option,
@@ -40,9 +41,7 @@ OPEN_POSES = 24
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
-    )
+    session_argument(parser)
     parser.add_argument(
         "csv",
         type=a_name,

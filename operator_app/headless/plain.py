@@ -41,15 +41,12 @@ class Terminal(Protocol):
 
     def say(self, text: str) -> None:
         """Write lines."""
-        ...
 
     def ask(self, prompt: str) -> str:
         """Return the typed line; raises EOFError at the end of the input."""
-        ...
 
     def touched(self, timeout_s: float) -> bool:
         """Wait for a line; return whether one was typed, and consume it."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -44,7 +44,6 @@ class Solver(Protocol):
         **options: object,
     ) -> T:
         """Return the result of the function."""
-        ...
 
 
 def solve_here(

@@ -278,12 +278,9 @@ class Publisher(Protocol):
 
     def publish(self, change: Change) -> None:
         """Replace the snapshot by the changed one."""
-        ...
 
     def say(self, level: Level, text: str) -> None:
         """Add a message to the operator."""
-        ...
 
     def cancelled(self) -> bool:
         """Whether the operator has cancelled the task."""
-        ...

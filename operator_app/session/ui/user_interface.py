@@ -71,60 +71,46 @@ class UserInterface(Protocol):
     @property
     def runner(self) -> Runner | None:
         """The runner of the open session; None before."""
-        ...
 
     @property
     def sessions(self) -> Sessions:
         """The sessions."""
-        ...
 
     def snapshot(self) -> SessionSnapshot | None:
         """Return a fresh snapshot."""
-        ...
 
     def retry_soon(self, work: Callable[[], None]) -> None:
         """Call `work` a few SYNC periods later."""
-        ...
 
     def refuse(self, why: str) -> None:
         """Show why an action is refused."""
-        ...
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
         """Ask a question; call `then` with the answer, if there is one."""
-        ...
 
     def pose(self, s: SessionSnapshot) -> int | None:
         """Number of the selected pose."""
-        ...
 
     def item(self, s: SessionSnapshot) -> int | None:
         """Selected open item of the check list, from 0."""
-        ...
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
         """The alarm that is shown."""
-        ...
 
     def open(self, make: Callable[[], Runner]) -> None:
         """Open another session with `make`."""
-        ...
 
     def write_report(self, runner: Runner) -> Path:
         """Write the report page; called in the worker thread."""
-        ...
 
     def topics(self) -> Mapping[str, str]:
         """Topics and summaries of the manual."""
-        ...
 
     def show_page(self, topic: str) -> None:
         """Show a page of the manual."""
-        ...
 
     def show_history(self, serial: str) -> None:
         """Show the history of an arm."""
-        ...
 
 
 class FullScreenInterface(UserInterface, Protocol):
@@ -132,55 +118,42 @@ class FullScreenInterface(UserInterface, Protocol):
 
     def stop(self) -> None:
         """Software STOP, at once, in the calling thread."""
-        ...
 
     def do_next_action(self) -> None:
         """Do what the line above the footer proposes."""
-        ...
 
     def go(self, step: Step) -> bool:
         """Show a step, if it is open."""
-        ...
 
     def go_by(self, steps: int) -> None:
         """Show another step, relative to this one."""
-        ...
 
     def move(self, by: int) -> None:
         """Move the selection of the list."""
-        ...
 
     def joint(self) -> int:
         """Number of the selected joint."""
-        ...
 
     def marked_item(self) -> int:
         """Selected item of the check list, from 0, ticked or not."""
-        ...
 
     def next_view(self) -> None:
         """Show the next panel or plot."""
-        ...
 
     def show_help(self) -> None:
         """Show the help on the focused panel, and the keys."""
-        ...
 
     def show_palette(self) -> None:
         """Show the palette of actions."""
-        ...
 
     def show_messages(self) -> None:
         """Show all messages in full."""
-        ...
 
     def next_theme(self) -> None:
         """Use the next theme."""
-        ...
 
     def leave(self) -> None:
         """Quit, after a question if an arm is connected."""
-        ...
 
 
 # -- actions ---------------------------------------------------------------------------------------

@@ -16,7 +16,6 @@ hardware/virtual/test_control_and_heartbeat.py
 hardware/virtual/test_forced_modes.py
 hardware/virtual/test_objects.py
 hardware/virtual/test_tshark.py
-operator_app/api/test_blas_threads.py
 operator_app/calibration/test_all_readings.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py

@@ -17,8 +17,7 @@ from operator_app.session.store.stored_calibration import session_calibration
 from operator_app.session.workflow.importing import CalibrationOptions
 from operator_app.session.workflow.opening import Choices, resume
 
-from .blas_threads import one_blas_thread
-from .given import joints, one_of, shown, tolerance_m
+from .calls import joints, one_blas_thread, one_of, shown, tolerance_m
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses, load_poses
 from .result import Journalled, Result

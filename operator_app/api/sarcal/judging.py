@@ -15,8 +15,7 @@ from operator_app.report.results.comparison import comparison_json, comparison_t
 from operator_app.report.results.verification import verification_json, verification_text
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
-from .blas_threads import one_blas_thread
-from .given import number, shown
+from .calls import number, one_blas_thread, shown
 from .poses import Poses, load_poses
 from .result import Result
 

@@ -11,7 +11,7 @@ from operator_app.config.arm_file import parse_arm
 from operator_app.config.fixture_file import FixtureSpec, parse_fixture
 from operator_app.config.resources import Resource, resolve
 
-from .given import readings_rad, shown
+from .calls import readings_rad, shown
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

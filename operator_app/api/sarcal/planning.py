@@ -13,8 +13,7 @@ from operator_app.planning.preview import Preview, preview
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.results.plan import plan_json, plan_text
 
-from .blas_threads import one_blas_thread
-from .given import joints, whole
+from .calls import joints, one_blas_thread, whole
 from .machines import Arm, Fixture, load_arm, load_fixture
 from .poses import Poses
 from .tables import with_units

@@ -20,7 +20,7 @@ from operator_app.config.poses_file import (
 )
 from solver.chain.poses import PoseSet
 
-from .given import numbers, shape_wanted, shown, whole
+from .calls import numbers, shape_wanted, shown, whole
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

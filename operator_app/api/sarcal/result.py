@@ -34,7 +34,7 @@ from operator_app.session.store.stored_calibration import StoredCalibration
 from operator_app.session.workflow.importing import CalibrationOptions, ImportedSession
 from solver.diagnostics.statistics import intervals
 
-from .given import one_of, readings_rad
+from .calls import one_of, readings_rad
 from .tables import Table, with_units
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Checks the arguments of a caller before anything is computed.
+"""Calls of the library: checks the arguments before anything is computed, by one BLAS thread.
 
 An error names the argument, its value and the valid values: TypeError for a wrong type, ValueError for a wrong value.
 Knows no arm's model and no file.
@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
 if TYPE_CHECKING:
     from solver.arrays import FloatArray
+
 
 LARGEST_TOLERANCE_MM = 100.0
 """Limit, as of ``--length-tolerance``."""
@@ -136,3 +138,26 @@ def shape_wanted(shape: tuple[int, ...], joint_count: int) -> str:
         f"the arm has {joint_count} joints; give one column a joint, in its order, and one row a pose"
         f"{' (transposed: .T)' if turned else ''}"
     )
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Run `function` with one BLAS thread.
+
+    Matrices here have some tens of rows: more threads wait for each other and, on busy cores, take seconds
+    instead of a third of one. The limit holds for the whole process until `function` returns; then the caller's
+    setting is back.
+    """
+
+    @wraps(function)
+    def limited(*args: P.args, **kwargs: P.kwargs) -> R:
+        import scipy.linalg  # noqa: F401 - its BLAS has to be loaded to be limited
+        from threadpoolctl import threadpool_limits
+
+        with threadpool_limits(limits=1, user_api="blas"):
+            return function(*args, **kwargs)
+
+    return limited

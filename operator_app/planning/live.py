@@ -238,8 +238,8 @@ def most_informative(
     if not candidates or not len(taken_rad):
         return None
     closed = close_loops(task.model, x, forecast.q_rad[candidates])
-    known, told = information_of(task, x, taken_rad, closed.q, closed.u)
-    best = choose_poses(told.root, 1, parameters=len(told.parameters), fixed=known)
+    known, offered = information_of(task, x, taken_rad, closed.q, closed.u)
+    best = choose_poses(offered.root, 1, parameters=len(offered.parameters), fixed=known)
     return candidates[best.chosen[0]]
 
 

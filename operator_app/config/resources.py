@@ -77,12 +77,12 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         packaged = _folder(kind) / f"{text}.yaml"
         return Resource(file=f"packaged:{text}.yaml", folder=None, data=packaged.read_bytes())
     path = expanded(text) if folder is None else folder / expanded(text)
-    if _looks_like_name(text) and not _exists(path):
+    if not text or (_looks_like_name(text) and not _exists(path)):
         near = [name for name in names if text and name.startswith(text.lower())]
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
         problem = Problem(
-            file=text,
+            file=text or "''",
             text=f"is neither a built-in {WORDS[kind]} nor a file",
             remedy=f"{hint}built-in: {', '.join(names)}; or give a path",
         )

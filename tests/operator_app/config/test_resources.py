@@ -63,6 +63,7 @@ def test_relative_paths_start_from_the_folder(tmp_path: Path) -> None:
 
 
 def test_files_that_cannot_be_used(tmp_path: Path) -> None:
+    assert refusal("arm", "").startswith("'': is neither a built-in arm nor a file; built-in: ")
     assert "is a folder" in refusal("arm", tmp_path)
     assert "no such file" in refusal("arm", str(tmp_path / "none" / "a.yaml"))
     assert "cannot be read" in refusal("arm", "a\0.yaml")

@@ -47,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # The matrices are small: more threads would only compete with the bus.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     stand_in_for_closed()
-    process = argv is None  # else a part of one
+    process = argv is None  # otherwise a part of one
     end = ProcessEnd() if process else None
     code = 1
     try:
@@ -57,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = error.code if isinstance(error.code, int) else 0
         raise
     except BaseException as error:
-        # Interrupted, an import may raise what it likes.
+        # An interrupted import may raise anything.
         if not (isinstance(error, KeyboardInterrupt) or (interrupted() and process)):
             raise
         say("sarcal: interrupted.", err=True)
@@ -143,7 +143,7 @@ def _with_their_options(words: Sequence[str]) -> list[str]:
 
 
 def _in_words(error: Exception) -> str:
-    """Return the message of an error: a line for each problem of a file, else one line."""
+    """Return the message of an error: one line for each problem of a file, else one line."""
     from operator_app.config.errors import ConfigError
 
     text = f"sarcal: {error}"
@@ -194,7 +194,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Looks up the version only when words_to_complete: the import is slow."""
+    """Looks up the version only when needed: the import is slow."""
 
     def __call__(
         self,

@@ -255,7 +255,7 @@ def unattended(
             raise
         finally:
             with ending_signals_wait():
-                # In this run; an earlier one may have had another arm.
+                # Of this run: an earlier one may have had another arm.
                 connected = session.identity is not None
                 held = session.close(reason)
                 kept = not remove_if_empty(session)
@@ -308,7 +308,7 @@ def _instrument(
 
 
 def describe(arm: ArmModel) -> ArmDescription:
-    """Return what the drives of `arm` should say of themselves."""
+    """Return the expected description objects of the drives of `arm`."""
     return ArmDescription(
         model=arm.name,
         joints=tuple(

@@ -1,4 +1,4 @@
-"""Signals that end a run: the first as KeyboardInterrupt, none of them while the arm is made safe."""
+"""Signals that end a run: the first raises KeyboardInterrupt, and none interrupts while the arm is made safe."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from contextlib import contextmanager, suppress
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 INTERRUPTED = 130
-"""Exit code; `operator_app.exit_codes` has them all, and loads too much for the first moment of a process."""
+"""Exit code, copied from `operator_app.exit_codes`, which takes too long to load at the start."""
 AGAIN_S = 3.0
-"""From the first signal on: a second one within it is the same wish, and must not interrupt what the first unwinds."""
+"""Time after a signal within which a second one counts as the same, and does not interrupt the cleanup."""
 THREADS_S = 1.5
-"""How long threads may go on after the main one has ended."""
+"""Longest time that threads may run after the main one has ended."""
 
 _first_s: float | None = None
 
@@ -31,7 +31,7 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _nothing(_number: int, _frame: object) -> None:
-    """Unlike SIG_IGN also for a signal that came just before, and not for programs that are started."""
+    """Ignore a signal; unlike SIG_IGN also one that came just before, and without effect on child processes."""
 
 
 def interrupted() -> bool:
@@ -40,7 +40,7 @@ def interrupted() -> bool:
 
 
 def press_ctrl_c() -> None:
-    """Interrupt this process as a person would, however recently one did."""
+    """Interrupt this process as Ctrl-C does, even right after another one."""
     global _first_s  # noqa: PLW0603
     _first_s = None
     os.kill(os.getpid(), signal.SIGINT)
@@ -48,7 +48,7 @@ def press_ctrl_c() -> None:
 
 @contextmanager
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
-    """Let SIGTERM and SIGHUP unwind the run as Ctrl-C does, once; within another such context it is that.
+    """Let SIGTERM and SIGHUP end the run as Ctrl-C does, once; nested contexts share one handler.
 
     `for_good`: the process ends afterwards, and no signal changes its exit code any more.
     """
@@ -70,10 +70,10 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_wait() -> Iterator[None]:
-    """Let nothing interrupt: holding the arm and closing the journal take well under a second."""
+    """Defer all signals: holding the arm and closing the journal take well under a second."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _nothing for number in ENDING):
-        with suppress(BaseException):  # it came in time to be waited with
+        with suppress(BaseException):  # the signal came in time to be deferred
             for number in ENDING:
                 signal.signal(number, _nothing)
     try:
@@ -84,7 +84,7 @@ def ending_signals_wait() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, whatever threads and Python would have it be. Made once, early."""
+    """Ends this process with its exit code, independent of other threads and of Python. Made once, early."""
 
     def __init__(self) -> None:
         # The last of all: they run in reverse order.
@@ -92,7 +92,7 @@ class ProcessEnd:
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End it with `code` soon after its main thread: a thread may wait for a terminal that is gone."""
+        """End the process with `code` soon after its main thread: another thread may wait for a lost terminal."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 
@@ -102,7 +102,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """Python ends itself by SIGINT where the interrupt came in text that is executed, as dataclasses are."""
+        """Keep the exit code where Python would end by SIGINT: after an interrupt in executed text (dataclasses)."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

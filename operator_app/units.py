@@ -1,7 +1,7 @@
-"""A number as people read it: its quantity, unit, digits and role, decided here once. Knows no renderer.
+"""Formats of numbers: quantity, unit, digits and role, defined here once. Knows no renderer.
 
-Text, page and screen show `Figure.shown`, JSON takes `Figure.in_json` under `Figure.key`. What is
-shown in several places is a `Kind`, listed here.
+Text, page and screen show `Figure.shown`, JSON has `Figure.in_json` under `Figure.key`. Figures shown in several places
+have a `Kind`, listed here.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Key = tuple[str | int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A unit: how people read it, and `per_si` of it in one SI unit; `json_per_si` is a contract."""
+    """A display unit: its name, and `per_si`, its number in one SI unit; `json_per_si` is a contract."""
 
     unit: str
     per_si: float = 1.0
@@ -41,7 +41,7 @@ NUMBER = Quantity("")
 
 
 def quantity_of(parameter: Parameter) -> Quantity:
-    """Return how a parameter's values are given."""
+    """Return the quantity of a parameter's values."""
     return ANGLE if parameter.is_angle else LENGTH
 
 
@@ -57,13 +57,13 @@ class Figure:
     Attributes
     ----------
     value
-        SI; None or not finite where it is not known.
+        Value in SI units; None or not finite if unknown.
     places, digits
         Decimal places, or where these are None significant digits.
     role
-        ``text``, ``found`` (what was asked for), ``warn``.
+        ``text``, ``found`` (an identified value), ``warn``.
     key
-        Where it stands in the JSON object; empty: nowhere.
+        Its key in the JSON object; empty: not in JSON.
     """
 
     value: float | None
@@ -76,7 +76,7 @@ class Figure:
 
     @property
     def shown(self) -> str:
-        """The number as people read it, without its unit."""
+        """The number as shown, without its unit."""
         if self.value is None:
             return NOT_AVAILABLE
         value = self.quantity.per_si * self.value
@@ -91,7 +91,7 @@ class Figure:
 
     @property
     def in_json(self) -> float | None:
-        """The number at full precision, in the units of the contract; None where it is not known."""
+        """The number at full precision, in the units of the contract; None if unknown."""
         if self.value is None or not math.isfinite(self.value):
             return None
         # Counts stay whole.
@@ -104,7 +104,7 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What is shown alike wherever it is shown: called with a value (SI), it gives the figure."""
+    """Format of a kind of figure, the same everywhere: called with a value (SI), it returns the figure."""
 
     quantity: Quantity
     places: int | None = None
@@ -118,7 +118,7 @@ class Kind:
         )
 
     def not_zero(self, value: float) -> Figure:
-        """Return the figure of what is there, if only just: never rounded to zero, which would deny it."""
+        """Return the figure of a non-zero value with enough digits not to be rounded to zero."""
         shown = abs(self.quantity.per_si * value)
         if self.places is None or not 0.0 < shown < 0.5 * 10.0**-self.places:
             return self(value)
@@ -133,7 +133,7 @@ CONDITION = Kind(NUMBER)
 CHI2 = Kind(NUMBER)
 COST = Kind(NUMBER, digits=5)
 PREDICTED = Kind(CLOSURE_LENGTH, places=3)
-"""Closure error of a pose by the estimate from those before it."""
+"""Closure error of a pose under the estimate from those before it."""
 
 # Of the arm.
 POSITION = Kind(ANGLE, places=3, signed=True)
@@ -194,13 +194,13 @@ def fixed(value: float, places: int, *, signed: bool = False) -> str:
     """Return `value` with this many decimal places; zero has no sign."""
     if not math.isfinite(value):
         return NOT_AVAILABLE
-    # Rounded first, so that what rounds to nothing shows no sign.
+    # Rounded first, so that zero has no sign.
     rounded = round(value, places) + 0.0
     return f"{rounded:{'+' if signed and rounded > 0.0 else ''}.{places}f}"
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """Return `value` to so many significant digits, with a power of ten where zeros would pile up."""
+    """Return `value` with this many significant digits, with a power of ten instead of many zeros."""
     if not math.isfinite(value):
         return "infinite" if value == math.inf else NOT_AVAILABLE
     if value == 0.0:
@@ -211,7 +211,7 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def typeset(words: str) -> str:
-    """Return numbers as print has them: a real minus, a raised power of ten."""
+    """Return numbers as in print: a real minus sign, a raised power of ten."""
     raised = re.sub(
         r"(?<=\d)e([+-]\d+)\b", lambda m: "·10" + str(int(m[1])).translate(SUPERSCRIPTS), words
     )
@@ -221,7 +221,7 @@ def typeset(words: str) -> str:
 def places_to_show(
     precisions: Iterable[float], *, digits: int = 2, least: int = 1, most: int = 9
 ) -> int:
-    """Decimal places at which the finest of these precisions still has `digits` digits."""
+    """Decimal places for `digits` significant digits of the finest of these precisions."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least
@@ -229,7 +229,7 @@ def places_to_show(
 
 
 def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
-    """Fewest decimal places that cut nothing off these round values."""
+    """Fewest decimal places that show these round values exactly."""
     listed = list(values)
     return next(
         (n for n in range(least, most) if all(abs(v - round(v, n)) < 1e-9 for v in listed)), most
@@ -237,17 +237,17 @@ def places_needed(values: Iterable[float], *, least: int, most: int) -> int:
 
 
 def plural(count: int, noun: str) -> str:
-    """Return ``1 pose``, ``2 poses``."""
+    """Return a number with its noun, such as ``1 pose`` or ``2 poses``."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def joints_named(joints: Sequence[int]) -> str:
-    """Return ``joint 5``, or ``joints 1 and 5``."""
+    """Return joints as text, such as ``joint 5`` or ``joints 1 and 5``."""
     return f"joint{'s' if len(joints) > 1 else ''} {names(joints)}"
 
 
 def names(items: Iterable[object]) -> str:
-    """Return ``1, 2 and 3``."""
+    """Return items as text, such as ``1, 2 and 3``."""
     listed = [str(item) for item in items]
     return (
         " and ".join([", ".join(listed[:-1]), listed[-1]]) if len(listed) > 1 else "".join(listed)

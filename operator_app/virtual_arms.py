@@ -44,7 +44,7 @@ def virtual_arm(
     Raises
     ------
     SessionError
-        None can be built from these files.
+        No virtual arm can be built from these files.
     """
     stated = SpecimenFiles(
         arm=arm,
@@ -85,7 +85,7 @@ def run_controller(
     """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
 
     The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script` are faults at given
-    SYNCs. `VirtualController.attend` waits for an `attended` controller.
+    SYNCs. The operator calls `VirtualController.attend` of an `attended` controller while it waits.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
     chosen = virtual_arm(arm, fixture, choices, placement)

@@ -114,7 +114,7 @@ def _contents(found: Manual) -> str:
 
 
 OWN = ("positional arguments", "options")
-"""Groups that argparse makes; the others are shared, and shown once."""
+"""Groups made by argparse; others are shared, and shown once."""
 
 INTRODUCTION = """\
 # Commands
@@ -127,7 +127,7 @@ same as this page; what a command returns is on the page of [exit codes](exit-co
 def commands_page(
     commands: Mapping[str, str], parser_of: Callable[[str], argparse.ArgumentParser]
 ) -> str:
-    """Return the page: `commands` says in a line what each is for, ``app`` is `sarcal` itself."""
+    """Return the page; `commands` maps each name to its summary, ``app`` is `sarcal` itself."""
     shared: dict[str, list[tuple[str, str]]] = {}
     blocks = [INTRODUCTION]
     for name, summary in commands.items():
@@ -142,7 +142,7 @@ def command_section(
     summary: str,
     shared: dict[str, list[tuple[str, str]]] | None = None,
 ) -> str:
-    """Return what one command is for and its options; what it shares goes into `shared`, if there is one."""
+    """Return summary and options of one command; shared options go into `shared`, if there is one."""
     blocks = [f"## {parser.prog}", f"{_capital(summary)}."]
     also = []
     for group in parser._action_groups:  # noqa: SLF001 - it has no other list
@@ -167,7 +167,7 @@ def command_section(
 
 
 def _form(action: argparse.Action) -> str:
-    """Return how it is typed: ``-o FILE``, ``--output FILE``."""
+    """Return the forms of an option: ``-o FILE``, ``--output FILE``."""
     if action.choices is not None and action.metavar is None:
         value = f"{{{','.join(map(str, action.choices))}}}"
     else:

@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _only_serial(root: Path) -> str:
-    """Return the serial number of the one arm that there are sessions of."""
+    """Return the serial number of the arm if all sessions are of one."""
     from operator_app.session.store.folders import list_sessions
     from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 

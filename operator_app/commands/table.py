@@ -95,13 +95,13 @@ def _names(dest: str) -> Any:
 
         kind: Any
         if dest == COPIED:
-            # Of the kind that is to be made, `new arm --from`, which is not parsed yet.
+            # Of the kind in `new arm --from`, which is not parsed yet.
             typed = words_to_complete() or []
             return [
                 name for kind in BY_DEST.values() if kind in typed for name in builtin_names(kind)
             ]
         if dest in BY_DEST:
-            # A path will do as well, and only a path begins like one.
+            # A path is valid as well, and only a path begins like one.
             kind = BY_DEST[dest]
             return [*builtin_names(kind), *_paths(prefix)]
         root = getattr(parsed_args, "sessions", None) or Path("sessions")

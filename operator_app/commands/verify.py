@@ -36,7 +36,7 @@ NEW_POSES = 12
 """Number of poses without a file."""
 
 OPEN_POSES = 24
-"""The same of the open arm, for a calibration of its own."""
+"""The same for the open arm, for a separate calibration."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

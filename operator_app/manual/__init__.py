@@ -1,1 +1,1 @@
-"""The manual: pages of Markdown, reference pages made by code when they are read, both as text for a terminal."""
+"""The manual: pages of Markdown, and reference pages generated from code, both as text for a terminal."""

@@ -1,4 +1,4 @@
-"""Pages made from the code: YAML files, exit codes, keys of the terminal app, faults, object dictionary."""
+"""Pages generated from code: YAML files, exit codes, keys of the terminal app, faults, object dictionary."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ EXAMPLES: Mapping[str, str] = {
     "procedure": "hinge",
     "profile": "sarcos",
 }
-"""Packaged file that is printed whole: its comments explain it."""
+"""Packaged file that is printed completely: its comments explain it."""
 
 PURPOSE: Mapping[FileKind, str] = {
     "arm": "An arm file holds the Denavit-Hartenberg table, the sensors and the ranges of an arm, and how "
@@ -92,14 +92,14 @@ def _model(name: str, model: Mapping[str, Any], models: Mapping[str, Any]) -> It
 
 
 def heading(model: str) -> str:
-    """Return how a model is called on the page: ``RvdtModel`` is an Rvdt."""
+    """Return the name of a model on the page: ``RvdtModel`` is an Rvdt."""
     bare = re.sub(r"(Model|Spec)$", "", model)
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare).lower()
     return words[:1].upper() + words[1:]
 
 
 def _docstring(text: str) -> tuple[str, dict[str, str]]:
-    """Return what a model is, and what its docstring says of each key."""
+    """Return a model's description, and those of its keys, from its docstring."""
     about, _, attributes = text.replace("``", "`").partition("Attributes\n----------\n")
     of_keys = {}
     for names, said in re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE):
@@ -108,7 +108,7 @@ def _docstring(text: str) -> tuple[str, dict[str, str]]:
 
 
 def _type(spec: Mapping[str, Any], models: Mapping[str, Any]) -> str:
-    """Say what a value may be."""
+    """Return the type of a value, as text."""
     if "$ref" in spec:
         name = spec["$ref"].rpartition("/")[2]
         return f"see [{heading(name)}](#{heading(name).lower().replace(' ', '-')})"
@@ -200,7 +200,7 @@ def _keys(actions: Iterable[Entry]) -> str:
 
 
 def faults_page() -> str:
-    """Return the page of faults that can be made on purpose."""
+    """Return the page of faults that can be injected."""
     head = ("fault", "what is broken", "the operator", "the arm", "what is kept", "what to do")
     return "\n\n".join(
         (

@@ -1,7 +1,7 @@
-"""Which pages the manual has, in their order, and where each comes from.
+"""The pages of the manual, in their order, and the source of each.
 
-What people wrote is Markdown in `pages`. What the code knows better, every option, key of a file, fault,
-object and exit code, is made from the code when the page is read: there is no second copy to grow old.
+Text is Markdown in `pages`. Options, keys of files, faults, objects and exit codes are generated from the code when a
+page is read, so that no second copy can become outdated.
 """
 
 from __future__ import annotations
@@ -68,13 +68,13 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
     }
 )
-"""Topics by section, in the order of reading, and what each is in a line."""
+"""Topics by section, in the order of reading, with a summary in one line."""
 
 FILE = re.compile(r"<!-- file: ([\w.-]+) -->\n```\w+\n(.*?)```", re.DOTALL)
-"""How a page marks a block of code that is a whole file."""
+"""Mark of a block of code that is a complete file."""
 
 FILES_OF = re.compile(r"<!-- files of: ([\w-]+) -->")
-"""How a page brings along the files of another one."""
+"""Mark of a page that includes the files of another one."""
 
 NOTEBOOK = re.compile(r"<!-- notebook: ([\w.-]+) -->")
 NOTEBOOKS = files("operator_app") / "manual" / "notebooks"
@@ -82,7 +82,7 @@ FOLDER = files("operator_app") / "manual" / "pages"
 
 
 class NoSuchTopicError(Exception):
-    """There is no page of this name; says which there are, and the nearest."""
+    """There is no page of this name; the text lists all pages, and the nearest name."""
 
     def __init__(self, topic: str, topics: tuple[str, ...]) -> None:
         near = [name for name in topics if topic and name.startswith(topic)]
@@ -102,7 +102,7 @@ class Page:
 
     @property
     def files(self) -> Mapping[str, str]:
-        """Whole files that the page shows, or brings along, by name."""
+        """Complete files that the page shows or includes, by name."""
         shown: dict[str, str] = dict(FILE.findall(self.markdown))
         for topic in FILES_OF.findall(self.markdown):
             shown |= FILE.findall(_written(topic))
@@ -112,23 +112,23 @@ class Page:
 
 
 class Manual:
-    """All pages; those that code makes are made when they are asked for."""
+    """All pages; generated ones are made on request."""
 
     def __init__(self, made: Mapping[str, Callable[[], str]]) -> None:
         self._made = made
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """Names of the pages there are, in the order of reading."""
+        """Names of all pages, in the order of reading."""
         named = (topic for topics in SECTIONS.values() for topic in topics)
         return tuple(t for t in named if t in self._made or (FOLDER / f"{t}.md").is_file())
 
     def made_by_code(self, topic: str) -> bool:
-        """Whether a page has no file."""
+        """Whether a page is generated."""
         return topic in self._made
 
     def summary(self, topic: str) -> str:
-        """Return what a page is, in a line."""
+        """Return the summary of a page in one line."""
         return next(found[topic] for found in SECTIONS.values() if topic in found)
 
     def page(self, topic: str) -> Page:
@@ -137,7 +137,7 @@ class Manual:
         Raises
         ------
         NoSuchTopicError
-            There is none of this name.
+            There is no page of this name.
         """
         name = topic.strip().lower().removesuffix(".md")
         if name not in self.topics:
@@ -161,7 +161,7 @@ def _cell(text: str) -> str:
 
 
 def reference() -> Mapping[str, Callable[[], str]]:
-    """Return what makes each page."""
+    """Return the function that generates each page."""
     return {
         **{f"{kind}-file": partial(_file, kind) for kind in FILE_PAGES},
         **{

@@ -1,6 +1,6 @@
 """Pages of the manual as text for a terminal of any width: rich renders the Markdown.
 
-A link to another page shows its topic, a picture what it shows; comments are for tests and not shown.
+A link to another page shows its topic, a picture its description; comments are for tests and not shown.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ PICTURE = re.compile(r"!\[([^\]]*)\]\([^)]*\)")
 HTML_COMMENT = re.compile(r"<!--.*?-->\n?", re.DOTALL)
 CODE, FENCE = re.compile(r"(`[^`\n]+`)"), re.compile(r"(^```.*?^```$)", re.DOTALL | re.MULTILINE)
 PLAIN_GLYPHS = str.maketrans("─•", "--")
-"""Terminals without these characters show pages too."""
+"""Replacements for terminals without these characters."""
 MANY_COLUMNS, TALLEST = 4, 8
-"""A table of so many columns, with a row of more lines than that, cannot be read side by side."""
+"""Limits of columns and of lines in a row for a table shown side by side."""
 
 
 def as_text(markdown: str, width: int) -> str:
-    """Return a page as text, at most `width` characters wide but for lines of code longer than that."""
+    """Return a page as text, at most `width` characters wide except for longer lines of code."""
     text = "".join(
         part if part.startswith("```") else _inline(part)
         for part in FENCE.split(HTML_COMMENT.sub("", markdown))
@@ -39,14 +39,14 @@ def as_text(markdown: str, width: int) -> str:
 
 
 def _inline(text: str) -> str:
-    """Say in words where a link leads, and keep the marks of code, which colour does not tell here."""
+    """Replace links by their target as text, and keep the marks of code, which has no colour here."""
     text = PICTURE.sub(r"\\[Picture: \1]", text)
     text = LINK.sub(lambda m: m[1] + _target(m[2]), text)
     return CODE.sub(r"`` \1 ``", text)
 
 
 def _target(link: str) -> str:
-    """Return what to ask for: the topic of another page, the address of anything else but this page."""
+    """Return the target of a link: the topic of another page, or an address; empty for this page."""
     page = re.fullmatch(r"([a-z0-9-]+)\.md(#.*)?", link)
     if page:
         return f" (sarcal help {page[1]})"
@@ -54,7 +54,7 @@ def _target(link: str) -> str:
 
 
 class _Underlined(Heading):
-    """Headings stand at the left, titles and sections over a line."""
+    """Headings at the left; titles and sections are underlined."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         yield self.text
@@ -63,7 +63,7 @@ class _Underlined(Heading):
 
 
 class _Verbatim(CodeBlock):
-    """Code keeps its lines, to be copied."""
+    """Code with unchanged lines, for copying."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         code = str(self.text).rstrip("\n").splitlines()
@@ -71,7 +71,7 @@ class _Verbatim(CodeBlock):
 
 
 class _Rows(TableElement):
-    """No cell is cut: a table too narrow for its text is a block a row, under its first cell."""
+    """Tables without cut cells: if the text does not fit, each row is a block under its first cell."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for table in super().__rich_console__(console, options):

@@ -1,1 +1,1 @@
-"""Errors and findings in words for people."""
+"""Texts of errors and findings."""

@@ -1,8 +1,8 @@
-"""The text and the remedy of every finding, written here and nowhere else.
+"""Text and remedy of every finding; no other module has any.
 
-A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units`, as
-``{limit:ANGLE|LENGTH}`` is in the first one if the finding's unit is rad; ``{certain:drifts|may drift}`` is the
-first choice of a finding that is certain, ``{several:do|does}`` of one about several poses.
+A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units`,
+``{limit:ANGLE|LENGTH}`` in the first one if the finding's unit is rad, else in the second; ``{certain:drifts|may
+drift}`` is the first choice if the finding is certain, ``{several:do|does}`` if it is about several poses.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def words(found: Finding) -> tuple[str, str]:
 
 
 def brief(found: Finding) -> str:
-    """Return a finding for a small panel: of an RVDT its verdict without the figures."""
+    """Return a finding for a small panel: for an RVDT the verdict without figures."""
     template = BRIEF.get(found.kind)
     return found.sentence if template is None else template.format_map(_Fields(found))
 
@@ -45,7 +45,7 @@ def poses_named(labels: tuple[str, ...]) -> str:
 
 
 def source_remedy(source: str) -> str:
-    """Return what halves a source of the uncertainty budget."""
+    """Return the remedy that halves a source of the uncertainty budget."""
     kind, _, joint = source.rpartition("_")
     written = SOURCE_REMEDIES.get(source) or SOURCE_REMEDIES.get(kind, SOURCE_REMEDIES[""])
     return written.format(joint=joint)
@@ -68,7 +68,7 @@ SOURCE_REMEDIES = {
     "discrepancy": "find what bends with the pose and is stated in no file",
     "counts": "fit encoders with more counts: averaging does not help one that stands still",
 }
-"""By source of the budget, without the joint's number."""
+"""Remedies by source of the budget, without the joint's number."""
 
 _FIX_BOLTS = "tighten its bolts and check for play; otherwise state its give in the fixture file"
 _UNSENSED = "calibrate with --unsensed {joint}"
@@ -525,13 +525,13 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "",
     ),
 }
-"""Text and remedy of each kind; the remedy is empty where the text says all."""
+"""Text and remedy of each kind; the remedy is empty if the text is sufficient."""
 
 BRIEF: Mapping[FindingKind, str] = {
     K.RVDT_VERDICT: "RVDT of joint {joint}: {name}",
     K.RVDT_HARMFUL: "RVDT of joint {joint}: {name}; treat joint {joint} as unsensed, or correct its readings",
 }
-"""Text of kinds whose sentence is long."""
+"""Short texts of kinds with a long sentence."""
 
 OWN_FORMATS = {
     "ANGLE": units.Kind(units.ANGLE, digits=2),
@@ -563,7 +563,7 @@ class _Amount(float):
 
 
 class _Choice:
-    """``{certain:drifts|may drift}``: the first where it holds, else the second."""
+    """``{certain:drifts|may drift}``: the first if the flag is true, else the second."""
 
     def __init__(self, *, holds: bool) -> None:
         self._holds = holds
@@ -573,7 +573,7 @@ class _Choice:
 
 
 class _Fields(dict[str, object]):
-    """What templates may name of a finding: its figures, and FIELDS."""
+    """Names that a template may use: a finding's figures, and FIELDS."""
 
     def __init__(self, found: Finding) -> None:
         figures = {"size": found.size, "sigma": found.sigma, **found.figures}
@@ -587,7 +587,7 @@ class _Fields(dict[str, object]):
 
 
 def fixed_briefly(found: tuple[str, ...]) -> str:
-    """Return, for beside a figure of the tool's accuracy, which fixed offsets it depends on."""
+    """Return a note for the tool's accuracy: the fixed offsets on which it depends."""
     return (
         f". It holds only if the fixed value of {names(found)} is right: see the warnings"
         if found
@@ -596,7 +596,7 @@ def fixed_briefly(found: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """What the accuracy of the tool does not include; the figures of `f` are rates, m/rad, by offset."""
+    """Return what the accuracy of the tool does not include; the figures of `f` are rates, m/rad, by offset."""
     if not f.figures:
         return ""
     rates = (
@@ -609,7 +609,7 @@ def _holds(f: Finding) -> str:
 def _displacement(f: Finding) -> str:
     turn, shift = f.figures["turn_rad"], f.figures["shift_m"]
     known = [(SHIFTED, shift), (TURNED, turn)]
-    # What rounds to nothing is left out beside what does not.
+    # Values that round to zero are left out if others do not.
     parts = [kind(x).with_unit for kind, x in known if kind(x) == kind.not_zero(x) and x > 0.0]
     return " and ".join(parts) or SHIFTED.not_zero(shift).with_unit
 

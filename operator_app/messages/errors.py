@@ -1,4 +1,4 @@
-"""Errors of arm, solver and disk as what happened and what to do now.
+"""Messages of errors of arm, solver and disk: event and remedy.
 
 The screen and plain mode show the same sentences.
 """
@@ -44,7 +44,7 @@ EXPECTED = (SessionError, HardwareError, SolverError, FixtureError, ConfigError,
 
 
 def words(error: BaseException) -> SessionError:
-    """Return what happened and what to do now."""
+    """Return the event and the remedy, as text."""
     if isinstance(error, SessionError):
         return SessionError(_capital(error.happened), _capital(error.remedy))
     return SessionError(_capital(str(error).removesuffix(".")), _remedy(error))
@@ -57,7 +57,7 @@ REACHES_NOTHING = (
 
 
 def stopped_words(why: str) -> str:
-    """Return why the arm stopped where nobody pressed STOP, and what to do now."""
+    """Return why the arm stopped by itself, and the remedy."""
     return f"{_capital(why)}. {REMEDIES[DriveDiverged]}"
 
 
@@ -105,7 +105,7 @@ REMEDIES: Mapping[type, str] = {
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
     WriteError: "Free space or choose another folder; the journal is complete",
 }
-"""By the class of the error, or the nearest one above it."""
+"""Remedies by class of the error, or its nearest base class."""
 
 _TRIPS: Mapping[int, str] = {
     **dict.fromkeys(
@@ -148,7 +148,7 @@ def _capital(text: str) -> str:
 
 
 def unwatching_words(identity: ArmIdentity) -> str:
-    """Name the drives without a heartbeat timeout (1016h); "" where all have one."""
+    """Return a text with the drives without a heartbeat time-out (1016h); "" if all have one."""
     joints = identity.unwatching
     if not joints:
         return ""
@@ -162,7 +162,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
 
 
 def configured_words(identity: ArmIdentity) -> str:
-    """Say which objects of the drives were set as the bus profile asks; "" for none."""
+    """Return a text with the drive objects set according to the bus profile; "" for none."""
     zeroed = identity.zeroed
     pdos = tuple(words for words in identity.configured if words not in zeroed)
     parts = [
@@ -182,6 +182,6 @@ def configured_words(identity: ArmIdentity) -> str:
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:
-    """Ask a person to move the joints of an arm without drives by hand."""
+    """Return the instruction to move the joints of an arm without drives by hand."""
     ways = " and ".join(f"J{j} to {REACH(q).with_unit}" for j, q in sorted(targets_rad.items()))
     return f"By hand: take {ways}, then let it stand"

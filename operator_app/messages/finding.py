@@ -1,4 +1,4 @@
-"""A finding: what is wrong or worth knowing, where, how large, how likely, and whether it blocks acceptance.
+"""A finding: a fault or a fact with its place, size and probability, and whether it blocks acceptance.
 
 Its text and remedy are written in `operator_app.messages.calibration`; nothing reads them back.
 """
@@ -13,19 +13,19 @@ from enum import Enum
 from typing import Any, Self
 
 CERTAIN = 0.5
-"""Least probability of what is stated as a fact; what is less likely is stated as a possibility."""
+"""Least probability of a finding stated as a fact; less probable ones are stated as possibilities."""
 
 
 class FindingKind(Enum):
-    """What was found; `template` is its code in JSON, journals and the API, which is a contract.
+    """Kind of a finding; `template` is its code in JSON, journals and the API, which is a contract.
 
-    Several kinds may share a code: they differ in what was seen, and in the words for it.
+    Several kinds with different texts may share a code.
     """
 
     template: str
 
     def __new__(cls, template: str) -> Self:
-        """Members of one code stay apart: the value is a running number."""
+        """Keep members with the same code distinct: the value is a running number."""
         member = object.__new__(cls)
         member._value_ = len(cls.__members__)
         member.template = template
@@ -142,7 +142,7 @@ class FindingKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedSize:
-    """A parameter with a value: `unit` is "rad" or "m"; `share` (0..1) is what the poses brought to it."""
+    """A parameter with a value: `unit` is "rad" or "m"; `share` (0..1) is the poses' share of its information."""
 
     name: str
     size: float
@@ -157,27 +157,27 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        1-based; 0 where it is about none, and all of several. Of placements and sockets their numbers.
+        The joint (1-based, 0 for none), and all joints if several; for placements and sockets their numbers.
     sensor
-        "RVDT" or "ENCODER" where it is about a joint's sensor.
+        "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
-        Parameters, entries, fixtures or files that it is about.
+        Parameters, entries, fixtures or files concerned.
     poses
-        Labels of the poses that it is about.
+        Labels of the poses concerned.
     size, sigma, unit
-        How large it is and its standard uncertainty, in "rad" or "m"; "" for a number.
+        Its size and standard uncertainty, in "rad" or "m"; "" for a number.
     figures
         Its other figures, in SI units.
     sizes
         Sizes of several parameters.
     reported
-        Text and remedy of a library below that reports in words itself (fixtures, solver, file readers).
+        Text and remedy from a lower layer that writes its own (fixtures, solver, file readers).
     probability
-        Against all other explanations that were weighed, "nothing wrong" among them.
+        Probability relative to all other explanations, including no fault.
     doubted
-        Stated as a possibility, however probable.
+        Whether it is stated as a possibility in any case.
     blocking
-        The calibration is not accepted for this: parameters may be wrong by more than they claim.
+        Whether it prevents acceptance: parameters may be wrong by more than their sigmas allow.
     """
 
     kind: FindingKind
@@ -198,7 +198,7 @@ class Finding:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return a record as it is today: those of earlier versions hold code, text and remedy."""
+        """Return a record in the present format: those of earlier versions have code, text and remedy."""
         if "kind" in data:
             return data
         return {
@@ -226,21 +226,21 @@ class Finding:
 
     @property
     def text(self) -> str:
-        """What is the matter."""
+        """The text of the finding."""
         from operator_app.messages.calibration import words
 
         return words(self)[0]
 
     @property
     def remedy(self) -> str:
-        """What to do; empty where the text says all."""
+        """The remedy; empty if the text is sufficient."""
         from operator_app.messages.calibration import words
 
         return words(self)[1]
 
     @property
     def brief(self) -> str:
-        """The sentence, or what a small panel has room for of a long one."""
+        """The sentence, or a short form of a long one for a small panel."""
         from operator_app.messages.calibration import brief
 
         return brief(self)

@@ -28,7 +28,7 @@ class Chain:
     held
         Entries fixed at their value in the arm file, with the reason.
     home
-        Proposal (n,) rad with its outlook if the arm's home is not good; None without a proposal.
+        Proposed home (n,) rad with its outlook, if the arm's home is unsuitable; None without a proposal.
     poses
         Files of poses of this arm, and their identifiability.
     unfit

@@ -233,7 +233,7 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint whose pose adds most information to the captured ones (m, n), as a plan counts it."""
+    """Return the waypoint whose pose adds most information to the captured ones (m, n), as in a plan."""
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None

@@ -145,7 +145,7 @@ def _stated_errors(
     unsensed_joints: tuple[int, ...],
     samples: int,
 ) -> StatedErrors:
-    """Return the errors that a calibration of poses of `samples` readings each will count with."""
+    """Return the stated errors of a calibration from poses of `samples` readings each."""
     _, tolerance = free_within_tolerance(model, arm)
 
     def at_readings(q_rad: FloatArray) -> ErrorModel:

@@ -1,1 +1,1 @@
-"""Results in words, tables and JSON. Renders what it is given; computes nothing."""
+"""Results as text, tables and JSON. Renders only; computes nothing."""

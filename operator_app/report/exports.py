@@ -40,12 +40,12 @@ CSV_HEADER = ("parameter", "side", "unit", "nominal", "value", "sigma")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
-    """What is exported.
+    """Content of an export.
 
     Attributes
     ----------
     forced
-        Why one that was not accepted is used all the same; empty where it was.
+        Reason for using a calibration that was not accepted; empty if it was.
     """
 
     solution: Solution
@@ -57,7 +57,7 @@ class Calibration:
 
     @property
     def by_itself(self) -> CalibratedArm:
-        """The arm without the loop that calibrated it."""
+        """The calibrated arm without its loop."""
         return calibrated_arm(self.solution, self.arm)
 
 
@@ -82,7 +82,7 @@ def _json(found: Calibration) -> bytes:
 
 
 def _rows(found: Calibration) -> list[dict[str, Any]]:
-    """Rows 1..n of the arm's side, in deg and m, as a URDF of it has them."""
+    """Rows 1..n of the arm's side, in deg and m, as in its URDF."""
     arm = found.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
@@ -102,7 +102,7 @@ def _rows(found: Calibration) -> list[dict[str, Any]]:
 
 
 def _csv(found: Calibration) -> bytes:
-    """One row a parameter, angles in deg, lengths in mm; a forced export has its reason in a last column."""
+    """One row for each parameter, angles in deg, lengths in mm; a forced export has its reason in a last column."""
     estimate = found.solution.identified
     rows = [
         (p.name, side_of(found.solution.model, p.name), quantity_of(p).unit,
@@ -125,7 +125,7 @@ def into_description(found: Calibration, data: bytes, file: str) -> bytes:
     Raises
     ------
     ConfigError
-        It cannot be read, or is of another arm.
+        The file cannot be read, or is of another arm.
     """
     estimate, own = found.solution.identified, set(found.by_itself.identified)
     figures = [

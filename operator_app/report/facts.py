@@ -1,8 +1,8 @@
-"""What a calibration says: verdict, headlines, tables and notices, built once for every renderer.
+"""Facts of a calibration: verdict, headlines, tables and notices, built once for every renderer.
 
 Text, page, JSON, screen and plain mode render these facts and decide nothing. A table that is added
-to `facts_of` appears in all of them; figures with a key are in JSON as well, and what JSON alone
-has stands in `calibration_data`. Knows no renderer, no session and no file.
+to `facts_of` appears in all of them; figures with a key are in JSON as well; further JSON data are in
+`calibration_data`. Knows no renderer, no session and no file.
 """
 
 from __future__ import annotations
@@ -69,13 +69,13 @@ class Facts:
     Attributes
     ----------
     verdict, reasons
-        The verdict in a word or two, and what prevents a better one.
+        The verdict in a word or two, and the reasons against a better one.
     causes
-        What may be wrong, the most probable first.
+        Possible faults, the most probable first.
     notices
         Warnings with their remedies.
     data
-        What the JSON object holds beside the figures with a key.
+        Content of the JSON object other than figures with a key.
     """
 
     accepted: bool
@@ -111,7 +111,7 @@ def facts_of(
     checks
         Cross-validation and jackknife; None where they were not computed.
     limits
-        Those of the procedure.
+        Limits of the procedure.
     captured
         Number of captured poses, unused ones included; None where all were used.
     """
@@ -164,7 +164,7 @@ def facts_of(
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
-    """Return what one estimator found as JSON: the paper's, beside the chosen one."""
+    """Return the result of one estimator as JSON: the paper's, in addition to the chosen one."""
     rows = closure_row(estimate.estimator, estimate.sigmas, key=())
     closure = FactTable(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
     return merged(
@@ -229,7 +229,7 @@ def _repeatability(solution: Solution) -> FloatArray | None:
 
 
 EVERY = 4
-"""One row in so many of a correction table is shown."""
+"""Every how many rows of a correction table one is shown."""
 
 
 def side_note(solution: Solution) -> str:
@@ -247,7 +247,7 @@ def side_note(solution: Solution) -> str:
 
 
 def remedy_table(solution: Solution) -> FactTable | None:
-    """Offset, gain and corrections of every RVDT that the poses could judge; None without any."""
+    """Offset, gain and corrections of every RVDT that the poses could determine; None without any."""
     rows: list[tuple[Cell, ...]] = []
     for found in reading_tables(solution):
         head: tuple[Cell, ...] = (

@@ -1,4 +1,4 @@
-"""Tables of what was identified: parameters, D-H table, corrected entries, correlations. Knows no renderer."""
+"""Tables of identified values: parameters, D-H table, corrected entries, correlations. Knows no renderer."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def estimators_table(
 ) -> FactTable | None:
     """Values and sigmas of both estimators from the same poses, and their difference; None for a single one.
 
-    `diverged` says that the solution diverged: neither estimate is usable.
+    `diverged`: the solution diverged, and neither estimate is usable.
     """
     if beside is None:
         return None
@@ -199,7 +199,7 @@ def _change(parameter: Parameter, value: float, reference: float) -> float:
 
 
 def dh_table(solution: Solution) -> FactTable | None:
-    """D-H table, identified entries beside nominal ones; None for a loop that has none."""
+    """D-H table, identified entries beside nominal ones; None for a loop without one."""
     model = solution.model
     before = model.dh_table(nominal_vector(model.parameters))
     after = model.dh_table(solution.estimate.x)

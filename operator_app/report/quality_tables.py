@@ -1,4 +1,4 @@
-"""Tables of how good a calibration is: condition, accuracy, closure. Knows no renderer."""
+"""Tables of a calibration's quality: condition, accuracy, closure. Knows no renderer."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from operator_app.units import (
 from solver.estimators.estimate import ClosureSigmas, Estimate
 
 BAR_PER_DECADE, BAR_DECADES = 10, 4
-"""Bar of a condition number in characters: 100 has twenty, 10,000 and more have forty."""
+"""Bar of a condition number: twenty characters for 100, forty for 10,000 or more."""
 OBSERVABILITY = (
     "geometric mean of the singular values over root m",
     "smallest over largest singular value",
@@ -186,7 +186,7 @@ def truth_table(solution: Solution) -> FactTable | None:
 
 
 def truth_in_words(solution: Solution) -> str:
-    """Return the table of the truth as a sentence, for where there is no table; empty for a real arm."""
+    """Return the table of the truth as a sentence, where a table does not fit; empty for a real arm."""
     truth = solution.truth
     if truth is None:
         return ""
@@ -224,7 +224,7 @@ CLOSURE_COLUMNS = (
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Closure sigmas before and after, in both readings, and on poses held out."""
+    """Closure sigmas before and after, in both interpretations, and for held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
@@ -269,9 +269,9 @@ def closure_row(
     Parameters
     ----------
     key
-        Where the figures stand in JSON; None: nowhere.
+        Key of the figures in JSON; None: not in JSON.
     reading
-        JSON's name of a figure that exists for one reading only.
+        JSON's name of a figure that exists in one interpretation only.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad

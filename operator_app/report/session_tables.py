@@ -154,7 +154,7 @@ def rvdt_table(subject: Subject) -> FactTable | None:
 
 
 def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
-    """All captured poses with their residuals, notes, and why some were left out."""
+    """All captured poses with their residuals, notes, and reasons for exclusion."""
     joints = subject.procedure.arm.joint_count
     days = {pose.utc[:10] for pose in subject.poses}
     day = f", {min(days)}" if len(days) == 1 and all(days) else ""

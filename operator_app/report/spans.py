@@ -20,7 +20,7 @@ def length(of: Line) -> int:
 
 
 def clip(of: Line, width: int) -> Line:
-    """Cut a line to a width, with an ellipsis where something is lost."""
+    """Cut a line to a width, with an ellipsis if it was longer."""
     if length(of) <= width:
         return of
     out: list[Span] = []
@@ -34,7 +34,7 @@ def clip(of: Line, width: int) -> Line:
 
 
 def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
-    """Return at most `height` rows; the last one says how many were cut."""
+    """Return at most `height` rows; the last one states the number of cut ones."""
     if len(rows) <= height:
         return rows
     if height < 1:
@@ -51,9 +51,9 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows from `first` on that fit, how many of them are shown, and where they begin.
+    """Return the rows from `first` on that fit, their number, and the index of the first.
 
-    The last row says how many do not fit.
+    The last row states the number of rows that do not fit.
     """
     if len(rows) <= height:
         return list(rows), len(rows), 0
@@ -65,6 +65,6 @@ def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], i
 
 
 def beside(left: Line, right: Line, width: int) -> Line:
-    """Put one line at the left and one at the right end."""
+    """Combine one line at the left end and one at the right end."""
     gap = max(1, width - length(left) - length(right))
     return (*left, (" " * gap, "text"), *right)

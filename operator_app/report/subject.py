@@ -34,21 +34,21 @@ class Subject:
     Attributes
     ----------
     name
-        Of the session folder.
+        Name of the session folder.
     procedure
-        With the arm that was connected.
+        Procedure with the connected arm.
     state
-        What was decided and measured.
+        State of the session.
     solution
-        None when the poses cannot determine every parameter; `unidentifiable` says which, then.
+        The calibration; None if the poses do not determine every parameter, see `unidentifiable`.
     checks
         Cross-validation and jackknife of the solution; None where they were not computed.
     solved_again
-        Why the solution is not the one of the journal; empty when it is.
+        Reason why the solution is not that of the journal; empty if it is.
     last_utc, events, torn
-        Last event of the journal, how many it holds, and what was dropped from its end.
+        Time of the journal's last event, number of events, and text about a part dropped from its end.
     simulated
-        Whether the drives said that they are virtual.
+        Whether the drives report that they are virtual.
     """
 
     name: str
@@ -66,22 +66,22 @@ class Subject:
 
     @property
     def serial_number(self) -> str:
-        """Of the arm; empty where none was connected."""
+        """Serial number of the arm; empty if none was connected."""
         return self.state.serial_number
 
     @property
     def poses(self) -> tuple[CapturedPose, ...]:
-        """All captured poses, excluded ones included."""
+        """All captured poses, including excluded ones."""
         return self.state.poses
 
     @property
     def modes(self) -> tuple[str, ...]:
-        """Of the joints, as last confirmed."""
+        """Modes of the joints, as last confirmed."""
         return self.state.modes
 
     @property
     def facts(self) -> Facts | None:
-        """The facts of the calibration; None where there is none."""
+        """The facts of the calibration; None without one."""
         if self.solution is None:
             return None
         return facts_of(
@@ -116,7 +116,7 @@ class Subject:
 
     @property
     def implicit(self) -> Estimate | None:
-        """By the implicit estimator, chosen or beside the chosen one."""
+        """Estimate of the implicit estimator, chosen or not."""
         if self.solution is None:
             return None
         both = (self.solution.identified, self.solution.beside)
@@ -124,7 +124,7 @@ class Subject:
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
-        """Poses the solution is made of, in the order of its rows."""
+        """Poses of the solution, in the order of its rows."""
         return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property
@@ -164,11 +164,11 @@ def subject_of_session(
     Parameters
     ----------
     procedure
-        The one the session follows, with the arm that was connected.
+        The session's procedure, with the connected arm.
     found
-        Its calibration; None where the poses cannot determine every parameter.
+        Its calibration; None if the poses do not determine every parameter.
     unidentifiable
-        Which they cannot, then.
+        The undetermined parameters in that case.
     """
     return Subject(
         name=name,
@@ -186,7 +186,7 @@ def subject_of_session(
 
 
 def _simulated(events: Sequence[JournalEvent]) -> bool:
-    """Whether the drives' device names on the bus say that they are virtual."""
+    """Whether the drives' device names on the bus mark them as virtual."""
     return any(
         "virtual" in str(node.get("device_name", ""))
         for event in events
@@ -196,17 +196,17 @@ def _simulated(events: Sequence[JournalEvent]) -> bool:
 
 
 def facts_on(s: SessionSnapshot) -> Facts | None:
-    """Return the facts of a snapshot's calibration; None where its poses have none."""
+    """Return the facts of a snapshot's calibration; None if its poses have none."""
     return None if no_facts(s) else _facts(_Same(s))
 
 
 def subject_on(s: SessionSnapshot) -> Subject | None:
-    """Return the report subject of a snapshot's calibration; None where its poses have none."""
+    """Return the report subject of a snapshot's calibration; None if its poses have none."""
     return None if no_facts(s) else _subject(_Same(s))
 
 
 def no_facts(s: SessionSnapshot) -> str:
-    """Say why there is no calibration to show; empty where there is one."""
+    """Return why there is no calibration to show; empty if there is one."""
     if s.solution is None:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)
@@ -216,7 +216,7 @@ def no_facts(s: SessionSnapshot) -> str:
 
 
 class _Same:
-    """Cache key of a snapshot: the calibration that it holds; snapshots come 20 times a second."""
+    """Cache key of a snapshot, its calibration; snapshots come 20 times a second."""
 
     def __init__(self, s: SessionSnapshot) -> None:
         self.s = s

@@ -25,13 +25,13 @@ class Column:
     title, unit
         Its header; the unit in brackets.
     words
-        Whether its cells are words, aligned to the left.
+        Whether its cells are text, aligned to the left.
     group
         Header over neighbouring columns of the same group.
     detail
-        Shown on the page only.
+        Whether it is shown on the page only.
     summary
-        Whether it stands for details, where there is no room for them.
+        Whether it replaces details where there is no room for them.
     """
 
     title: str
@@ -63,11 +63,11 @@ class FactTable:
     ident, title
         Name for links, and caption.
     rows
-        One cell a column.
+        Rows, with one cell for each column.
     note
-        How to read it.
+        A note on how to read it.
     detail
-        Whether there is room for it on the page only.
+        Whether it is shown on the page only.
     out
         Rows (indices) that are not used, shown dimmed.
     """
@@ -86,7 +86,7 @@ class FactTable:
 
     @property
     def brief(self) -> FactTable:
-        """The table without the columns that only the page has room for."""
+        """The table without page-only columns."""
         return self._of([k for k, column in enumerate(self.columns) if not column.detail])
 
     @property

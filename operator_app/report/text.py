@@ -20,9 +20,9 @@ WIDTH = 80
 
 
 def facts_text(facts: Facts, *, failed: str = "") -> str:
-    """Return everything an operator should read after a calibration, most important first.
+    """Return the result of a calibration as text, most important facts first.
 
-    `failed` names the test of new poses that it did not pass: it stands in the verdict's line.
+    `failed` names a failed test of new poses, which is added to the verdict's line.
     """
     blocks = [
         verdict_text(facts, failed=failed),
@@ -33,7 +33,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
-    """Return the verdict with its reasons, and in the same line the test of new poses that `failed`."""
+    """Return the verdict with its reasons and, in the same line, the test of new poses that `failed`."""
     said = facts.reasons
     head = facts.verdict.upper()
     if failed:
@@ -50,7 +50,7 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def _said_first(facts: Facts) -> set[str]:
-    """Codes of notices that the verdict says already: its causes; of what is not accepted, those that block."""
+    """Codes of notices that the verdict includes already: its causes or, if not accepted, the blocking ones."""
     return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
 
@@ -64,13 +64,13 @@ def table_text(table: FactTable) -> str:
 
 
 def table_lines(table: FactTable, gap: str = "  ", margin: str = "  ") -> list[str]:
-    """Return head and rows of a table without the page-only columns."""
+    """Return head and rows of a table without page-only columns."""
     heads, rows = placed(table.brief, gap)
     return [(margin + gap.join(cells)).rstrip() for cells in (*heads, *rows)]
 
 
 def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the head's rows, groups above titles, and the body's, every cell in its place."""
+    """Return the rows of the head (groups above titles) and of the body, aligned."""
     if not table.rows:
         return [], []
     columns, groups = table.columns, _groups(table.columns)
@@ -132,7 +132,7 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
 
 
 def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
-    """Return headlines side by side, the last ones without their notes where these do not fit."""
+    """Return headlines side by side, the last ones without notes if these do not fit."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
         said = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
@@ -148,11 +148,11 @@ def warnings_text(notices: Iterable[Finding]) -> str:
 
 
 MANY_JOINTS = 2
-"""If more joints than this do not move, the poses are the cause and not the fixture."""
+"""If more joints than this are immobile, the poses are the cause and not the fixture."""
 
 
 def unidentifiable_text(error: UnidentifiableError) -> str:
-    """Return why a pose set cannot determine every parameter, and what to do."""
+    """Return why a pose set does not determine every parameter, and the remedy."""
     directions = error.directions
     joints = sorted({j for d in directions for j in d.immobile_joints})
     if len(joints) > MANY_JOINTS:

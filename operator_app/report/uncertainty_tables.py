@@ -28,7 +28,7 @@ from solver.posterior.corrections import ReadingCorrection
 
 SMALLEST_P = 1e-12
 LARGEST = 3
-"""Sources of error that are named where not all can be shown."""
+"""Number of sources of error that are named if not all can be shown."""
 
 
 def components_table(
@@ -85,7 +85,7 @@ def component_words(name: str) -> str:
 
 
 def budget_table(solution: Solution) -> FactTable | None:
-    """Share of every parameter's variance that each source of error brings."""
+    """Share of each source of error in every parameter's variance."""
     if solution.components is None:
         return None
     estimate, budget = solution.estimate, solution.components.budget
@@ -153,7 +153,7 @@ def source_words(source: str) -> str:
 
 
 def scale_table(solution: Solution) -> FactTable | None:
-    """Size of each family of errors, what the files state being 1."""
+    """Size of each family of errors, relative to the stated one."""
     if not solution.scales:
         return None
     rows: list[tuple[Cell, ...]] = [
@@ -200,7 +200,7 @@ def distance_table(solution: Solution) -> FactTable | None:
 
 
 def _measured(distance: Distance) -> tuple[Cell, ...]:
-    """Cells of what was measured of a distance."""
+    """Cells of a measured distance."""
     if distance.measured is None:
         return ("", "")
     stated = distance.measured

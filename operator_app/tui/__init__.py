@@ -1,1 +1,1 @@
-"""The terminal app: what an operator sees and presses. Everything it decides is decided by the session."""
+"""The terminal app: display and keys. All decisions are made by the session."""

@@ -1,7 +1,7 @@
 """The app: polls one snapshot at 20 Hz, sends keys to actions, STOP straight to the arm.
 
-Decides nothing about a calibration; `session` does. Knows no bus. What takes time to import is
-imported by a thread while the first screen is there already.
+Decides nothing about a calibration; `session` does. Knows no bus. Slow imports run in a thread while the first screen
+is shown.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ class _Fixed(Lines, can_focus=False):
 
 
 class StartScreen(Screen[None]):
-    """The strip, a line of text, and how to leave."""
+    """First screen: the strip, a line of text, and the key to leave."""
 
     AUTO_FOCUS = ""
 
     def compose(self) -> ComposeResult:
-        """Compose the widgets where the main screen has its own."""
+        """Compose the widgets in the same places as on the main screen."""
         yield _Fixed(
             [line((" STOP ", "badge"), (" SPACE/F8", "key"), ("  no arm yet", "dim"))], id="strip"
         )
@@ -87,7 +87,7 @@ class AsciiScrollBar(ScrollBarRender):
 
 
 class SarcalApp(App[str]):
-    """Connect to Export on screen. Runs until `leave`; returns why it ended."""
+    """The full-screen app with its seven steps. Runs until `leave`; returns why it ended."""
 
     CSS_PATH = "sarcal.tcss"
     TITLE = "sarcal"
@@ -105,7 +105,7 @@ class SarcalApp(App[str]):
         manual: Manual | None = None,
         poll_s: float = POLL_S,
     ) -> None:
-        # Textual would turn colours into greys; the theme without any does what is meant.
+        # Textual would turn colours into greys; the theme without colours is used instead.
         colourless = os.environ.pop("NO_COLOR", "") != ""
         super().__init__()
         for made in themes():
@@ -148,7 +148,7 @@ class SarcalApp(App[str]):
         self.call_after_refresh(self.run_worker, self._load())
 
     async def _load(self) -> None:
-        """Import what is heavy, in a thread; then show the main screen."""
+        """Run the slow imports in a thread; then show the main screen."""
         main_screen, interface = await asyncio.to_thread(_import)
         self.source = await asyncio.to_thread(self._make_source)
         self.main, self.interface = main_screen(), interface(self)
@@ -171,14 +171,14 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave when the terminal is gone; its SIGHUP comes only to who has it as controlling terminal."""
+        """Leave when the terminal is gone; only a process with it as controlling terminal gets SIGHUP."""
         terminal = select.poll()
         terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is reported unasked
         terminal.poll()
         self._asked_to_end(signal.SIGHUP.name, loop)
 
     def _leave_without_screen(self, reason: str) -> None:
-        """Close the source from here: the loop may wait for ever on a terminal that takes no output."""
+        """Close the source from here: the loop may wait forever on a terminal that takes no output."""
         if not self._screen_over.wait(SCREEN_PATIENCE_S):
             try:
                 self.close_source(reason)
@@ -221,7 +221,7 @@ class SarcalApp(App[str]):
         return watched(super().get_driver_class(), self.at_the_door)
 
     def at_the_door(self, event: Pressed) -> None:
-        """Stop from the thread that reads keys and mouse; the event loop is told later."""
+        """Stop from the thread that reads keys and mouse; the event loop is informed later."""
         runner = self.runner
         if runner is None or not runner.connected:
             return
@@ -301,7 +301,7 @@ class SarcalApp(App[str]):
     # -- look --------------------------------------------------------------------------------------
 
     def next_theme(self) -> None:
-        """Take the next theme."""
+        """Use the next theme."""
         order = (DARK, LIGHT, NO_COLOUR)
         self.theme = order[(order.index(self.theme) + 1) % len(order)]
         self.look = look(self.theme, ascii_only=self.look.ascii_only)
@@ -321,7 +321,7 @@ class SarcalApp(App[str]):
 
 
 def _import() -> tuple[type[MainScreen], Callable[[SarcalApp], ScreenInterface]]:
-    """Import what the first screen does not need."""
+    """Import modules that the first screen does not need."""
     from operator_app.tui.main_screen import MainScreen
     from operator_app.tui.screen_interface import ScreenInterface
 

@@ -1,8 +1,8 @@
 """The terminal driver: it detects STOP in the reading thread, and survives the loss of the terminal.
 
 A repaint or a calibration may keep the event loop for some hundredths of a second; STOP does not wait
-for it: keys are looked at in the thread that reads them. And where a closed terminal ends the thread
-that writes, whoever waits for that thread would wait for ever, with the arm still enabled.
+for it: keys are examined in the thread that reads them. If a closed terminal ended the writing thread, another thread
+would wait for it forever, with the arm still enabled.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Pressed = events.Key | events.MouseDown
 
 
 def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> type[Driver]:
-    """Return a driver class that reports each key before the event loop, and whose writing never fails."""
+    """Return a driver class that reports each key before the event loop, and never fails to write."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         """See `watched`."""

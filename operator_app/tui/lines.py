@@ -35,14 +35,14 @@ class Clicked(Message):
 class Lines(Widget, can_focus=True):
     """Lines of spans.
 
-    Subclasses override `build`, which turns a snapshot into lines for the size there is, and set
-    `HELP`, the sentences that `?` shows while the panel is focused.
+    Subclasses override `build`, which turns a snapshot into lines for the present size, and set `HELP`, the text that
+    `?` shows while the panel is focused.
     """
 
     HELP = ""
     TITLE = ""
     FIXED = False
-    """Whether the lines are given once and no snapshot changes them."""
+    """Whether the lines are set once and independent of snapshots."""
 
     def __init__(
         self,
@@ -109,7 +109,7 @@ class Lines(Widget, can_focus=True):
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def forget(self) -> None:
-        """Paint everything anew after a change of look or layout."""
+        """Repaint everything after a change of look or layout."""
         self._base = self._room = None
         self._strips.clear()
         self.refresh()
@@ -121,7 +121,7 @@ class Lines(Widget, can_focus=True):
         layout: bool = False,
         recompose: bool = False,
     ) -> Self:
-        """Repaint regions, or everything anew."""
+        """Repaint regions, or everything."""
         if not regions:
             self._painted.clear()
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)

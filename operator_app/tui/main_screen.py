@@ -43,7 +43,7 @@ def done(step: Step, s: SessionSnapshot) -> bool:
 
 
 def detail(step: Step, s: SessionSnapshot) -> str:
-    """Return the decision of a step in a word or two."""
+    """Return a summary of a step in a word or two."""
     match step:
         case Step.CONNECT:
             return s.identity.serial_number if s.identity else "not connected"
@@ -70,7 +70,7 @@ def detail(step: Step, s: SessionSnapshot) -> str:
 
 
 class StepRail(Lines, can_focus=False):
-    """Three rows a step."""
+    """List of steps, three rows each."""
 
     current = Step.CONNECT
 
@@ -93,7 +93,7 @@ class StepRail(Lines, can_focus=False):
             self.post_message(Clicked(action))
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the action of a click; a handler in a subclass would be called as well as this one."""
+        """Return the action of a click; a handler in a subclass would be called in addition to this one."""
         number = y // 3 + 1
         return f"step_{number}" if number <= len(Step) else ""
 
@@ -220,7 +220,7 @@ class TooSmall(Lines, can_focus=False):
 
 
 class MainScreen(Screen[None]):
-    """Everything an operator sees but questions."""
+    """Everything on the screen except dialogs."""
 
     AUTO_FOCUS = ""
 
@@ -293,7 +293,7 @@ class MainScreen(Screen[None]):
     def _make_room(self, s: SessionSnapshot) -> None:
         """Give the next action and an alarm the rows they need, an alarm at most a third of the screen.
 
-        The joints stay visible. A row that the next action leaves goes to the log, so that nothing else moves.
+        The joints stay visible. A row not used by the next action goes to the log, so that nothing else moves.
         """
         width, height = self.size
         hint = self.hint.rows_for(s, width)
@@ -319,12 +319,12 @@ class MainScreen(Screen[None]):
         )  # fmt: skip
 
     def forget(self) -> None:
-        """Build and paint everything anew."""
+        """Rebuild and repaint everything."""
         for panel in self.query(Lines):
             panel.forget()
 
     def on_resize(self, event: events.Resize) -> None:
-        """Take the layout for this size."""
+        """Use the layout for this size."""
         width, height = event.size
         compact = is_compact(width, height)
         self.set_class(compact, "-compact")
@@ -332,5 +332,5 @@ class MainScreen(Screen[None]):
         for view in self.steps:
             view.set_compact(compact)
         self.too_small.show_size(width, height)
-        # A frame may have come or gone without the panel in it changing its outer size.
+        # A frame may have appeared or disappeared without a change of the panel's outer size.
         self.call_after_refresh(self.forget)

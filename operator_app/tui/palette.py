@@ -25,7 +25,7 @@ class ActionProvider(Provider):
     """Every action, found by its words."""
 
     def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
-        """Every action, and how the palette shows and does it."""
+        """Yield every action, its text, and the call that performs it."""
         from operator_app.session.ui import action_table
 
         app: Any = self.app

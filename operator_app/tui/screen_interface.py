@@ -1,4 +1,4 @@
-"""The user interface of the screen: asks by dialogs, acts on the marked row, opens sessions."""
+"""The user interface of the screen: dialogs, actions on the marked row, opening of sessions."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ ABOUT = {
 
 
 def help_text(step: Step, panel: Lines | None, width: int) -> str:
-    """Return the text for a step and the focused panel, if one is."""
+    """Return the help for a step and the focused panel, if any."""
     blocks = [textwrap.fill(ABOUT[step], width)]
     if panel is not None and panel.HELP:
         blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
@@ -109,14 +109,14 @@ class ScreenInterface:
             self.do(action)
 
     def do_next_action(self) -> None:
-        """Do the next action, which stands above the footer."""
+        """Do the next action, shown above the footer."""
         s = self.snapshot()
         if s is not None:
             name = next_action(self.app.step, s).action
             if name:
                 self.do_named(name)
 
-    # -- what an action may ask --------------------------------------------------------------------
+    # -- questions and selections of actions --------------------------------------------------------------------
 
     @property
     def runner(self) -> Runner | None:
@@ -281,7 +281,7 @@ class ScreenInterface:
     # -- moving about ------------------------------------------------------------------------------
 
     def follow(self, s: SessionSnapshot) -> None:
-        """Go to the step that the work has reached: a finished calibration shows its results."""
+        """Follow the progress: after a calibration show the Results step."""
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:

@@ -50,12 +50,12 @@ ASCII = str.maketrans(
 )  # fmt: skip
 """ASCII replacements of one character each, so that nothing moves. Braille is replaced where it is drawn."""
 PLUS_MINUS = "±", "+-"
-"""The replacement of two characters: it stands before a figure, and nothing behind it is aligned."""
+"""The only replacement of two characters: it precedes a figure, and nothing behind it is aligned."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """How text is shown: theme name, whether ASCII only, styles by role."""
+    """Style of text: theme name, whether ASCII only, styles by role."""
 
     theme: str
     ascii_only: bool
@@ -78,7 +78,7 @@ class Look:
 
 
 STOP_WIDTH = 16
-"""Columns at the left end of the strip that a click takes for STOP."""
+"""Columns at the left end of the strip in which a click is STOP."""
 SMALLEST_TERMINAL = (80, 24)
 LARGE = (110, 32)
 

@@ -66,7 +66,7 @@ def join(parts: Iterable[str], separator: str = "") -> Html:
 
 
 def spoken(value: str) -> Html:
-    """Return what a person wrote, isolated: right-to-left marks do not turn the text around it."""
+    """Return text from a person in isolation: its right-to-left marks do not affect the text around it."""
     return element("bdi", value)
 
 
@@ -137,7 +137,7 @@ def sentence(words: str) -> str:
 
 
 def prose(words: str) -> Html:
-    """Return a sentence in which options of the command line stand out and stay in one piece."""
+    """Return a sentence in which options of the command line are highlighted and not broken."""
     parts: list[str] = []
     end = 0
     for found in WRITTEN_OPTION.finditer(words):
@@ -254,7 +254,7 @@ DARK_COLOURS = {
     "minus": "240 163 94",
 }
 HEAT_ALPHA = 0.09
-"""Opacity of a cell of the heat table: this much a step."""
+"""Opacity of a cell of the heat table, per step."""
 
 
 def _variables(colours: dict[str, str]) -> str:

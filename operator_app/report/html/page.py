@@ -146,7 +146,7 @@ def summary(subject: Subject) -> Html:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """The least certain parameter and what would narrow its sigma; empty without a budget."""
+    """The least certain parameter and the remedy; empty without a budget."""
     found = () if subject.solution is None else source_sensitivities(subject.solution)
     if not found:
         return []

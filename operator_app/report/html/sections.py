@@ -1,4 +1,4 @@
-"""The sections of a report page: which tables, plots and notes stand where."""
+"""The sections of a report page: order of tables, plots and notes."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ NARROW = frozenset(
         "observability",
     }
 )
-"""Tables that leave half of the page free."""
+"""Tables that take half of the page's width."""
 
 
 def sections_of(subject: Subject) -> tuple[Section, ...]:
@@ -161,7 +161,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
 
 
 def _before_and_after(subject: Subject) -> list[str]:
-    """The arm before and after, side by side; the tool is in the page's head."""
+    """The arm before and after, side by side; the tool error is in the page's head."""
     pair = None if subject.solution is None else before_after.arm_pair(subject)
     if pair is None:
         return []
@@ -289,7 +289,7 @@ def _what(subject: Subject) -> Section:
 
 
 def _method(subject: Subject) -> Section:
-    """How every number on the page was made."""
+    """Origin of every number on the page."""
     samples = sorted({p.samples for p in subject.poses})
     file = subject.state.imported
     points = [

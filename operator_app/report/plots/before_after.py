@@ -1,4 +1,4 @@
-"""Before and after calibration, side by side: arm and fixture in one pose, the hand over the workspace.
+"""Before and after calibration, side by side: arm and fixture in one pose, the tool error over the workspace.
 
 Both pictures of a pair have the same axes. Knows no renderer.
 """
@@ -39,7 +39,7 @@ class Pair:
     note: str
 
 
-# ---- the hand over the workspace -----------------------------------------------------------------
+# ---- the tool over the workspace -----------------------------------------------------------------
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
@@ -122,7 +122,7 @@ class _Seen:
 
     @property
     def gap(self) -> FloatArray:
-        """From the hand to where it should be."""
+        """Vector from the tool to its place at the fixture."""
         return np.asarray(self.pin - self.chain[-1])
 
 
@@ -183,9 +183,9 @@ def _seen(part: ClosureModel, x: FloatArray, q: FloatArray) -> _Seen | None:
 
 
 def _view(points: FloatArray, up: FloatArray) -> FloatArray:
-    """Rows: right and up of a picture that shows most of these points, with `up` as upright as may be."""
+    """Rows: right and up of the view that shows most of these points, with `up` as vertical as possible."""
     spread = points - points.mean(axis=0)
-    # Across is where, level, most is to be seen.
+    # The horizontal axis is the level direction with the largest extent.
     level = spread - np.outer(spread @ up, up)
     right = np.linalg.svd(level)[2][0]
     return np.stack((right * np.sign(right[np.argmax(np.abs(right))]), up))
@@ -209,7 +209,7 @@ def _layers(
         return np.stack((at - AXIS_M * along, at + AXIS_M * along))
 
     joints, held = flat(seen.chain[:-1]), flat(pin[None, :])
-    # A ball and a measured point have no axis: their mark says what they are.
+    # A ball and a measured point have no axis: a mark shows them.
     turns, (there, own) = bool(np.any(seen.pin_axis)), labels
     axes = [
         line(axis(pin, seen.pin_axis), "dashed", there),

@@ -14,7 +14,7 @@ from operator_app.units import SPAN, WHOLE_DEGREES
 from solver.arrays import FloatArray
 
 if TYPE_CHECKING:
-    # `sarcal plan` draws with this and does without Textual.
+    # `sarcal plan` draws with this, without Textual.
     from operator_app.report.spans import Line
 
 
@@ -122,7 +122,7 @@ BAR_CELLS = 46
 SCALE_CELLS = 9
 """Cells of the scale at the left."""
 NEIGHBOURS = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, 1), (1, -1), (-1, -1), (0, 2))
-"""Where a label goes (rows down, labels to the right) while its place is taken."""
+"""Alternative places of a label (rows down, labels to the right) if its own is occupied."""
 
 
 def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
@@ -185,7 +185,7 @@ class Plane:
             self._canvas.dot(2 * (int(x) // 2), 4 * (int(y) // 4) + 1, "dim")
 
     def way(self, pose: PlannedPose) -> None:
-        """Draw the way to a pose."""
+        """Draw the path to a pose."""
         if pose.route is None:
             return
         for leg in pose.route.legs:
@@ -208,7 +208,7 @@ class Plane:
                 return
 
     def lines(self) -> Iterator[str]:
-        """Give the drawing with its scales, deg."""
+        """Return the drawing with its scales, deg."""
         across, up = self._axes
         low, high = self._low, self._low + self._size
         unit = WHOLE_DEGREES.quantity.unit

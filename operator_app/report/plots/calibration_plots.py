@@ -155,7 +155,7 @@ def _closure(
 
 
 def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture:
-    """Return one RVDT's reading less the angle the loop measures, with its linearity deviation and its limits."""
+    """Return one RVDT's reading minus the angle measured by the loop, with its linearity deviation and its limits."""
     grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
     curve = found.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad
@@ -177,7 +177,7 @@ def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture
 
 
 def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Picture:
-    """Return one RVDT joint's corrections against its reading, with the noise stated."""
+    """Return one RVDT joint's corrections against its reading, with the stated noise."""
     if estimate.corrections is None:
         raise ValueError("this estimator finds no corrections")
     values = estimate.corrections[:, joint - 1]

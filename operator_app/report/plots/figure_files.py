@@ -35,7 +35,7 @@ TITLE = 16.0
 BARS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#bdbdbd")
 ENDINGS = ("svg", "pdf")
 FONT, PDF_FONT = '"DejaVu Sans", Verdana, sans-serif', "Vera"
-"""Bitstream Vera comes with the PDF library; the fonts that every PDF reader has lack a minus sign."""
+"""Bitstream Vera comes with the PDF library; the standard fonts of PDF readers have no minus sign."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class PaperFigure:
         ValueError
             The name has another ending.
         SessionError
-            A PDF is wanted and svglib is not installed.
+            A PDF is requested and svglib is not installed.
         WriteError
             The file cannot be written.
         """
@@ -71,7 +71,7 @@ def figure(subject: Subject, name: str) -> PaperFigure:
 
 
 def save_figures(subject: Subject, folder: Path) -> tuple[Path, ...]:
-    """Write every figure there is into a folder, as SVG and, where svglib is installed, PDF.
+    """Write all figures into a folder, as SVG and, if svglib is installed, PDF.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def pdf_is_possible() -> bool:
 
 
 def _document(of: Panels) -> str:
-    """Return a whole SVG file: the panels in rows, each under its letter, with colours of its own."""
+    """Return a complete SVG file: the panels in rows, each under its letter, with its own colours."""
     columns = min(of.columns, len(of.pictures))
     words = of.words or ("",) * len(of.pictures)
     parts: list[Html] = []
@@ -157,13 +157,13 @@ def _pdf(svg: str) -> bytes:
 
 
 MOST_SOURCES = 7
-"""Sources of a budget with a colour of their own; the others are drawn as one."""
+"""Sources of a budget with their own colour; the others are drawn as one."""
 PERCENTS = (0.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panels:
-    """Pictures in one figure, in rows of so many; `words` say of each which it is."""
+    """Pictures in one figure, in rows of `columns`; `words` are their captions."""
 
     pictures: tuple[Picture | Bars, ...]
     columns: int = 1
@@ -171,7 +171,7 @@ class Panels:
 
 
 def drawing(subject: Subject, name: str) -> Panels:
-    """Return what one of `FIGURES` shows.
+    """Return the drawing of one of `FIGURES`.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def _parameters(subject: Subject) -> Panels | None:
     for k, row in enumerate(table.rows):
         by_unit.setdefault(str(row[1]), []).append(k)
     titles = [c.title for c in table.columns]
-    # The chosen estimator's columns come first, and what it did not estimate is not there.
+    # The chosen estimator's columns come first, and parameters that it did not estimate are missing.
     at = {title: titles.index(title) for title in reversed(titles)}
     kinds = {"sigma": "all sources", "type A": "repeatability"}
 
@@ -241,7 +241,7 @@ def _parameters(subject: Subject) -> Panels | None:
 
 
 def _stated(subject: Subject, side: str, unit: str) -> float:
-    """Stated standard uncertainty of a parameter, in its unit; nan where no file states it."""
+    """Stated standard uncertainty of a parameter, in its unit; NaN if no file states it."""
     fixture, arm = subject.procedure.fixture, subject.procedure.arm
     if side != "arm":
         stated: float | None = fixture.tolerance_m if unit == LENGTH.unit else fixture.tolerance_rad
@@ -256,7 +256,7 @@ def _budget(subject: Subject) -> Panels | None:
     if table is None:
         return None
     table = table.whole
-    # The RVDTs of all joints together: a bar shows which joint's it is.
+    # The RVDTs of all joints share a colour: the bar shows the joint.
     kinds = [re.sub(r" \d+$", "", c.title) for c in table.columns[1:]]
     sources = list(dict.fromkeys(kinds))
     shares = [

@@ -26,7 +26,7 @@ class Axis:
     ticks: tuple[float, ...]
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Where a value lies between the coordinates `start` (of low) and `end` (of high)."""
+        """Position of a value between the coordinates `start` (of low) and `end` (of high)."""
         return start + (value - self.low) / (self.high - self.low) * (end - start)
 
     @property
@@ -36,11 +36,11 @@ class Axis:
 
     @property
     def tick_texts(self) -> tuple[str, ...]:
-        """All ticks with the same number of places."""
+        """All ticks with the same number of decimal places."""
         step = self.ticks[1] - self.ticks[0] if len(self.ticks) > 1 else 1.0
         largest = max(abs(t) for t in self.ticks)
         if largest >= 1e5 or step < 1e-4:
-            # As many digits as tell neighbours apart.
+            # As many digits as distinguish neighbours.
             digits = math.floor(math.log10(largest)) - math.floor(math.log10(step) + 1e-9) + 1
             return tuple(significant(t, max(2, digits)) for t in self.ticks)
         places = max(0, -math.floor(math.log10(step) + 1e-9))
@@ -92,7 +92,7 @@ def map_axes(
 
 
 def _about(axis: Axis, size: float, step: float) -> Axis:
-    """Return an axis of this size about the same middle, with a tick every `step`."""
+    """Return an axis of this size with the same middle, and a tick at every `step`."""
     middle = 0.5 * (axis.low + axis.high)
     low, high = middle - 0.5 * size, middle + 0.5 * size
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
@@ -105,13 +105,13 @@ class LogAxis(Axis):
     """A logarithmic axis; its ticks are powers of ten and, where there are few, 2 and 5 times them."""
 
     def place(self, value: float, start: float, end: float) -> float:
-        """Where a positive value lies between `start` (of low) and `end` (of high)."""
+        """Position of a positive value between `start` (of low) and `end` (of high)."""
         share = math.log(value / self.low) / math.log(self.high / self.low)
         return start + share * (end - start)
 
     @property
     def tick_texts(self) -> tuple[str, ...]:
-        """Each with as many digits as it needs."""
+        """Every tick with as many digits as necessary."""
         return tuple(f"{t:,.0f}" if t >= 1.0 else f"{t:g}" for t in self.ticks)
 
 
@@ -164,7 +164,7 @@ class Polyline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marks:
-    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` say what each point is.
+    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` describe each point.
 
     `sizes` are areas, 1 the largest; empty: all are of the usual size.
     """
@@ -183,7 +183,7 @@ Layer = Band | Ribbon | Polyline | Marks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A plot: its name, what it shows in words, axes, and layers, the first ones below.
+    """A plot: name, description, axes, and layers, the first ones below.
 
     `aspect` is width over height of its frame; 0 lets the renderer choose.
     """

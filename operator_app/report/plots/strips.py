@@ -1,4 +1,4 @@
-"""Rows of small plots, one a joint: values over poses, and ranges with what was covered of them.
+"""Rows of small plots, one for each joint: values over poses, and ranges with their covered part.
 
 Drawn as SVG.
 """
@@ -46,9 +46,9 @@ class Strip:
     Attributes
     ----------
     name
-        What the row is.
+        Name of the row.
     values
-        One a position on the shared x axis.
+        One value for each position on the shared x axis.
     band
         Half-width of the shaded band about zero.
     odd
@@ -71,7 +71,7 @@ def strips(
     at: Sequence[float],
     rows: Sequence[Strip],
 ) -> Html:
-    """Draw each row on a scale of its own, written at its right, over one x axis."""
+    """Draw each row with its own scale, written at its right, over one x axis."""
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + FOOT
     parts = [label(f"full scale [±{unit}]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
@@ -121,11 +121,11 @@ class Bars:
     Attributes
     ----------
     names
-        What each row is.
+        Names of the rows.
     bars
-        By label: one (from, to) a row.
+        By label: one (from, to) for each row.
     marks
-        By label: one value a row; what is not finite is left out.
+        By label: one value for each row; non-finite ones are left out.
     """
 
     x: Axis
@@ -135,12 +135,12 @@ class Bars:
 
 
 def bars(of: Bars) -> Drawn:
-    """Draw the rows below a legend of three labels a line."""
+    """Draw the rows below a legend with three labels in a line."""
     right, bars = PLOT_WIDTH - RIGHT, list(of.bars.items())
     labels = [*of.bars, *of.marks]
     top = LEGEND * -(-len(labels) // 3) + 6.0
     foot = top + BAR_HEIGHT * len(of.names)
-    # One kind of bar is what its marks are known to; several are told apart.
+    # A single kind of bar is the uncertainty of the marks; several are distinguished by colour.
     fill = "ribbon" if len(bars) == 1 else "bar b{}"
     shapes: list[tuple[Shape, str]] = [("dot", "a"), ("triangle", "c"), ("square", "d")]
     parts = []
@@ -189,9 +189,9 @@ class Range:
 
 
 def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequence[Range]) -> Html:
-    """Draw each range as a bar with a tick a value; its ends are written below it.
+    """Draw each range as a bar with a tick for each value; its ends are written below it.
 
-    Bars have the full width, less what values beyond the range need.
+    Bars have the full width, minus space for values beyond the range.
     """
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + 4.0

@@ -79,7 +79,7 @@ def draw(of: Picture) -> Drawn:
 
 
 def picture(ident: str, title: str, description: str, height: float, parts: Iterable[str]) -> Html:
-    """Wrap drawn parts as an image with a name and a description for those who cannot see it."""
+    """Wrap drawn parts as an image with a name and a description for screen readers."""
     return element(
         "svg",
         element("title", title, id=f"{ident}-t"),
@@ -176,5 +176,5 @@ def _legend(layers: Sequence[Layer], right: float) -> Html:
 
 
 def drawn(picture: Picture) -> Html:
-    """Return a picture under its caption."""
+    """Return a drawn picture under its caption."""
     return figure(picture.title, plot(picture))

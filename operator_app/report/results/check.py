@@ -1,4 +1,4 @@
-"""Output of `sarcal check` as text and as JSON: problems of files, and what would be done with them."""
+"""Output of `sarcal check` as text and as JSON: problems of files, and prospects of a calibration with them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ FORECAST_NOTE = (
 
 
 def problems_text(problems: Sequence[Problem]) -> str:
-    """Return everything that is wrong, file by file, one line each so that an editor can go there."""
+    """Return all problems, file by file, one line each in the format that editors follow."""
     count = len(problems)
     files = list(dict.fromkeys(p.file for p in problems))
     many = f" in {len(files)} files" if len(files) > 1 else ""
@@ -59,7 +59,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
 
 
 def check_text(found: Found, chains: Sequence[Chain]) -> str:
-    """Return what each file is, and what each arm could do in its fixture."""
+    """Return the kind of each file, and the prospects of each arm in its fixture."""
     arms = {chain.arm.name: chain.arm for chain in chains}
     for looked in found.of("arm"):
         if isinstance(looked.holds, ArmModel):
@@ -76,7 +76,7 @@ def check_text(found: Found, chains: Sequence[Chain]) -> str:
 
 
 def aligned_left(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as columns, all to the left."""
+    """Return rows as columns, all left-aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join(
         ("  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True))).rstrip()
@@ -85,7 +85,7 @@ def aligned_left(rows: Sequence[Sequence[str]]) -> str:
 
 
 def in_words(looked: Looked) -> str:
-    """Return what one file is, in a few words."""
+    """Return a short description of one file."""
     match looked.holds:
         case ArmModel() as arm:
             return f"arm {arm.name}: {_many(arm.joint_count, 'joint')}"
@@ -163,7 +163,7 @@ def _sensor(joint: Joint) -> str:
 
 
 def _chain(chain: Chain) -> str:
-    """What one arm could do in one fixture."""
+    """Prospects of one arm in one fixture."""
     arm, spec, found = chain.arm, chain.fixture, chain.outlook
     give = spec.fixture.compliance
     yields = [
@@ -209,7 +209,7 @@ def _chain(chain: Chain) -> str:
 
 
 def _freedom(chain: Chain) -> list[str]:
-    """Mobility, the joints that would drive and why, and how far home is from a closed pose."""
+    """Mobility, drive joints with reasons, and the distance of home from a closed pose."""
     found, n = chain.outlook, chain.arm.joint_count
     if found.mobility is None:
         return []
@@ -233,7 +233,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """A usable home pose where the arm's own is not usable, ready to be copied into the arm's file."""
+    """A usable home pose if the arm's own is not, ready for copying into the arm's file."""
     if chain.home is None:
         return []
     home, found = chain.home
@@ -273,7 +273,7 @@ def _many(count: int, what: str) -> str:
 
 
 def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:
-    """Return the JSON object: files, problems, and what each arm could do in its fixture."""
+    """Return the JSON object: files, problems, and the prospects of each arm in its fixture."""
     return {
         "files": [
             {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in found.files

@@ -64,7 +64,7 @@ def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
 
 
 def _reading(found: CalibrationComparison) -> str:
-    """Say how the table is to be read."""
+    """Return a note on how to read the table."""
     change = "Change is B less A, angles the short way round."
     if found.same_poses:
         return f"{change} Sigma applies to new poses; it is not used for the verdict here."

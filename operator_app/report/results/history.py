@@ -95,7 +95,7 @@ def sessions_table(part: EntryHistory) -> FactTable:
 
 
 def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
-    """Say which entries have shifted, or that none has, or that there are too few sessions to tell."""
+    """Return a text: the entries that have shifted, or none, or too few sessions."""
     lines = [
         paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
         for part in found.parts
@@ -117,12 +117,12 @@ def _most_sessions(found: ArmHistory) -> int:
 
 
 def due_text(found: ArmHistory) -> str:
-    """Say when the next calibration is due."""
+    """Return a text with the date of the next calibration."""
     return f"Next calibration due {found.due:%Y-%m-%d}: {found.due_why}."
 
 
 def checks_lines(found: ArmHistory) -> list[str]:
-    """Return one line a verification."""
+    """Return one line for each verification."""
     return [
         f"{v.utc:%Y-%m-%d %H:%M}  {'HOLDS' if v.holds else 'DOES NOT HOLD'}  "
         f"{plural(v.poses, 'new pose')}, {1e3 * v.position_m:.3f} mm rms, {v.session}"

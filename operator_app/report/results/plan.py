@@ -45,7 +45,7 @@ PLACES = 4
 
 
 def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
-    """Return a plan as an operator reads it before it is carried out."""
+    """Return a plan as text for the operator."""
     blocks = [
         paragraph(title),
         *_checks(shown),
@@ -77,7 +77,7 @@ def _checks(shown: Preview) -> list[str]:
 
 
 def _drives(shown: Preview) -> str:
-    """The ranking over the region, what the same sets do at the start, and the choice."""
+    """The ranking over the region, the same sets at the start, and the choice."""
     here = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):

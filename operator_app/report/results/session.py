@@ -1,4 +1,4 @@
-"""A session's calibration as `run` and `report` give it, its planned capture and poses, and a repaired journal.
+"""Output of a session's calibration for `run` and `report`, its planned capture and poses, and a repaired journal.
 
 It checks only whether a poses file holds the session's poses.
 """
@@ -97,7 +97,7 @@ def _poses_file(folder: Path, state: SessionState) -> str | None:
 
 
 def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
-    """Say where the session, its files and its upload are."""
+    """Return a text with the paths of session and files, and the upload."""
     lines, exported = [f"Session     {folder}"], state.exported
     if poses := _poses_file(folder, state):
         lines.append(f"Poses       {poses}")
@@ -129,9 +129,9 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
     Parameters
     ----------
     procedure
-        Its procedure, in words.
+        Its procedure, as text.
     torn
-        What was dropped from the end of the journal; empty where nothing was.
+        Text about a part dropped from the end of the journal; empty if there is none.
     """
     about = FactTable(
         ident="session",
@@ -182,7 +182,7 @@ def _solved(state: SessionState) -> str:
 def _exported(state: SessionState) -> str:
     exported = state.exported
     if not exported:
-        # `sarcal export` writes files from any session, and only an upload is of its journal.
+        # `sarcal export` writes files from any session; its journal records only an upload.
         return "nothing that its journal knows of"
     uploaded = exported["uploaded"]
     where = f", slot {uploaded['slot']} of the controller" if uploaded else ", nothing uploaded"
@@ -229,7 +229,7 @@ KEPT_POSE, RESTORED, LOST = "kept", "restored", "lost"
 
 
 def fate(line: RepairedLine) -> str:
-    """Return what was done with a line, in a word."""
+    """Return the result for a line, in one word."""
     if line.event is None:
         return LOST
     return RESTORED if line.words else KEPT_POSE

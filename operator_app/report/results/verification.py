@@ -115,7 +115,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(found: VerificationSummary) -> str:
-    """Say whether the parameters hold for the new poses."""
+    """Return a text: whether the parameters are valid for the new poses."""
     ratio = CHI2(found.chi2_per_dof).shown
     turned = found.orientation_rad
     return (
@@ -154,7 +154,7 @@ def open_loop_json(found: OpenLoopCheck) -> dict[str, Any]:
 
 
 def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
-    """Return everything worth knowing, the verdict first, for a terminal of 80 columns."""
+    """Return the result for a terminal of 80 columns, the verdict first."""
     poses, verdict = found.solution.poses, _verdict(found)
     if verdict == UNSOUND:
         head = (

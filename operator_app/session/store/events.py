@@ -15,7 +15,7 @@ from typing import Any
 from hardware.virtual import SCENARIOS
 
 Check = Callable[[Any, int | None], str]
-"""From a value and the number of joints (None: not known yet) to the problem with the value ("" for none)."""
+"""Check: from a value and the number of joints (None: not known yet) to the problem of the value ("" for none)."""
 
 MAX_INTEGER = 2**53
 """Larger integers have no exact double."""

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
     """Return the reason for exporting a calibration that was not accepted; empty if it was accepted.
 
-    `say_it_by` tells the reader how to give a reason, such as ``--force REASON``.
+    `say_it_by` is the way to state a reason, such as ``--force REASON``.
 
     Raises
     ------

@@ -129,7 +129,7 @@ class SolvingProcess:
             command = [sys.executable, "-P", "-c", _START, str(there.fileno())]
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, this module
                 command,
-                # The end of its standard input tells it that this process has ended.
+                # The end of its standard input shows that this process has ended.
                 stdin=subprocess.PIPE,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

@@ -118,7 +118,7 @@ def solve(
 def with_checks(
     found: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return a calibration that was solved again with its cross-validation; the journal's unchanged."""
+    """Return a calibration, with the cross-validation computed if it was solved again."""
     if not found.recalculated_because:
         return found
     fixture = procedure.fixture.fixture
@@ -199,7 +199,7 @@ def _all_unsensed(procedure: Procedure, joints: tuple[int, ...]) -> tuple[int, .
 
 
 NO_WAY_BACK = "no way back to it is planned from here"
-"""Reason in the journal: a planned capture knows no path to its first pose, and resuming does not change that."""
+"""Reason in the journal: a planned capture has no path to its first pose, and resuming does not change that."""
 
 
 def missing_repeat_notices(state: SessionState) -> tuple[Finding, ...]:

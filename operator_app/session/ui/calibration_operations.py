@@ -146,7 +146,7 @@ class CalibrationOperations:
             )
 
     def verify(self, poses: int) -> None:
-        """Capture new poses and judge them by the present calibration."""
+        """Capture new poses and test the present calibration with them."""
         verdict, _ = verify(self._session, self._current_solution(), poses, self._listener)
         judged = verdict.verification
         turned = judged.sigmas.orientation_rad

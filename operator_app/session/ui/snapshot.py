@@ -274,7 +274,7 @@ Change = Callable[[SessionSnapshot], SessionSnapshot]
 
 
 class Publisher(Protocol):
-    """Receives the results of operations, and tells them when to end."""
+    """Receives the results of operations, and reports when they are cancelled."""
 
     def publish(self, change: Change) -> None:
         """Replace the snapshot by the changed one."""

@@ -301,7 +301,7 @@ def _repeat_first_pose_and_come_back(
 def verify(
     session: Session, solution: Solution, poses: int, listener: Listener
 ) -> tuple[VerificationResult, PoseSet]:
-    """Capture new poses at other positions and judge them by a fixed calibration.
+    """Capture new poses at other positions and test a fixed calibration with them.
 
     The modes are set. Readings and verdict go into the journal; the poses are not part of the calibration.
     """

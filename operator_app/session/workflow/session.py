@@ -56,7 +56,7 @@ class Session(Logbook):
     Attributes
     ----------
     cancelled
-        Called while the arm moves: True when the operator wants the motion to end.
+        Called while the arm moves: True if the operator cancels the motion.
     instruct
         Called with instructions to the person who moves the arm by hand.
     unresolved_joints

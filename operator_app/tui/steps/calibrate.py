@@ -1,4 +1,4 @@
-"""Step 5, Calibrate: estimator, joints in use, iterations as they run."""
+"""Step 5, Calibrate: estimator, joints in use, progress of the iterations."""
 
 from __future__ import annotations
 

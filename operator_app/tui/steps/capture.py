@@ -28,7 +28,7 @@ from operator_app.units import (
 from solver.chain.arm_model import Joint
 
 ACCEPTABLE, PAPER = 100, 28
-"""Scaled condition numbers: the paper's limit and what it reached."""
+"""Scaled condition numbers: the paper's limit, and its result."""
 
 
 class StillPanel(Lines):
@@ -158,7 +158,7 @@ def _time_left(s: SessionSnapshot) -> str:
     if s.task is None or s.task.kind is not TaskKind.AUTOMATIC:
         return " " * 12
     if s.procedure.capture.strategy == "planned" and not s.state.campaign.begun:
-        return "exploring   "  # until it has seen enough, nobody knows how many
+        return "exploring   "  # until the exploration is far enough, their number is unknown
     from datetime import datetime
 
     times = [datetime.fromisoformat(p.utc) for p in used[-8:]]
@@ -224,7 +224,7 @@ def _condition(s: SessionSnapshot, width: int) -> Line:
     good = value < ACCEPTABLE
     role, word = ("bold", "ok") if good else ("warn", f"▲ over {ACCEPTABLE}")
     if not good and len(s.state.used_poses) < s.wanted_poses:
-        # Of few poses it is high, and those to come bring it down: nothing is to be done.
+        # It is high for few poses, and later poses reduce it: no remedy is needed.
         role, word = "bold", "so far"
     more = f" (limit {ACCEPTABLE}, paper {PAPER})" if width > 40 else f" (paper {PAPER})"
     return clip(

@@ -1,4 +1,4 @@
-"""Step 1, Connect: the bus, the nodes that answer, and whether it is this arm."""
+"""Step 1, Connect: the bus, the nodes that answer, and the check of the arm's identity."""
 
 from __future__ import annotations
 

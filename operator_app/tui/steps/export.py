@@ -1,4 +1,4 @@
-"""Step 7, Export: the file, its difference from the active parameters, and what was done."""
+"""Step 7, Export: the file, its difference from the active parameters, and the verification."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ class ExportView(StepView):
 
 
 def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable:
-    """Return every calibrated entry, active and new, with the digits that its calibration is shown with."""
+    """Return every calibrated entry, active and new, with the same digits as in the results."""
     places = precision(solution.identified)
 
     def cells(row: DiffRow) -> tuple[Cell, ...]:

@@ -96,7 +96,7 @@ class ChecksPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One check a line or two."""
+        """One or two lines for each check."""
         rows: list[Line] = []
         for check in s.checks:
             glyph, role = CHECK_GLYPHS[check.severity]

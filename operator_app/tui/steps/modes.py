@@ -75,7 +75,7 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """As many pairs as fit, and the number of the others."""
+    """Return as many pairs as fit, and the number of the others."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows
@@ -88,7 +88,7 @@ def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
 
 
 class ModesView(StepView):
-    """Table, plan, drawing."""
+    """View of step 3: table, plan, drawing."""
 
     STEP = Step.MODES
     MAIN = "modes-joints"

@@ -26,7 +26,7 @@ from operator_app.units import CLOSURE_LENGTH, Figure, plural
 from solver.diagnostics.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
-"""Tables that the plots' panel shows after the plots, where the calibration has them."""
+"""Tables shown in the panel after the plots, if the calibration has them."""
 
 
 VERDICT_GLYPHS = {
@@ -70,7 +70,7 @@ class VerdictPanel(Lines):
         for reason in facts.reasons:
             rows += wrapped(f" ■ {reason}", width, "alarm", "   ")
         short = [f" {'·' if noted else '▲'} {notice.brief}" for notice in facts.notices]
-        # Of what is accepted nothing has to be done: grey, as all that is normal.
+        # An accepted result needs no action: grey, like everything normal.
         role = "text" if noted else "warn"
         whole = [row for text in short for row in wrapped(text, width, role, "   ")]
         if len(rows) + len(whole) > height:
@@ -115,7 +115,7 @@ class ParametersPanel(TablePanel):
 
 
 class ResultsPlot(Lines):
-    """Residuals by pose, by joint, RVDT curves, D-H table; `v` turns over."""
+    """Residuals by pose, by joint, RVDT curves, D-H table; `v` shows the next page."""
 
     TITLE = "Residuals (v: next)"
     HELP = (
@@ -179,7 +179,7 @@ class ResultsPlot(Lines):
 def _of_rvdt(
     subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
-    """One RVDT: its linearity deviation with its limits, then in words."""
+    """Return the linearity deviation of one RVDT with its limits, then as text."""
     words = wrapped(f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " ")
     if verdict.figures is None:
         return words
@@ -212,17 +212,17 @@ class ResultsView(StepView):
                 yield ResultsPlot(id="results-plot", classes="panel")
 
     def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only
-        """Take the layout of a small or a large terminal."""
+        """Use the layout of a small or a large terminal."""
         self.query_one("#results-plot", ResultsPlot).framed = not compact
         super().set_compact(compact)
 
     def show(self, s: SessionSnapshot) -> None:
-        """Count the pages before one is shown."""
+        """Show a snapshot; the number of pages is updated first."""
         self.query_one("#results-plot", ResultsPlot).count_pages(s)
         super().show(s)
 
     def next_view(self) -> None:
-        """On a large terminal the plot turns; on a small one the plot comes after the table."""
+        """Show the next plot; on a small terminal first switch from the table to the plots."""
         plots = self.query_one("#results-plot", ResultsPlot)
         if self.compact and self.view == 0:
             plots.page = 0
@@ -238,6 +238,6 @@ class ResultsView(StepView):
 
     @property
     def place(self) -> tuple[int, int]:
-        """Table, then the plots."""
+        """Number of the present view (the table, then the plots) and of all views."""
         plots = self.query_one("#results-plot", ResultsPlot)
         return (1 if self.view == 0 else 2 + plots.page), 1 + plots.count

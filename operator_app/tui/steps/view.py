@@ -47,7 +47,7 @@ class StepView(Container):
 
     @property
     def place(self) -> tuple[int, int]:
-        """Which view a small terminal shows, from 1, and how many there are."""
+        """Number of the view that a small terminal shows, from 1, and of all views."""
         return self.view + 1, max(1, len(self.VIEWS))
 
     def move(self, by: int) -> None:

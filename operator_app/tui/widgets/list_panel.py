@@ -18,7 +18,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class ListPanel(Lines):
     """Subclasses override `head`, `count` and `row`.
 
-    With `MARKS`, `cursor` is the marked row and stays in view; without, it is the first one shown.
+    With `MARKS`, `cursor` is the marked row and stays in view; without, it is the first visible one.
     """
 
     MARKS = True
@@ -29,11 +29,11 @@ class ListPanel(Lines):
         self._last = 0
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Lines that stay on top."""
+        """Header lines, always visible."""
         return ()
 
     def count(self, s: SessionSnapshot) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return 0
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
@@ -45,7 +45,7 @@ class ListPanel(Lines):
         self.cursor = max(0, min(self._last, self.cursor + by))
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Header and what fits of the rows."""
+        """Header, and the rows that fit."""
         head, count = self.head(s, width), self.count(s)
         room = max(1, height - len(head))
         if self.MARKS:
@@ -61,16 +61,16 @@ class ListPanel(Lines):
 
 
 class TablePanel(ListPanel):
-    """A table of facts: subclasses say which."""
+    """A table of facts, chosen by subclasses."""
 
     MARKS = False
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Return what is shown; None: nothing."""
+        """Return the table to show; None: nothing."""
         return None
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Head, and what fits of the rows."""
+        """Head, and the rows that fit."""
         table = self.table(s)
         self._head, self._rows = ([], []) if table is None else table_spans(table)
         return super().build(s, width, height)
@@ -100,7 +100,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """One row a joint. `show_wanted`: with a mark, the sensor and the mode that is asked for."""
+    """One row for each joint. `show_wanted`: with a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (
@@ -196,7 +196,7 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(
     s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
 ) -> tuple[str, str, str]:
-    """State of a joint: a word, its figure, and the role of both."""
+    """Return the state of a joint: a word, its figure, and the role of both."""
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
         return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"

@@ -1,4 +1,4 @@
-"""Pictures in braille: plots, rows of bars, and the arm in its fixture, with the next pose as a ghost."""
+"""Pictures in braille: plots, rows of bars, and the arm in its fixture, with the next pose dimmed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SERIES_ROLES = {"a": "text", "b": "accent", "c": "warn", "d": "dim"}
 
 
 def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line]:
-    """Return a picture of `height` lines; empty when it would not fit."""
+    """Return a picture of `height` lines; empty if it does not fit."""
     if width < LABEL + 10 or height < 6:
         return []
     x, y = of.x, of.y
@@ -67,7 +67,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
 
 
 def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]:
-    """Texts of the ticks by the row in which their values are drawn, none directly below another."""
+    """Tick labels by row, none directly below another."""
     found: dict[int, str] = {}
     for value, text in zip(y.ticks, y.tick_texts, strict=True):
         row = canvas.row(y.place(value, bottom, top))
@@ -114,7 +114,7 @@ _TURN, _TILT = np.deg2rad(35.0), np.deg2rad(18.0)
 _AXIS_M = 0.16
 """Half the length at which the hinge axis is drawn."""
 VISIBLE_RAD = 0.015
-"""A joint that turns by less moves the drawing by less than a dot; noise of an RVDT is as large, rad."""
+"""Smallest rotation that is redrawn, rad: less moves the drawing by less than a dot, and RVDT noise is as large."""
 
 
 def _view() -> FloatArray:
@@ -126,7 +126,7 @@ def _view() -> FloatArray:
 
 
 class ArmView(Lines):
-    """The chain as it stands; scale and place change with the forecast only."""
+    """The chain at the present pose; scale and position change only with the forecast."""
 
     TITLE = "Arm"
     HELP = (
@@ -161,7 +161,7 @@ class ArmView(Lines):
         things = (s.procedure, x, s.forecast, s.heading)
         news = figures != self._figures or any(map(is_not, things, self._things))
         self._turn = not self._turn
-        # Ten times a second is enough: this panel costs most.
+        # Ten times a second is enough: this panel takes the most time.
         if news or (self._turn and np.abs(q - self._at).max() > VISIBLE_RAD):
             self._drawn = self._draw(s, q, x, width, height, redraw=news)
             self._figures, self._things, self._at = figures, things, q
@@ -205,7 +205,7 @@ class ArmView(Lines):
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:
-    """The chain at the next pose, and on a planned move the way of its hand."""
+    """Return the chain at the next pose, and in a planned move the path of its tool."""
     if s.heading is not None:
         way = s.heading.trace_rad
         if way is None:

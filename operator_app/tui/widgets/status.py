@@ -1,4 +1,4 @@
-"""What every step shows of the state: strip on top (STOP, bus, data, modes, drives), banner, log of messages.
+"""State panels of every step: strip on top (STOP, bus, data, modes, drives), banner, log of messages.
 
 The strip is always visible, also under a dialog.
 """
@@ -28,7 +28,7 @@ class SafetyStrip(Lines, can_focus=False):
     """The strip: one line."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return all that decides whether it is safe to approach, in one row."""
+        """Return everything that matters for approaching the arm safely, in one row."""
         short = width < 110
         stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
         cells: list[list[Span]] = [stop, _where(s, short=short)]
@@ -179,20 +179,20 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
 
 
 LOG_ROWS = 4
-"""Least rows of the log while an alarm stands."""
+"""Least rows of the log while there is an alarm."""
 SHOWS_ALL = " … ({key} shows all of it)"
 MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: ("■ ", "alarm")}
 
 
 class Log(Lines, can_focus=False):
-    """The newest standing alarm in full, then the last messages, newest first.
+    """The newest alarm in full, then the last messages, newest first.
 
     The newest message is always shown, older ones where they fit.
 
     Attributes
     ----------
     alarm
-        The one on the screen.
+        The alarm on the screen.
     """
 
     alarm: ShownAlarm | None = None
@@ -202,7 +202,7 @@ class Log(Lines, can_focus=False):
         return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return as many lines as there are rows; where one is cut, the key that shows it in full."""
+        """Return as many lines as there are rows; if one is cut, with the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
         whole = len(rows) <= height

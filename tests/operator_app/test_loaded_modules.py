@@ -42,11 +42,11 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize(
     ("command", "at_most", "not_needed"),
     [
-        (("--version",), 220, (*BUS, *SESSION, *SOLVER, "numpy", "pydantic", "yaml")),
-        (("session", "list"), 330, (*BUS, *SESSION, *SOLVER, "pydantic")),
-        (("solve", str(HINGE), *ARM_IN_FIXTURE), 780, (*BUS, *SESSION, "scipy.spatial")),
-        (("report",), 800, (*BUS, *SESSION)),
-        (("export",), 700, (*BUS, *SESSION, "scipy.spatial")),
+        (("--version",), 195, (*BUS, *SESSION, *SOLVER, "numpy", "pydantic", "yaml")),
+        (("session", "list"), 310, (*BUS, *SESSION, *SOLVER, "pydantic")),
+        (("solve", str(HINGE), *ARM_IN_FIXTURE), 730, (*BUS, *SESSION, "scipy.spatial")),
+        (("report",), 740, (*BUS, *SESSION)),
+        (("export",), 590, (*BUS, *SESSION, "scipy.spatial")),
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) and len(value) < 9 else None,
 )

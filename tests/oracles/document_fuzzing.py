@@ -169,19 +169,18 @@ def _settings(rng: Random, _: Path) -> None:
     parse_settings(in_yaml(SETTINGS, rng), "settings.yaml")
 
 
-DOCUMENTS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
-    "journal, contents": (20, _journal_contents),
-    "journal, bytes, repaired": (6, _journal_bytes),
-    "solution in a journal": (4, _record),
-    "arm": (4, _arm),
-    "fixture": (4, _fixture),
-    "bus profile": (3, _profile),
-    "procedure": (3, _procedure_of("hinge")),
-    "procedure with a plan": (3, _procedure_of("hinge_planned")),
-    "poses": (3, _poses),
-    "parameters": (3, _parameters),
-    "joint log": (3, _joint_log),
-    "urdf": (3, _urdf),
-    "user settings": (2, _settings),
+DOCUMENTS: Mapping[str, Callable[[Random, Path], None]] = {
+    "journal, contents": _journal_contents,
+    "journal, bytes, repaired": _journal_bytes,
+    "solution in a journal": _record,
+    "arm": _arm,
+    "fixture": _fixture,
+    "bus profile": _profile,
+    "procedure": _procedure_of("hinge"),
+    "procedure with a plan": _procedure_of("hinge_planned"),
+    "poses": _poses,
+    "parameters": _parameters,
+    "joint log": _joint_log,
+    "urdf": _urdf,
+    "user settings": _settings,
 }
-"""What is fuzzed, in these shares."""

@@ -12,46 +12,37 @@ from random import Random
 
 from operator_app.exit_codes import EXPECTED_ERRORS
 from tests.oracles.command_fuzzing import run_nearly
-from tests.oracles.controller_fuzzing import ControllerTarget
 from tests.oracles.document_fuzzing import DOCUMENTS
 from tests.oracles.odd_input import Refused
 from tests.oracles.place_fuzzing import ask_instrument, keep_slots
 from tests.oracles.wire_fuzzing import Target
 
-_target, _told = Target(), ControllerTarget()
+_target = Target()
 
 
 def _wire(rng: Random, _: Path) -> None:
     _target.meddle(rng)
 
 
-def _controller(rng: Random, _: Path) -> None:
-    if _told.tell(rng):
-        raise Refused("a node refused object access")
-
-
 def over() -> None:
-    """Let go of the operator and of the controller that still run, if they do."""
+    """Let go of the operator that still runs, if it does."""
     _target.close()
-    _told.close()
 
 
-PARSERS: Mapping[str, tuple[int, Callable[[Random, Path], None]]] = {
+PARSERS: Mapping[str, Callable[[Random, Path], None]] = {
     **DOCUMENTS,
-    "arguments": (2, run_nearly),
-    "instrument": (3, ask_instrument),
-    "parameter slots": (2, keep_slots),
-    "the wire": (10, _wire),
-    "the controller's nodes": (4, _controller),
+    "arguments": run_nearly,
+    "instrument": ask_instrument,
+    "parameter slots": keep_slots,
+    "the wire": _wire,
 }
-"""What is fuzzed, in these shares."""
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
     """What comes of one input: ``accepted`` or ``refused``; a defect is raised."""
     rng = Random(f"{kind} {seed}")  # noqa: S311 - to be repeated, not to be secret
     try:
-        PARSERS[kind][1](rng, folder)
+        PARSERS[kind](rng, folder)
     except (*EXPECTED_ERRORS, Refused):
         return "refused"
     return "accepted"

@@ -34,25 +34,7 @@ from tests.oracles.profiles import sarcos
 
 NODES = (*range(1, 8), 16)
 BASES = (0x000, 0x080, 0x180, 0x200, 0x280, 0x580, 0x600, 0x700, 0x7E4)
-SDO_BYTES = (
-    0x00,
-    0x01,
-    0x10,
-    0x20,
-    0x40,
-    0x41,
-    0x42,
-    0x43,
-    0x47,
-    0x4B,
-    0x4F,
-    0x60,
-    0x70,
-    0x80,
-    0xA2,
-    0xC1,
-    0xFF,
-)
+SDO_BYTES = bytes.fromhex("0001102040414243474B4F607080A2C1FF")
 RIGHT_COUNTS = 3.0
 """The arm stands still; encoders of 400,000 counts round."""
 MODES = [JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)]

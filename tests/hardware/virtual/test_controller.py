@@ -282,17 +282,3 @@ def break_the_plant() -> None:
 def test_a_plant_that_breaks_ends_the_heartbeats_and_is_not_kept_quiet() -> None:
     with pytest.raises(ArithmeticError, match="does not close"):
         break_the_plant()
-
-
-def test_a_run_is_the_same_every_time() -> None:
-    def run() -> list[list[tuple[int, int, int]]]:
-        with rig() as made:
-            for node in NODES:
-                made.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
-            seen = [made.operational([8, 10, 8, 10, 8, 10, 10])]
-            for k in range(60):
-                made.peer.command(1 + k % 5, 0x0F, seen[-1][k % 5][1] + 30, 8 if k % 7 else 10)
-                seen.append(made.peer.sync())
-            return seen
-
-    assert run() == run()

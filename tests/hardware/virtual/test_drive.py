@@ -26,12 +26,6 @@ from tests.oracles.virtual_rig import axes
 RVDT = axes()[6]
 
 
-def test_a_drive_that_was_switched_on_does_nothing() -> None:
-    drive = Bench().drive
-    assert drive.state is S.SWITCH_ON_DISABLED
-    assert drive.command().mode is None
-
-
 def test_enabling_needs_the_token_and_disabling_does_not() -> None:
     bench = Bench()
     bench.drive.in_control = False
@@ -153,43 +147,6 @@ def test_the_range_ends_where_607dh_says() -> None:
     assert drive.target_counts == 6000
 
 
-def test_quick_stop_holds_where_the_joint_is_in_either_mode() -> None:
-    for mode in (CSP, CST):
-        bench = Bench()
-        drive = bench.enabled(mode)
-        bench.counts = 140
-        bench.run()
-        drive.obey(QUICK_STOP, 5000, mode)
-        assert drive.state is S.QUICK_STOP_ACTIVE
-        assert drive.mode is JointMode.POSITION
-        assert drive.command().mode is JointMode.POSITION
-        assert drive.command().target_rad == pytest.approx(140 / 36000 * math.tau)
-        drive.obey(ENABLE, 150, mode)  # a command that was under way when STOP was pressed
-        bench.run(10)
-        assert drive.state is S.QUICK_STOP_ACTIVE
-        assert drive.target_counts == 140
-        assert drive.mode is JointMode.POSITION
-
-
-def test_a_lost_heartbeat_holds_until_reset_and_enabled() -> None:
-    bench = Bench()
-    drive = bench.enabled(CST)
-    bench.counts = 160
-    bench.run()
-    drive.lose_heartbeat()
-    assert bench.said == [E.HEARTBEAT_LOST]
-    for _ in range(5):
-        drive.obey(ENABLE, 170, CST)  # a stream that goes on as if nothing had happened
-        bench.run()
-    assert drive.state is S.FAULT
-    assert drive.command().mode is JointMode.POSITION
-    assert drive.target_counts == 160
-    drive.obey(RESET, 160, CSP)
-    assert drive.state is S.SWITCH_ON_DISABLED
-    assert bench.said == [E.HEARTBEAT_LOST, E.NONE]
-    assert drive.command().mode is None
-
-
 def test_a_lost_heartbeat_does_not_power_a_drive_that_was_off() -> None:
     bench = Bench()
     bench.drive.lose_heartbeat()
@@ -287,20 +244,6 @@ def test_a_converter_at_its_end_is_a_failed_sensor(end: int) -> None:
     bench.counts = end
     bench.run()
     assert bench.said == [E.SENSOR]
-
-
-def test_faults_stay_while_their_cause_does() -> None:
-    bench = Bench()
-    drive = bench.drive
-    drive.sensor_failed = True
-    bench.run()
-    drive.obey(RESET, 0, CSP)
-    assert drive.state is S.FAULT
-    drive.obey(DISABLE, 0, CSP)
-    drive.sensor_failed = False
-    drive.obey(RESET, 0, CSP)
-    assert drive.state is S.SWITCH_ON_DISABLED
-    assert bench.said == [E.SENSOR, E.NONE]
 
 
 def test_a_reset_word_that_stays_set_resets_once() -> None:

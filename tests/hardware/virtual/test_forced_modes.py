@@ -90,14 +90,6 @@ def test_a_single_drive_lets_the_arm_sag(arm: Rig) -> None:
     assert abs(now[0] - start[0]) / COUNTS_PER_DEG < 1.0
 
 
-def test_two_drives_do_not_sag(arm: Rig) -> None:
-    states = arm.operational(TWO)
-    start = [counts for _, counts, _ in states]
-    for _ in range(300):
-        now = [counts for _, counts, _ in arm.peer.sync()]
-    assert max(abs(a - b) for a, b in zip(now, start, strict=True)) / COUNTS_PER_DEG < 0.05
-
-
 def test_torque_stays_far_from_its_trip_in_a_normal_move(arm: Rig) -> None:
     states = arm.operational(TWO)
     here, largest = states[0][1], 0.0

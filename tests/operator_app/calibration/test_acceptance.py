@@ -17,7 +17,6 @@ from operator_app.calibration.result import Solution
 from operator_app.config.poses_file import parse_poses
 from operator_app.messages.finding import FindingKind
 from operator_app.report.text import unidentifiable_text
-from solver.diagnostics.range_checks import ReadingsOutOfRangeError
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.paper import estimate_paper
 from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of, solved
@@ -166,15 +165,6 @@ def test_single_readings_at_stated_noise_show_no_step_where_all_else_is_quieter(
     poses = parse_poses(data.read_bytes(), data.name).poses
     found = calibrate(ARM, HINGE, poses)
     assert found.causes == ()
-
-
-def test_mistakes_of_the_file_are_refused_by_name() -> None:
-    with pytest.raises(ReadingsOutOfRangeError) as error:
-        solved(fault("radians").taken)
-    assert error.value.code == "RADIANS"
-    with pytest.raises(ReadingsOutOfRangeError) as error:
-        solved(fault("columns exchanged").taken)
-    assert error.value.code.startswith("EXCHANGED_")
 
 
 def test_a_stuck_sensor_is_told_from_a_joint_that_stands_still() -> None:

@@ -103,8 +103,8 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     line, header = next(records)
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
-        remedy = f"a raw log goes in with: sarcal import {file}; of a poses file {HEADER_EXAMPLE}"
-        raise only(file, line, None, "this line is no header of a poses file", remedy)
+        remedy = f"{HEADER_EXAMPLE}; a raw log is imported by: sarcal import {file}"
+        raise only(file, line, None, "this line is not the header of a poses file", remedy)
     problems = [
         Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
         for column, key, text, remedy in _complaints(names, joint_count)

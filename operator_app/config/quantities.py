@@ -132,7 +132,7 @@ def _stated(limit: float, unit: str) -> Callable[[float], float]:
     def check(value: float) -> float:
         if value > limit:
             raise refuse(
-                f"{value:g} {unit} is more than anything here can be off (limit {limit:g} {unit})",
+                f"{value:g} {unit} is too large for an uncertainty (limit {limit:g} {unit})",
                 "write one standard deviation; 0 is exact",
             )
         return value

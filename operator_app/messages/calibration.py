@@ -97,14 +97,14 @@ _SATURATED = (
 )
 _HOLDS_ONLY = (
     ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "
-    "otherwise the tool is also off by {rates}. Calibrate it in a fixture that shows it, or state "
+    "otherwise the tool is also off by {rates}. Calibrate it in a fixture that determines it, or state "
     "offset_tolerance_deg in the arm's file"
 )
 
 _DISTANCE = "measure it again and correct it in the file; it scales the arm's lengths"
 _NOT_REPEATED = (
     "pose {first}{placement} was not measured again after pose {last} ({reported}): only the poses themselves show "
-    "whether a joint or the fixture slipped since pose {since}, and a slip in the last ones shows badly"
+    "whether a joint or the fixture slipped since pose {since}, and a slip in the last ones is hard to detect"
 )
 
 MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
@@ -382,7 +382,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         (
             "placements {numbers} of the fixture are the same within their sigmas (largest difference: {name}, "
             "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or stands "
-            "exactly where it was, and they show no more than one placement with all their poses does"
+            "exactly where it was; together they determine no more than one placement"
         ),
         "mount it elsewhere within its tolerance and take another placement",
     ),
@@ -451,8 +451,8 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.CHI2_EXCEEDS: (
         (
-            "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: something is worse than its file "
-            "states. The sigmas include what was found of it; the causes and the sources of error say what it may be"
+            "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
+            "specification. The sigmas include its estimated size; the causes and the sources of error show which it may be"
         ),
         "",
     ),
@@ -509,7 +509,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "",
     ),
     K.COMPARED_ENTRIES: (
-        "A and B did not identify the same entries: what one took as known moves the others",
+        "A and B did not identify the same entries: an entry fixed in only one of them changes the others",
         "",
     ),
     K.COMPARED_CONSTANT: (

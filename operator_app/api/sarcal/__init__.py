@@ -37,7 +37,7 @@ Own readings come as an array (`poses_of`), a CSV file or a data frame (`load_po
 are files, or the names of packaged ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``,
 ``_mm``. Angles are sensor readings: joint angle = reading + theta_off.
 
-***Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this
+**Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this
 program's interface. They change only in a release that raises the version's first number (before 1.0: the second),
 after one that warned (`DeprecationWarning`). The same holds for the keys of `Result.to_json`, which are those of
 ``sarcal solve --json``. Estimates may change in their last digits: a better error model moves them within their sigmas.

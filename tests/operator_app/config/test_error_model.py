@@ -187,9 +187,9 @@ def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> No
 @pytest.mark.parametrize(
     ("give", "says"),
     [
-        ("{position_mm: 51}", "give.position_mm: 51 mm is more than anything here can be off"),
+        ("{position_mm: 51}", "give.position_mm: 51 mm is too large for an uncertainty"),
         ("{position_mm: -1}", "give.position_mm: must be at least 0, not -1"),
-        ("{orientation_mrad: 300}", "give.orientation_mrad: 300 mrad is more than"),
+        ("{orientation_mrad: 300}", "give.orientation_mrad: 300 mrad is too large for"),
         ("{orientation_deg: 1}", "this file wants milliradians, not degrees"),
     ],
 )

@@ -452,7 +452,8 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.CHI2_EXCEEDS: (
         (
             "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
-            "specification. The sigmas include its estimated size; the causes and the sources of error show which it may be"
+            "specification. The sigmas include its estimated size; the causes and the sources of error show which it "
+            "may be"
         ),
         "",
     ),

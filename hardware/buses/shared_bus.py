@@ -271,7 +271,7 @@ class SharedBus:
 
 @contextmanager
 def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | None]]:
-    """Record a bus by a handle and a thread of its own while the context is open.
+    """Record a bus through a separate handle and thread while the context is open.
 
     Yields a function that returns why recording ended early, None if it did not. Raises `BusError` if the bus does
     not open once more, or the file cannot be created.

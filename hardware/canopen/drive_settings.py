@@ -91,7 +91,7 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:
 
 
 def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
-    """Those of `DESCRIPTION_OBJECTS` that a drive has."""
+    """Return those of `DESCRIPTION_OBJECTS` that a drive has."""
     found = []
     for index in DESCRIPTION_OBJECTS:
         try:

@@ -94,7 +94,7 @@ class CanopenArm:
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
 
-        A STOP latched before stays latched; one pressed meanwhile ends this.
+        A STOP latched before remains latched; one pressed meanwhile cancels the connection.
 
         Raises a `HardwareError`; the connection is closed again then.
         """

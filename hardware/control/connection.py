@@ -52,7 +52,7 @@ class Connection:
     loop, access, stop_line
         Cyclic traffic, object access, STOP.
     limits, scales
-        Of joints 1..n.
+        Limits and scales of joints 1..n.
     modes
         6061h of each drive as last read; None for neither position nor free.
     token
@@ -125,7 +125,7 @@ class Connection:
     def open(self, press: object | None = None, *, takes_over: bool = False) -> ArmIdentity:
         """Find the nodes, check them, start heartbeat and SYNC.
 
-        A STOP newer than `press` ends this. `takes_over`: see `start_up.require_unused`.
+        A STOP newer than `press` cancels the connection. `takes_over`: see `start_up.require_unused`.
         """
         start_up = StartUp(
             self._on_bus,

@@ -114,7 +114,7 @@ class JointMonitor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observations:
-    """What the control loop observed in the samples.
+    """Observations of the control loop in the samples.
 
     Attributes
     ----------

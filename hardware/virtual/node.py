@@ -1,6 +1,6 @@
 """A virtual CANopen node (boot, NMT, heartbeat, EMCY, object access), and the controller's network.
 
-`canopen.LocalNode` lacks much of this and sends heartbeats from a timer of its own; here the controller's loop
+`canopen.LocalNode` lacks much of this and sends heartbeats from a separate timer; here the controller's loop
 sends them, so that they stop when it hangs.
 """
 

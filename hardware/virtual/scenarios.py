@@ -4,7 +4,7 @@ The truth is the paper's arm in the paper's hinge if the files allow it; else a 
 tolerances of the files (`scenario_of`).
 
 The paper's three error sources (section 4), RVDTs, fixed lengths and fixture, are one field of a `Scenario` each,
-drawn from streams of their own, so that switching one off does not change the others.
+drawn from separate streams, so that switching one off does not change the others.
 """
 
 from __future__ import annotations
@@ -156,7 +156,7 @@ class Scenario:
     loads
         Fixture stiffness and loads.
     placement
-        Number of this mounting of the fixture; each has noise of its own.
+        Number of this mounting of the fixture; each has different noise.
     """
 
     name: str

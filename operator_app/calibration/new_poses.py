@@ -50,13 +50,13 @@ def verify_new_poses(
     Raises
     ------
     NoTestError
-        The new poses do not meet this.
+        The new poses cannot test this calibration.
     """
     require_new(new, made_from, fixture)
     if new.endpoint is not None and fixture.kind != "measured":
         raise NoTestError(
-            f"the new poses have measured endpoints, which a {fixture.kind} knows nothing of: sarcal verify "
-            "--open-loop judges by them; without it, leave them out"
+            f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
+            "verify with them by sarcal verify --open-loop, or leave them out"
         )
     known, there = made_from.placements, new.placements
     fixed, made = fixed_calibration(solution), MadeFrom(solution=solution, poses=made_from)

@@ -111,7 +111,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> str:
-    """Say how the arm is left."""
+    """Return the final state of the arm, as text."""
     if not any(finding.name == "connect" for finding in findings):
         return "Nothing was enabled: there is no connection to the arm."
     if problem is None:

@@ -1,4 +1,4 @@
-"""`sarcal controller`: the virtual controller as a process of its own."""
+"""`sarcal controller`: the virtual controller as a separate process."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
     Raises
     ------
     ConfigError
-        With all that is wrong.
+        The file is wrong; lists all problems.
     """
     found = read_by_kind(MODELS, data, kind="fixture", file=file)
     return FixtureSpec(

@@ -71,7 +71,7 @@ def load_joint_log(
     Raises
     ------
     ConfigError
-        With all that is wrong.
+        The file is wrong; lists all problems.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))

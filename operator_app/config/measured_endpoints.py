@@ -109,7 +109,7 @@ def _of_quaternions(q: FloatArray) -> FloatArray:
     length = np.linalg.norm(q, axis=1, keepdims=True)
     if np.any(np.abs(length - 1.0) > UNIT_WITHIN):
         worst = float(length[np.argmax(np.abs(length - 1.0))].item())
-        raise ValueError(f"a quaternion of length {worst:.4g}: one that is a turn has length 1")
+        raise ValueError(f"a quaternion of length {worst:.4g}: a unit quaternion has length 1")
     q = q / length
     # Both signs are the same rotation: the one of at most half a turn is used.
     q = np.where(q[:, :1] < 0.0, -q, q)

@@ -31,7 +31,7 @@ def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocumen
     Raises
     ------
     ConfigError
-        With all that is wrong.
+        The file is wrong; lists all problems.
     """
     try:
         return read_model(ParametersDocument, data, kind="parameters", file=file)

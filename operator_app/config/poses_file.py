@@ -1,9 +1,9 @@
 """The poses file (CSV): ``placement,pose,theta1_deg..thetaN_deg`` and optional columns.
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
-``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles
-and others have names of their own, see `measured_endpoints`) or three targets may follow. Columns may
-stand in any order: they are found by name.
+``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles and others
+have other names, see `measured_endpoints`) or three targets may follow. Columns may stand in any order: they are found
+by name.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     Raises
     ------
     ConfigError
-        With all that is wrong.
+        The file is wrong; lists all problems.
     """
     document = load_strict(data, file)
     found = check_model(ProfileFile, document, kind="profile")

@@ -86,7 +86,7 @@ def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
     Raises
     ------
     ConfigError
-        With all that is wrong.
+        The file is wrong; lists all problems.
     """
     return check_model(model, load_strict(data, file), kind=kind)
 

@@ -44,7 +44,7 @@ class LiveQuality:
     estimated
         Whether `x` is an estimate.
     scaled_condition_number, weakest
-        Of the captured poses; inf and () with too few.
+        Scaled condition number and weakest direction of the captured poses; inf and () with too few.
     history
         (poses, scaled condition number) after each estimate, oldest first.
     coverage
@@ -156,7 +156,7 @@ class Forecast:
     reachable
         (w,) bool: the loop closes there and every joint is inside its range.
     scaled_condition_number
-        Of the first wanted poses of the plan; inf if they do not determine all parameters.
+        Scaled condition number of the plan's first wanted poses; inf if they do not determine all parameters.
     """
 
     q_rad: FloatArray

@@ -47,7 +47,7 @@ def precision(estimate: Estimate) -> Callable[[Quantity], int]:
 
 
 def nominal_places(parameters: Iterable[Parameter]) -> Callable[[Quantity], int]:
-    """Decimal places that cut nothing off the nominal values."""
+    """Decimal places that show the nominal values exactly."""
     listed = tuple(parameters)
 
     def places(quantity: Quantity) -> int:

@@ -48,7 +48,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RowTolerance:
-    """How well the maker's table states one D-H row: standard deviation of s and a, of alpha and beta.
+    """Uncertainty of one D-H row in the maker's table: standard deviation of s and a, of alpha and beta.
 
     0 is exact. It matters for entries that are fixed and not identified.
     """
@@ -75,7 +75,7 @@ class ArmModel:
     home_rad
         Pose the arm starts from, sensor coordinates, shape (n,).
     tolerances
-        Of rows 1..n; empty where the whole table is exact.
+        Tolerances of rows 1..n; empty where the whole table is exact.
     offset_tolerance_rad
         Standard uncertainty of the nominal offsets; None where it is not known.
     masses

@@ -208,7 +208,7 @@ def jacobian(frames: Frames, entries: Entries) -> FloatArray:
 
 
 def screws(frames: Frames, entries: Entries) -> FloatArray:
-    """How the last frame moves with each of some D-H entries.
+    """Screws of the last frame for each of some D-H entries.
 
     Returns
     -------

@@ -43,7 +43,7 @@ class ChainMotion:
         return int(self.tangent.shape[-1])
 
     def leverage(self, drives: Sequence[int]) -> FloatArray:
-        """How much of any motion of the chain the drive joints see, (m,), 0 at a fold, at most 1.
+        """Share of the chain's motion that the drive joints measure, (m,), 0 at a fold, at most 1.
 
         It is the smallest singular value of the drives' rows of the tangent: moving the drives by
         one radian moves the whole chain by at most its inverse.
@@ -59,7 +59,7 @@ class ChainMotion:
         return np.asarray(np.linalg.svd(rows, compute_uv=False)[..., -1])
 
     def orientation(self, drives: Sequence[int]) -> FloatArray:
-        """Signed volume of the drives' rows of the tangent (m,); its sign is the tangent's own."""
+        """Signed volume of the drives' rows of the tangent (m,); its sign depends on the chosen tangent basis."""
         return np.asarray(np.linalg.det(self.tangent[:, [j - 1 for j in drives], :]))
 
     def rates(self, drives: Sequence[int]) -> FloatArray:

@@ -79,7 +79,7 @@ class Route:
 
 
 class PathGraph:
-    """Which poses can be reached from which, with which drive joints.
+    """Graph of the poses that are reachable from each other, with their drive joints.
 
     Parameters
     ----------

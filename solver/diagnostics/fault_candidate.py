@@ -14,7 +14,7 @@ from solver.diagnostics.limits import CERTAIN_SIGMAS
 
 
 class Cause(Enum):
-    """What can be wrong."""
+    """Kinds of faults."""
 
     SLIPPED = "slipped"
     LOST_COUNTS = "lost counts"

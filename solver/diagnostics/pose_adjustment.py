@@ -1,4 +1,4 @@
-"""Most probable joint corrections of poses at fixed parameters, and the angles of unsensed joints they give.
+"""Most probable joint corrections of poses at fixed parameters, and the resulting angles of unsensed joints.
 
 The implicit iteration with dx = 0: only the readings are adjusted.
 """

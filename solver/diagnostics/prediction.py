@@ -61,7 +61,7 @@ def predicted_residuals(
     Parameters
     ----------
     given
-        Parameters that are to be judged as they are, instead of by the poses they came from.
+        Fixed parameters, tested as they are instead of by their poses.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)

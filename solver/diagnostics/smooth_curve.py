@@ -31,7 +31,7 @@ class Scatter:
 
     @property
     def variance(self) -> FloatArray:
-        """Of each point (m,)."""
+        """Variance of each point (m,)."""
         return np.asarray(self.own + (self.common**2).sum(-1))
 
     def also_own(self, variance: float) -> Scatter:

@@ -62,7 +62,7 @@ UNIT_DISCREPANCY = 1e-3
 NON_REPEATABLE_SHARE = 0.4
 """Share of a stated deflection or play that does not repeat at the same pose. The whole stated size enters once more as
 the repeatable part (smooth in the pose, or on one side of a joint). The data determine the first well and the
-second poorly, so each has a scale of its own."""
+second poorly, so each has a separate scale."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 """Smooth functions of the pose for the twist under load (of a joint) and the deflection (of a placement)."""

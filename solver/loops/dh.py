@@ -155,7 +155,7 @@ class DhLoop(ArmLoop):
 
     @property
     def hand_side(self) -> tuple[str, ...]:
-        """All of link n: its offset too counts to the common normal of the fixture's axis."""
+        """All entries of link n, including its offset, which depends on the fixture's axis."""
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property

@@ -93,7 +93,7 @@ class PointClosure(ArmLoop):
     def held_entries(self, held: Held) -> dict[str, float]:
         """Ball and socket from points of the frames without theta_off_1, s_1, theta_off_n and row n."""
         table = self.table
-        # The ends of the arm as a chain of their own: links n and 1 at their nominal values.
+        # The ends of the arm as a separate chain: links n and 1 at their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
         x, y, z = held.point_m

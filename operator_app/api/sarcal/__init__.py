@@ -31,7 +31,7 @@ Errors, besides TypeError and ValueError for a wrong argument::
     SessionError             a session cannot be read, or no plan can be made
     IncomparableError        a SessionError: two Results have no parameter in common
 
-Each has a page of its own: ``help(sarcal.Result)``. A first script: ``sarcal help scripting`` in a shell.
+Each has a help page: ``help(sarcal.Result)``. A first script: ``sarcal help scripting`` in a shell.
 
 Own readings come as an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture
 are files, or the names of packaged ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``,

@@ -40,7 +40,7 @@ class Drawn:
 
 
 def plot(of: Picture) -> Html:
-    """Draw a picture as an image of its own."""
+    """Draw a picture as a separate image."""
     drawn = draw(of)
     return picture(of.ident, of.title, of.description, drawn.height, drawn.parts)
 

@@ -47,7 +47,7 @@ class LatenessRecorder:
 
     @property
     def recorded(self) -> HostLatency:
-        """What was recorded of this connection."""
+        """Lateness recorded for this connection."""
         return self._recorded
 
     def restart(self) -> None:

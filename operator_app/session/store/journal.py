@@ -153,7 +153,7 @@ class Journal:
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
         """Write one event; returns when it is on disk. A failed write leaves the file as it was.
 
-        A thread of its own writes, so that a signal in the caller's thread cannot leave part of a line.
+        A separate thread writes, so that a signal in the caller's thread cannot leave part of a line.
 
         Raises
         ------

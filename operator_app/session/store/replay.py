@@ -250,7 +250,7 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
     Parameters
     ----------
     joint_count
-        Of the session's arm; None: as in the first event with a value for each joint.
+        Number of the arm's joints; None: as in the first event with a value for each joint.
 
     Raises
     ------

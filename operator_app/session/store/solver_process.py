@@ -56,7 +56,7 @@ def solve_here(
 
 
 class SolvingProcess:
-    """A `Solver` with a process of its own, started by the first call and ended with the ``with`` block.
+    """A `Solver` with a separate process, started by the first call and ended with the ``with`` block.
 
     Parameters
     ----------

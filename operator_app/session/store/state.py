@@ -110,7 +110,7 @@ class SessionState:
     sources
         Text of the arm, fixture and procedure documents at opening, by kind.
     serial_number
-        Of the arm; empty until connected.
+        Serial number of the arm; empty until connected.
     node_serials
         Serial numbers (1018h) by node, of the nodes that captured the poses.
     start_rad

@@ -16,7 +16,7 @@ from operator_app.units import names
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextAction:
-    """What Enter does: name of an action ("" for none), label, and hint."""
+    """Action of the Enter key: its name ("" for none), label, and hint."""
 
     action: str
     label: str

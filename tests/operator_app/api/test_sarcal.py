@@ -254,7 +254,7 @@ def test_poses_that_took_part_verify_nothing(result: sarcal.Result) -> None:
         with pytest.raises(ValueError, match=said):
             sarcal.verify(result, sarcal.poses_of(q_rad=rows))
     measured = sarcal.poses_of(q_rad=new[:4], endpoint_m=np.zeros((4, 3)))
-    with pytest.raises(ValueError, match="measured endpoints, which a hinge knows nothing of"):
+    with pytest.raises(ValueError, match="measured endpoints, which a hinge fixture does not use"):
         sarcal.verify(result, measured)
     assert sarcal.verify(result, sarcal.poses_of(q_rad=new[:4])).holds
 

@@ -194,16 +194,6 @@ def test_sessions_stay_in_range_and_repeat(sessions):
     assert not np.array_equal(session(ARMS[0], walk=1).readings, again.readings)
 
 
-def test_csv_reads_back():
-    from operator_app.config.poses_file import parse_poses
-
-    taken = session(2)
-    read = parse_poses(taken.csv().encode(), "poses.csv", joint_count=7).poses
-    assert read.q_rad == pytest.approx(taken.readings, abs=1e-15)
-    assert read.sd_rad == pytest.approx(taken.spread, abs=1e-15)
-    assert read.samples.tolist() == [32] * 40
-
-
 def _homogeneous(small):
     out = np.tile(np.eye(4), (len(small), 1, 1))
     out[:, :3, :3] = Rotation.from_rotvec(small[:, :3]).as_matrix()

@@ -235,15 +235,17 @@ DATA = st.binary(max_size=8) | st.builds(
 )
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    st.lists(
-        st.tuples(IDENTIFIERS, DATA, st.sampled_from([False, False, False, True])), max_size=30
-    )
+FRAMES = st.lists(
+    st.tuples(IDENTIFIERS, DATA, st.sampled_from([False, False, False, True])), max_size=30
 )
-def test_whatever_was_sent_every_node_answers_and_a_quick_stop_is_obeyed(
-    frames: list[tuple[int, bytes, bool]],
-) -> None:
+
+
+@pytest.mark.parametrize("examples", [15, pytest.param(300, marks=pytest.mark.campaign)])
+def test_whatever_was_sent_every_node_answers_and_a_quick_stop_is_obeyed(examples: int) -> None:
+    settings(max_examples=examples, deadline=None)(given(FRAMES)(answer_and_stop_after))()
+
+
+def answer_and_stop_after(frames: list[tuple[int, bytes, bool]]) -> None:
     """Data frames and remote frames, odd and malformed, to drives that are enabled."""
     with rig() as arm:
         arm.plant.drift_rad = [1e-3] * 7

@@ -312,7 +312,7 @@ class CanopenArm:
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Stage, read back, commit, read the home offsets back; errors as `hardware.canopen.uploading.upload`.
 
-        No drive has to be enabled: control that nobody has is taken.
+        No drive has to be enabled: control is taken if no other node has it.
         """
         link = self._link
         if not link.in_control:

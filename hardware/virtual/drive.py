@@ -132,7 +132,7 @@ class Drive:
             self._hold()
 
     def lose_heartbeat(self) -> None:
-        """Hold in fault until it is reset and the drive enabled again."""
+        """Hold in fault until the fault is reset and the drive is enabled again."""
         if self.ignores_heartbeat:
             return
         if self.state in cia402.POWERED_STATES:

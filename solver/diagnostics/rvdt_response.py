@@ -74,7 +74,7 @@ class RvdtFigures:
 
 
 def sensor_angle(reading_rad: FloatArray, measured: LoopAngle) -> tuple[FloatArray, float]:
-    """Return the true angle in sensor coordinates (m,) and the mean offset taken off it, rad."""
+    """Return the true angle in sensor coordinates (m,) and the mean offset subtracted from it, rad."""
     apart = measured.angle_rad - reading_rad
     # The middle one decides which turn is meant; no reading is off by half of one.
     middle = float(np.median(np.unwrap(apart)))

@@ -63,8 +63,8 @@ def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionSt
 
     Raises
     ------
-    DivergedError
-        It decides otherwise than recorded.
+    ReplayDivergedError
+        The policy decides otherwise than recorded.
     """
     campaign = campaign_from_log(arm, fixture, state)
     readings = {p.number: p.mean_rad for p in state.used_poses}

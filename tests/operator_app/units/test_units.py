@@ -16,7 +16,7 @@ from operator_app.units import DATA_AGE, POSITION, READING_SD, SIGMA_ORI, SIGMA_
 ROOMS = ("calibration", "tui", "headless", "commands", "report", "session")
 ROOT = Path(operator_app.__file__).parent
 KEYED = {
-    ROOT / "session" / "store" / "parameters.py",
+    ROOT / "session" / "store" / "parameters_document.py",
     ROOT / "report" / "json_schema.py",
     ROOT / "report" / "uncertainty_tables.py",
     ROOT / "report" / "results" / "history.py",

@@ -246,6 +246,11 @@ def joints_named(joints: Sequence[int]) -> str:
     return f"joint{'s' if len(joints) > 1 else ''} {names(joints)}"
 
 
+def and_the_others(driven: int, joint_count: int) -> str:
+    """Return ", the others free", or "" if all joints drive."""
+    return "" if driven == joint_count else ", the others free"
+
+
 def names(items: Iterable[object]) -> str:
     """Return items as text, such as ``1, 2 and 3``."""
     listed = [str(item) for item in items]

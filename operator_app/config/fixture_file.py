@@ -294,4 +294,4 @@ MODELS: dict[str, type[CommonFields]] = {
     "ball": BallModel,
     "measured": MeasuredModel,
 }
-"""Model of each kind; the kinds are those of `fixtures.registry`."""
+"""Model of each kind."""

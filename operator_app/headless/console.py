@@ -23,14 +23,13 @@ from operator_app.calibration.result import Solution
 from operator_app.composition import CutShort
 from operator_app.messages.errors import stopped_words, words
 from operator_app.planning.drives import DriveChoice
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.safe_output import Stderr, harmless
 from operator_app.session.safety.latency import lateness_text
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import joints_named, plural
+from operator_app.units import and_the_others, joints_named, plural
 
 GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 

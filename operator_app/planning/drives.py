@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from operator_app.errors import SessionError
+from operator_app.errors import GuardError, SessionError
 from operator_app.planning.task import margin_rad, ranges_of
 from operator_app.units import joints_named
 from solver.arrays import FloatArray
@@ -238,3 +238,30 @@ def _with_others(
         chosen.append(others.pop(best))
         reached = share[best]
     return tuple(chosen)
+
+
+def modes_problem(
+    position_joints: tuple[int, ...], *, joint_count: int, mobility: int, kind: str
+) -> GuardError | None:
+    """Return the error of a wrong set of joints in position mode; None for a right one."""
+    have = len(set(position_joints))
+    wrong = [j for j in position_joints if not 1 <= j <= joint_count]
+    if wrong:
+        return GuardError(
+            f"there is no joint {wrong[0]}", f"joints are numbered 1 to {joint_count}"
+        )
+    if have == mobility:
+        return None
+    names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
+    fact = (
+        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where "
+        + ("an open arm leaves" if mobility == joint_count else f"the {kind} leaves")
+        + f" the arm {mobility} freedom{'s' if mobility != 1 else ''}"
+    )
+    consequence = (
+        "the other joints would not be held, and the arm would sag"
+        if have < mobility
+        else "they would work against each other through the fixture, and torque would build up "
+        "until a drive trips"
+    )
+    return GuardError(f"{fact}: {consequence}", f"put exactly {mobility} in position mode")

@@ -12,9 +12,9 @@ from operator_app.planning.drives import (
     DriveChoice,
     DrivePrediction,
     choose_drives,
+    modes_problem,
     predict_drives,
 )
-from operator_app.planning.mode_rule import modes_problem
 from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, planning_task
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel

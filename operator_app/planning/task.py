@@ -18,10 +18,10 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
-from solver.design.interim import CURVE_SHARE, UNSENSED_SIGMA_RAD, planning_noise
 from solver.design.manifold import Ranges
 from solver.design.plan import PlanningTask, StatedErrors
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
@@ -35,6 +35,11 @@ CANDIDATES = 3000
 
 STOP_MARGIN_RAD = float(np.deg2rad(2.0))
 """A move ends when a joint comes this close to the end of its range: the braking distance."""
+
+CURVE_SHARE = 0.5
+"""Share of a sensor's linearity that interim estimates allow for as if it were noise."""
+UNSENSED_SIGMA_RAD = 1.0
+"""Noise of a reading that is not used: it carries no information about an offset."""
 
 
 def ranges_of(arm: ArmModel) -> Ranges:
@@ -89,19 +94,17 @@ def planning_task(
     require_closed_chain(fixture)
     model = without_hidden(arm, fixture, fixture.model(arm))
     lost = {f"theta_off_{j}" for j in unsensed_joints}
-    variance = [
-        0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(samples)
-        for j in arm.joints
-    ]
+    variance = (CURVE_SHARE * arm.linearity_rad()) ** 2
+    for j, joint in enumerate(arm.joints):
+        if j + 1 in unsensed_joints:
+            variance[j] = UNSENSED_SIGMA_RAD**2
+        elif not isinstance(joint.sensor, NoSensor):
+            variance[j] += joint.sensor.variance_of_mean_rad2(samples)
     return PlanningTask(
         model=model,
         ranges=ranges_of(arm),
         margin_rad=margin_rad(arm),
-        noise=planning_noise(
-            np.sqrt(variance),
-            unsensed_joints=unsensed_joints,
-            wrist_curve_rad=CURVE_SHARE * arm.linearity_rad(),
-        ),
+        noise=NoiseModel(joint_variance=variance),
         errors=_stated_errors(arm, fixture, model, unsensed_joints, samples),
         parameters=tuple(p.name for p in model.parameters if p.name not in lost),
         drive_sets=drive_sets,

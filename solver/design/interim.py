@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,10 +16,6 @@ from solver.loops.closure import ClosureModel
 UNEXPLAINED = 3.0
 """chi2 per degree of freedom above which sensor noise alone does not explain the closures."""
 GIVE_ROUNDS = 4
-CURVE_SHARE = 0.5
-"""Share of a sensor's linearity that is allowed for as if it were noise."""
-UNSENSED_SIGMA_RAD = 1.0
-"""Noise that stands for no sensor at all: readings this noisy have no information about an offset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,28 +94,3 @@ def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseMod
     turned, shift = found.sigmas.orientation_rad, found.sigmas.position_m.rms
     turn = 0.0 if turned is None else turned.rms
     return replace(noise, fixture_variance=np.array([turn**2] * 3 + [shift**2] * 3))
-
-
-def planning_noise(
-    sigma_rad: FloatArray,
-    *,
-    unsensed_joints: Sequence[int] = (),
-    wrist_curve_rad: FloatArray | None = None,
-) -> NoiseModel:
-    """Noise of interim estimates: standard deviations of one reading (n,), larger for joints not to be relied upon.
-
-    Parameters
-    ----------
-    unsensed_joints
-        Joints (1-based) whose reading will not be used. They stay in the model, because their angle can be predicted,
-        with noise so large that it carries no information.
-    wrist_curve_rad
-        Systematic deviation of each sensor (n,) to be allowed for as if it were noise (an RVDT's
-        linearity); None for none.
-    """
-    variance = np.asarray(sigma_rad, dtype=np.float64) ** 2
-    if wrist_curve_rad is not None:
-        variance = variance + wrist_curve_rad**2
-    variance = variance.copy()
-    variance[[j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
-    return NoiseModel(joint_variance=variance)

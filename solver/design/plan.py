@@ -19,7 +19,6 @@ from solver.design.d_optimal import (
     PoseSelection,
     TooFewCandidatesError,
     choose_poses,
-    log_det,
 )
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
@@ -123,8 +122,6 @@ class PosePlan:
         Drive sets over the region, best first; empty when the task named them.
     predicted_sigma
         Standard deviations (P,) with all chosen and captured poses; inf if undetermined.
-    log_det
-        Log determinant of that information about the parameters.
     design
         Condition, rank and weakest direction of the chosen poses under the paper's Jacobian.
     """
@@ -137,7 +134,6 @@ class PosePlan:
     visits: tuple[int, ...]
     ranked: tuple[RankedDrives, ...]
     predicted_sigma: FloatArray
-    log_det: float
     design: Identifiability
 
     @property
@@ -211,7 +207,6 @@ def make_plan(
         visits=visits,
         ranked=ranked,
         predicted_sigma=standard_deviations(total),
-        log_det=log_det(total),
         design=_identifiability(task.model, x, manifold.q[list(visits)]),
     )
 

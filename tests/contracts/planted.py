@@ -7,7 +7,11 @@ from functools import cache
 
 import numpy as np
 
-from fixtures.registry import FIXTURES
+from fixtures.ball import Ball
+from fixtures.base import EndpointConstraint
+from fixtures.hinge import Hinge
+from fixtures.measured import Measured
+from fixtures.rigid import Rigid
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
@@ -16,6 +20,14 @@ from solver.closing import close_loops
 from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
+
+FIXTURES: dict[str, type[EndpointConstraint]] = {
+    "ball": Ball,
+    "hinge": Hinge,
+    "measured": Measured,
+    "rigid": Rigid,
+}
+"""One line a fixture: the contract tests run on each."""
 
 
 def arm(name: str, table: DhTable, home_deg: list[float]) -> ArmModel:

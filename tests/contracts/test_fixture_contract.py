@@ -1,4 +1,4 @@
-"""What every fixture promises. A fixture inherits all of this by its line in `fixtures.registry`."""
+"""What every fixture promises. A fixture inherits all of this by its line in `planted`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fixtures.base import Severity
-from fixtures.registry import FIXTURES
 from fixtures.setup_checks import mobility
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.sensors import Encoder
@@ -17,7 +16,7 @@ from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
 from solver.loops.open_arm import MeasuredClosure
 from solver.loops.placements import place
-from tests.contracts.planted import ARMS, Case, case, closed_poses, observed, perturbed
+from tests.contracts.planted import ARMS, FIXTURES, Case, case, closed_poses, observed, perturbed
 
 SIGMA_RAD = Encoder(counts_per_rev=400_000).sigma_rad
 

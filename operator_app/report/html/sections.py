@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from operator_app.calibration.acceptance import Verdict
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.html.markup import (
     Html,
     Section,
@@ -32,6 +31,7 @@ from operator_app.units import (
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     Figure,
+    and_the_others,
     joints_named,
     names,
     plural,

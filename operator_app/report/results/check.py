@@ -11,7 +11,6 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.text import paragraph
 from operator_app.units import (
     ANGLE_TOLERANCE,
@@ -23,6 +22,7 @@ from operator_app.units import (
     READING_SD,
     SPAN,
     Figure,
+    and_the_others,
     joints_named,
 )
 from solver.chain.arm_model import ArmModel, Joint

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.config.errors import ConfigError
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.session.store.folders import POSES_NAME
@@ -23,6 +22,7 @@ from operator_app.units import (
     CONDITION,
     NOISE_ANGLE,
     Figure,
+    and_the_others,
     in_json,
     joints_named,
     names,

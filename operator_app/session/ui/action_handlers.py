@@ -7,7 +7,6 @@ from dataclasses import replace
 
 from hardware.arm import DriveState, JointMode
 from operator_app.messages.errors import summary
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.store.folders import SessionEntry
 from operator_app.session.store.state import SessionState
 from operator_app.session.ui import guards
@@ -15,7 +14,7 @@ from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.user_interface import ActionContext, OneOf, Typed, YesNo
 from operator_app.session.workflow.remounting import remounting_steps
-from operator_app.units import MOVED, joints_named, names
+from operator_app.units import MOVED, and_the_others, joints_named, names
 
 VERIFY_POSES = 5
 

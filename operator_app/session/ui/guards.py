@@ -11,7 +11,7 @@ from fixtures.base import Severity
 from hardware.arm import DriveState, JointMode
 from operator_app.config.procedure import MOST_PLACEMENTS
 from operator_app.messages.errors import drive_words
-from operator_app.planning import mode_rule
+from operator_app.planning import drives
 from operator_app.session.ui.snapshot import (
     STALE_S,
     DataState,
@@ -171,7 +171,7 @@ def may_apply_modes(s: SessionSnapshot) -> Missing:
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
     """Return why this number of joints in position mode is wrong."""
-    problem = mode_rule.modes_problem(
+    problem = drives.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,
         mobility=s.mobility,

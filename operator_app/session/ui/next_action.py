@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 from fixtures.base import Severity
 from hardware.arm import DriveState
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.ui.guards import missing_for, modes_problem, moves_real_arm
 from operator_app.session.ui.message_log import needs_reconnect
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
-from operator_app.units import names
+from operator_app.units import and_the_others, names
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

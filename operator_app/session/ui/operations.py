@@ -9,7 +9,6 @@ import numpy as np
 
 from operator_app.errors import GuardError
 from operator_app.messages.errors import configured_words, unwatching_words
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.session.store.state import CapturedPose, SessionState
 from operator_app.session.ui.calibration_operations import CalibrationOperations
 from operator_app.session.ui.pose_quality import PoseQuality
@@ -24,7 +23,7 @@ from operator_app.session.workflow.drive_selection import (
 )
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import MOVED, READING_SD, names
+from operator_app.units import MOVED, READING_SD, and_the_others, names
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import GoTo

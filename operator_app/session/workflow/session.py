@@ -36,8 +36,8 @@ from operator_app.errors import (
     NotLetGoError,
 )
 from operator_app.messages.errors import by_hand_words
+from operator_app.planning.drives import modes_problem
 from operator_app.planning.exploration import range_watch
-from operator_app.planning.mode_rule import modes_problem
 from operator_app.planning.task import fixed_parameter_checks
 from operator_app.session.safety.latency import LatenessRecorder
 from operator_app.session.safety.preflight import require_plausible_readings

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from operator_app.planning.mode_rule import and_the_others
 from operator_app.report.spans import Line, line, wrapped
 from operator_app.session.ui.guards import modes_problem
 from operator_app.session.ui.snapshot import SessionSnapshot
@@ -16,6 +15,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import JointTable
 from operator_app.tui.widgets.pictures import ArmView
+from operator_app.units import and_the_others
 
 
 class PlanPanel(Lines):

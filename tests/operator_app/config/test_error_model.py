@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from fixtures.base import RIGID, Compliance
-from fixtures.registry import FIXTURES
 from operator_app.config.any_file import json_schema
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.errors import ConfigError
@@ -19,6 +18,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, Rvdt
 from solver.chain.statics import LinkMasses, gravity_torque
+from tests.contracts.planted import FIXTURES
 from tests.oracles.approved import Approve
 
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")

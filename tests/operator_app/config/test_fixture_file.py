@@ -12,11 +12,11 @@ from fixtures.ball import Ball, KnownDistance
 from fixtures.base import Severity, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
-from fixtures.registry import FIXTURES
 from fixtures.rigid import Rigid
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
+from tests.contracts.planted import FIXTURES
 from tests.oracles.approved import Approve
 
 GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from fixtures.base import CheckKind, SetupCheck, Severity
-from fixtures.hinge import Hinge
-from fixtures.relocation import moved_hinge
+from fixtures.hinge import Hinge, moved_hinge
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.errors import SessionError

@@ -17,11 +17,11 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.sensors import Rvdt
 from solver.closing import close_loops
-from solver.design.interim import planning_noise
 from solver.design.manifold import Ranges
 from solver.design.motion import drive_straight
 from solver.design.plan import PlanningTask, make_plan
 from solver.design.stop_rule import standard_deviations
+from solver.estimators.implicit import NoiseModel
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import Truth, closed_poses
 from tests.solver.design.conftest import known, of_noise
@@ -42,7 +42,7 @@ def planning_task(model: DhLoop, arm: ArmModel, *, candidates: int) -> PlanningT
         model=model,
         ranges=Ranges(lower_rad=arm.lower_rad, upper_rad=arm.upper_rad),
         margin_rad=np.deg2rad(3.0) + np.array(curve),
-        noise=planning_noise(arm.sigma_rad()),
+        noise=NoiseModel(joint_variance=arm.sigma_rad() ** 2),
         errors=of_noise(arm.sigma_rad()),
         drive_sets=DRIVES,
         candidates=candidates,

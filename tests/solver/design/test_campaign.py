@@ -8,8 +8,9 @@ import pytest
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign, CampaignSettings
-from solver.design.interim import InterimEstimate, implicit_interim, planning_noise
+from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.plan import PlanningTask
+from solver.estimators.implicit import NoiseModel
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.design.conftest import HOME, SIGMA, of_noise, paper_ranges
 
@@ -20,7 +21,7 @@ def task(loop) -> PlanningTask:
         model=loop,
         ranges=paper_ranges(),
         margin_rad=np.deg2rad(3.0),
-        noise=planning_noise(SIGMA),
+        noise=NoiseModel(joint_variance=SIGMA**2),
         errors=of_noise(SIGMA),
         drive_sets=((1, 5),),
         candidates=250,
@@ -153,7 +154,7 @@ def test_wrong_reports_are_wrong_calls(task) -> None:
 
 def test_interim_calibration_of_a_giving_fixture_is_not_overconfident(loop, x) -> None:
     simulation = Simulation(poses=14, flexure_m=2e-3, flexure_rad=3e-3, wrist_sd=6e-3)
-    found = implicit_interim(loop, planning_noise(SIGMA))(simulation.readings(3))
+    found = implicit_interim(loop, NoiseModel(joint_variance=SIGMA**2))(simulation.readings(3))
     assert found.trusted
     pull = np.abs(found.x - nominal_vector(loop.parameters)) / np.sqrt(np.diag(found.covariance))
     assert pull.max() < 6.0

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from operator_app.config.arm_file import load_arm
-from solver.design.interim import planning_noise
 from solver.design.plan import PlanningTask, make_plan, prediction_sigma
 from solver.design.stop_rule import standard_deviations
+from solver.estimators.implicit import NoiseModel
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
 from tests.solver.design.conftest import HOME, SIGMA, known, of_noise, paper_ranges
@@ -23,7 +23,7 @@ def task(loop) -> PlanningTask:
         model=loop,
         ranges=paper_ranges(),
         margin_rad=np.deg2rad(3.0),
-        noise=planning_noise(SIGMA),
+        noise=NoiseModel(joint_variance=SIGMA**2),
         errors=of_noise(SIGMA),
         drive_sets=((1, 5),),
     )

@@ -255,7 +255,7 @@ def modes_problem(
     names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
     fact = (
         f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where "
-        + ("an open arm leaves" if mobility == joint_count else f"the {kind} leaves")
+        + ("an open arm leaves" if mobility == joint_count else f"a {kind} fixture leaves")
         + f" the arm {mobility} freedom{'s' if mobility != 1 else ''}"
     )
     consequence = (

@@ -277,6 +277,14 @@ def _sending_socket() -> socket.socket:
     return made
 
 
+def enlarge_receive_buffer(receiver: socket.socket) -> None:
+    """Let the kernel keep more frames until they are read; as root more than net.core.rmem_max allows."""
+    receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    if _IS_LINUX:
+        with contextlib.suppress(PermissionError):
+            receiver.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
+
+
 def _receiving_socket(group: str | None) -> socket.socket:
     """Socket that receives `group` on the loopback interface only; nothing for None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -288,10 +296,8 @@ def _receiving_socket(group: str | None) -> socket.socket:
         made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if not _IS_LINUX:
             made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-        made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        enlarge_receive_buffer(made)
         if _IS_LINUX:
-            with contextlib.suppress(PermissionError):  # root may exceed net.core.rmem_max
-                made.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, RECEIVE_BUFFER_BYTES)
             made.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
             # Without this a socket also hears groups that other programs joined elsewhere.
             made.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)

@@ -24,7 +24,7 @@ from can.util import load_config, load_environment_config, load_file_config
 
 from hardware.arm_description import ArmDescription
 from hardware.arm_plugins import offered_names
-from hardware.buses.loopback import DEFAULT_CHANNEL, LoopbackBus
+from hardware.buses.loopback import DEFAULT_CHANNEL, LoopbackBus, enlarge_receive_buffer
 from hardware.canopen.bus_profile import BusProfile
 from hardware.errors import BusError, BusSettingsError
 from hardware.timing import Pace, Timing
@@ -197,6 +197,7 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
     except Exception as error:  # missing drivers raise anything
         raise BusError(describe_failure(settings, error) + _named_in(settings)) from error
     if isinstance(bus, SocketcanBus):
+        enlarge_receive_buffer(bus.socket)
         pending = bus.socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
         if pending:  # a device that is down can be opened
             bus.shutdown()

@@ -31,7 +31,7 @@ def bench(
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(package(folder / "package"))
         patch.setenv("CAN_INTERFACE", request.param)
-        with toy(folder / "package") as arm:
+        with toy(folder / "package", "--rate", "100") as arm:
             if request.param != "virtual":
                 patch.setenv("CAN_CHANNEL", arm.channel)
             yield from arm_contract.bench.__wrapped__(tmp_path_factory)
@@ -80,7 +80,7 @@ def test_an_outside_package_installs_and_runs_it_by_itself(tmp_path: Path) -> No
     package(folder)
     install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation"]
     subprocess.run([*install, "--no-index", "--target", target, folder], check=True)
-    with toy(folder) as arm:
+    with toy(folder, "--rate", "100") as arm:
         bus = {"CAN_INTERFACE": "moving_line_arm", "CAN_CHANNEL": arm.channel}
         found = subprocess.run(
             [sys.executable, "-m", "pytest", "--pyargs", "sarcal.arm_contract"],

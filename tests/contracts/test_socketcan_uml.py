@@ -34,6 +34,11 @@ print("DUMP", [line.split()[-1] for line in dump.communicate(timeout=20)[0].spli
 subprocess.run(["cansend", "vcan0", "581#4B41600027020000"], check=True)
 heard = bus.recv(10)
 print("HEARD", hex(heard.arbitration_id), heard.data.hex())
+other = open_bus(BusSettings(interface="socketcan", channel="vcan0"))
+for _ in range(3000):  # two seconds of an arm's traffic that a starved program does not read
+    other.send(can.Message(arbitration_id=0x181, is_extended_id=False))
+other.shutdown()
+print("KEPT", sum(bus.recv(0) is not None for _ in range(4000)))
 try:
     open_bus(BusSettings(interface="socketcan", channel="vcan7"))
 except BusError as error:
@@ -120,6 +125,7 @@ def agrees(said: str) -> None:
     lines = said.splitlines()
     assert "DUMP ['181#112233', '181#FF']" in lines
     assert "HEARD 0x581 4b41600027020000" in lines
+    assert "KEPT 3000" in lines
     (missing,) = (line for line in lines if line.startswith("MISSING"))
     assert "no CAN device vcan7" in missing
     assert "ip link add vcan7 type vcan" in missing

@@ -1,7 +1,5 @@
 """What all tests may ask for: programs that a machine may lack, and reference data. Knows nothing of sarcal."""
 
-from __future__ import annotations
-
 import fcntl
 import gc
 import os

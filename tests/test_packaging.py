@@ -1,7 +1,5 @@
 """The environment and the package: pins, plugin entry point, data files, nothing foreign."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.metadata
 import re

@@ -1,7 +1,5 @@
 """A module's tests stand where the module stands: solver/chain/poses.py -> tests/solver/chain/test_poses.py."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The generator of tests/oracles/shop_floor*: a loop that closes, and errors of the sizes it states."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

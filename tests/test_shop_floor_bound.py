@@ -1,7 +1,5 @@
 """The bound of tests/oracles/shop_floor_bound, against another oracle's and against sources added."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

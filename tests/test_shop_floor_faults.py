@@ -1,7 +1,5 @@
 """The faults of tests/oracles/shop_floor_faults: each is there, and nothing else is."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

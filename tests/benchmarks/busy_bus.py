@@ -9,8 +9,6 @@ without the time in which the machine itself stood still (a clock at a higher pr
 when), no queue full (so that no frame was dropped), all poses accepted and right.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

@@ -9,8 +9,6 @@ and loops that close anywhere in the room (`tests.oracles.simulated_loops`), wit
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -9,8 +9,6 @@ information. A verdict that must look at every length can do no better.
 
 # ruff: noqa: T201 - a benchmark prints
 
-from __future__ import annotations
-
 import argparse
 import sys
 from pathlib import Path

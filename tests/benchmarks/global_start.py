@@ -7,8 +7,6 @@ RVDT curve, that the search ends in the minimum nearest to the truth. Every prob
 are conditioned.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from time import perf_counter

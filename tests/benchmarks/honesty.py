@@ -11,8 +11,6 @@ error over the bound is that of the best linear estimate that knows how the arms
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

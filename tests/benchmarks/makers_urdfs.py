@@ -11,8 +11,6 @@ best table within 3 of its own sigmas.
 
 # ruff: noqa: T201 - a benchmark prints
 
-from __future__ import annotations
-
 import math
 import re
 import sys

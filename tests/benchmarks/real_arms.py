@@ -9,8 +9,6 @@ chi2/dof 0.3 to 2.0; converged at 2, 3 and all sockets, with offsets free and wi
 
 # ruff: noqa: T201 - a benchmark prints
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from pathlib import Path

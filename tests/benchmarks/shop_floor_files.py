@@ -1,7 +1,5 @@
 """The shipped arm and fixture files with what an operator would have written instead. Judges nothing."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

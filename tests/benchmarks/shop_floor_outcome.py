@@ -4,8 +4,6 @@ The one place of these benchmarks that knows the project's results; the sessions
 `tests.oracles.shop_floor`, which shares no code with what is judged.
 """
 
-from __future__ import annotations
-
 import time
 import traceback
 from dataclasses import dataclass

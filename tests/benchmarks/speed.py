@@ -18,8 +18,6 @@ m^1.05, each of those sizes below 600 MB.
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -11,8 +11,6 @@ that may raise as few false alarms over all joints and poses together (Bonferron
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

@@ -12,8 +12,6 @@ the loopback bus, 100 SYNC/s, and the screen is repainted 20 times a second. Pri
   socket, at rest, in a dialog, and while a calibration runs on a loaded bus
 """
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

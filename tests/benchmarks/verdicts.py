@@ -9,8 +9,6 @@ first in 90 % of the arms; at most one in a hundred sound sets is refused.
 
 # ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
 
-from __future__ import annotations
-
 import os
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):

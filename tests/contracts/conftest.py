@@ -1,7 +1,5 @@
 """Every transport under contract, one after another. Imports no arm: emulated machines are slow."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.buses.python_can import BusSettings

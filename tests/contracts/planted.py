@@ -1,7 +1,5 @@
 """Loops with a planted truth: every fixture on two arms, with poses that close there exactly. No test in it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """What every fixture promises. A fixture inherits all of this by its line in `planted`."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A master of another language and library, node-canopen, drives the virtual controller over the loopback bus."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

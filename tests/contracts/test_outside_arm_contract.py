@@ -1,7 +1,5 @@
 """The contract that outside packages run, run on the arms we have: the embedded one, and the manual's two."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Kernel CAN for real: the transport contract and can-utils as peers under User-Mode Linux, or an emulated PC."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

@@ -1,7 +1,5 @@
 """What every CAN transport must do."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Callable, Iterator

@@ -3,8 +3,6 @@
 ``socketcan`` takes part where there is a vcan0; `test_socketcan_uml` brings one along.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Callable

@@ -5,8 +5,6 @@ The loop as the packaged arm stands in the packaged hinge, and what share of eac
 source of error has, of a calibration of 40 simulated poses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from html import escape
 from itertools import pairwise

@@ -5,8 +5,6 @@ Every frame sent to it is answered at once, into the queue `recv` reads. Drives 
 position mode is where its last target said, one period later.
 """
 
-from __future__ import annotations
-
 import hashlib
 import struct
 import threading

@@ -1,7 +1,5 @@
 """An operator's arm on a fake bus, as the tests of `CanopenArm` use it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -1,7 +1,5 @@
 """An arm of another package: no command overtakes STOP, and no reading passes that is no number."""
 
-from __future__ import annotations
-
 import math
 import threading
 from collections.abc import Callable, Iterator

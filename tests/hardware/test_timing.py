@@ -1,7 +1,5 @@
 """Whoever keeps the time of an arm runs before others, as far as the system allows it."""
 
-from __future__ import annotations
-
 import itertools
 import os
 import threading

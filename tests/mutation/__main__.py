@@ -8,8 +8,6 @@ one fails. Those that no test notices have to be in ``survivors.toml`` beside th
 they are no faults; any other, and any reason without its survivor, is exit code 1.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import sys

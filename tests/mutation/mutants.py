@@ -5,8 +5,6 @@ of: entries, which are left out here one by one, and names of constants, which a
 one of their kind.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 from collections.abc import Iterator

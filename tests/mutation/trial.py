@@ -4,8 +4,6 @@ Every trial is a fork of this process, which has loaded everything that tests ne
 under test: what takes two seconds is done once.
 """
 
-from __future__ import annotations
-
 import importlib.abc
 import importlib.util
 import os

@@ -1,7 +1,5 @@
 """Sessions on the real plant, without a bus."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping
 from pathlib import Path

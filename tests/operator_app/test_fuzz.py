@@ -4,8 +4,6 @@ An input that breaks one is made again by ``tests.oracles.fuzzing.outcome(parser
 all seeds up to it, for an operator that is connected has a past.
 """
 
-from __future__ import annotations
-
 import resource
 import time
 from pathlib import Path

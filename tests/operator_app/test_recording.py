@@ -1,7 +1,5 @@
 """A recording of the bus that a full disk ended: the arm goes on, and the operator is told."""
 
-from __future__ import annotations
-
 import resource
 import threading
 import time

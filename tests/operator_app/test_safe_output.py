@@ -1,7 +1,5 @@
 """What somebody else wrote arrives on a screen, in a pipe and in a page as text, whatever is in it."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

@@ -3,8 +3,6 @@
 `pytest --approve PATHS` writes what is said now; the file's difference is what a reader looks at.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 from pathlib import Path

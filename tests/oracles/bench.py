@@ -3,8 +3,6 @@
 What is planted is asked of the controller's side; what was found, of the sessions.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 from collections.abc import Iterator

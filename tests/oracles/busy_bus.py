@@ -5,8 +5,6 @@ arm's frames through (a filter in the kernel), so that it is never behind; a sta
 sent, not when a busy machine gets round to reading it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import hashlib

@@ -1,7 +1,5 @@
 """Words that are nearly a command, to the one door that commands have."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Documents nobody would write: every file that `sarcal` reads, and the record of a solution in a journal."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Mapping
 from functools import cache

@@ -1,7 +1,5 @@
 """A kernel's own vcan0 on any processor: commands under an emulated PC. Skips where there is none to be had."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -4,8 +4,6 @@ The arm is the paper's without any error of its own (scenario ``exact``), so tha
 right can be told from the pose alone: the loop of the paper's tables closes at it, or it does not.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import queue

@@ -5,8 +5,6 @@ joints on other nodes, one drive that counts backwards, no supervisor, none of o
 from CiA 301 and CiA 402; PDOs are packed and unpacked, and SDO is served, by the `canopen` package.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass

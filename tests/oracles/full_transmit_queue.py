@@ -6,8 +6,6 @@ came of frames.
 
 # ruff: noqa: T201 - what it prints is all that leaves the guest
 
-from __future__ import annotations
-
 import ctypes
 import fcntl
 import os

@@ -4,8 +4,6 @@ An outcome is an answer or one of the errors that `sarcal` turns into words and 
 else comes out is a defect and is left to be raised.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from random import Random

@@ -1,7 +1,5 @@
 """The implicit fit by ODRPACK: orthogonal distance regression on the oracle's own closure. Tests only."""
 
-from __future__ import annotations
-
 import numpy as np
 import odrpack
 

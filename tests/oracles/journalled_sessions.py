@@ -3,8 +3,6 @@
 Made as the product makes them, on the plant without a bus. The poses are captured once.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Journals written without the product's writer, and changed at random with their checksums put right."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 import json

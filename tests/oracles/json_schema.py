@@ -1,7 +1,5 @@
 """What a JSON Schema says about a value, for the keywords our schemas use; any other keyword is an error."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -5,8 +5,6 @@ flange (working envelope), ranges, speeds and torques of the axes (axis data). W
 link is as the open ROS description (iiwa_description) has it.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ A fake at the lowest seam for tests of what a screen does while an arm moves. In
 a capture every step is taken at once, or after `pace_s` where a test needs time to interfere.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Mapping, Sequence

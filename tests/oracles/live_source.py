@@ -1,7 +1,5 @@
 """Sessions on live fake arms, for tests of both faces."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

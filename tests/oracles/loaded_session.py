@@ -3,8 +3,6 @@
 Three programs besides this one: the operator, the controller, the flood; and the kernel's clock.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -5,8 +5,6 @@ wakes late by, a host took from the virtual machine (or its kernel from everybod
 have run there. Knows nothing of what is measured.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import time

@@ -4,8 +4,6 @@ A line is where a joint is on the link before, xyz (m) and rpy (deg), and its ax
 Second to the D-H tables that the makers publish, from which the packaged files are.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """Arms with errors, written as URDFs and simulated in a ball's sockets and on a hinge by pinocchio. Tests only."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the manual's pages tell people to type, and a folder in which it can be typed. Runs nothing."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 

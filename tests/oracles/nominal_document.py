@@ -1,7 +1,5 @@
 """The parameters document of the packaged arm and hinge as their files state them."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime
 
 import pytest

@@ -1,7 +1,5 @@
 """A sound input changed at random into one that nobody would write. Knows no parser."""
 
-from __future__ import annotations
-
 import re
 from random import Random
 

@@ -1,7 +1,5 @@
 """Poses of the paper's arm in the open, its hand seen by an instrument: plain matrices, no code of `solver`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

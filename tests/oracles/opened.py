@@ -1,7 +1,5 @@
 """A session on an arm that a test brings, made as the product makes one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

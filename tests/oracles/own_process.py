@@ -1,7 +1,5 @@
 """The program as a process of its own, run from these sources."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The real arm of tests/data/panda_ball: its nominal table by the maker, converted, and the readings."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

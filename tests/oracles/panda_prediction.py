@@ -5,8 +5,6 @@ it was fitted. `by_table` is the D-H table alone; `whole` takes out what the mod
 and sag as well, all of it from the training poses.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameter documents of a hinge calibration with planted values, made without any estimator."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from datetime import UTC, datetime
 

@@ -1,7 +1,5 @@
 """A D-H chain as a pinocchio model: every entry of the table is a joint of its own. Tests only."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

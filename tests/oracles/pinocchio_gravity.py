@@ -1,7 +1,5 @@
 """Gravity of a D-H chain whose links have masses, by pinocchio. Tests only."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Places nobody would name: pipes, folders and devices where an instrument's rows or a controller's slots should be."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from pathlib import Path

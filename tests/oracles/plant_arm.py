@@ -1,7 +1,5 @@
 """A fake arm at the lowest seam: the real plant under the `ArmInterface` protocol, without a bus."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

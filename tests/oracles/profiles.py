@@ -1,7 +1,5 @@
 """The packaged bus profile, for an arm of so many joints."""
 
-from __future__ import annotations
-
 from hardware.canopen.bus_profile import BusProfile
 from operator_app.config.profile_file import load_profile
 

@@ -1,7 +1,5 @@
 """A program in a pseudo-terminal of our own, with the time of every byte it writes. Linux only."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

@@ -4,8 +4,6 @@ No canopen package, no constant of the project: what it believes was written dow
 CiA 402 separately.
 """
 
-from __future__ import annotations
-
 import struct
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Public logs of real arms whose hand holds a ball, and what 30 lines of NumPy make of them (tests/data/real_arms)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

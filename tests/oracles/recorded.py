@@ -3,8 +3,6 @@
 Kept below .pytest_cache by a digest of all that could change it: sources, data and installed versions.
 """
 
-from __future__ import annotations
-
 import copyreg
 import fcntl
 import hashlib

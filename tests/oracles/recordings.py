@@ -1,7 +1,5 @@
 """Recordings of an arm that stops at given poses: times, angles, and files of them by somebody else's writer."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

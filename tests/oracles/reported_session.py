@@ -1,7 +1,5 @@
 """What `sarcal report` makes of a journal's events, and how a page writes a number."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -8,8 +8,6 @@ directions these few loads happen not to pull, and the bound comes out too low: 
 loads as equations (200), 0.3 % with four times as many. Shares no code with `solver`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

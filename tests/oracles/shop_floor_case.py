@@ -1,7 +1,5 @@
 """A session of the shop floor with a fault: what would be a true statement about it. Knows nothing of who judges."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 from tests.oracles.shop_floor import PARAMETERS, Session

@@ -4,8 +4,6 @@ A case says which causes would be a true statement about it, and of which parame
 Knows the generator; nothing of who judges. Beside the fault every error is there at its stated size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

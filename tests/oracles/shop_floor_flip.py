@@ -1,7 +1,5 @@
 """Poses with the hand upside down on the hinge: closed loops of the other branch. Knows no sensor."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sessions of thousands of poses with one fault each; the generator is that of `shop_floor`. Judges nothing."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

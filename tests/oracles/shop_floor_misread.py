@@ -3,8 +3,6 @@
 The joints stand where they stand, and the fixture holds. Knows the generator; nothing of who judges.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

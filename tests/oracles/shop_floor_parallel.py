@@ -4,8 +4,6 @@ The hand's half is as in the nominal placement, but for its tilt when joint 7 is
 table's half is wherever that puts the axis in a pose that looks promising. Knows no sensor.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -4,8 +4,6 @@ Shares no code with `solver`. `WILD` are arms whose files are wrong in everythin
 40 mm and 15 deg, each time they are mounted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

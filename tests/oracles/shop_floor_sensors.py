@@ -4,8 +4,6 @@ Encoders: error once and twice per turn, counts. RVDTs: a smooth curve of one of
 noise, a converter of so many bits that saturates. Readings are means of samples, with their spread.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ A chart of the nominal loop over these boxes, made once, says where the passive 
 for. Knows the loop and ranges; no sensor error.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -1,7 +1,5 @@
 """A packaged procedure made short for a test, of the arm that a scenario carries."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hardware.virtual.scenarios import scenario

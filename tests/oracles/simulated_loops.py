@@ -1,7 +1,5 @@
 """Simulated readings with every error source the method names. Shares no code with `solver`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 

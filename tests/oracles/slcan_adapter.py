@@ -4,8 +4,6 @@ Written from the protocol's manual: ``O`` opens, ``C`` closes, ``S6`` sets a bit
 frame each way; every command ends with a carriage return. Shares nothing with python-can's slcan.
 """
 
-from __future__ import annotations
-
 import os
 import pty
 import select

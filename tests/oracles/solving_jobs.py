@@ -1,7 +1,5 @@
 """What a solving process may be asked in tests: module-level, because it is named and not sent."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

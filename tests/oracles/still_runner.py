@@ -1,7 +1,5 @@
 """A runner that shows one picture and writes down what it is asked: for tests of keys and screens."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace

@@ -3,8 +3,6 @@
 For tests of what a screen shows and which keys it takes, without an arm that moves meanwhile.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A real terminal for tests: tmux on a private socket, a fixed size, polled until it shows something."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

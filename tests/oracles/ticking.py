@@ -1,7 +1,5 @@
 """Time of day for journals, the same in every run."""
 
-from __future__ import annotations
-
 from datetime import UTC, datetime, timedelta
 
 

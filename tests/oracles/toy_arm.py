@@ -1,7 +1,5 @@
 """The package that the manual shows, installed without an installer, and its toy arm as a process of its own."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import tomllib

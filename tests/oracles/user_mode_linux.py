@@ -1,7 +1,5 @@
 """A kernel's own vcan0 without privileges: commands under User-Mode Linux. Skips where there is none."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal

@@ -1,7 +1,5 @@
 """A virtual controller on a bus inside this process, with a plant simple enough to predict."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import threading

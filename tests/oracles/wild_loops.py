@@ -5,8 +5,6 @@ but near-parallel to its neighbours (that is for Hayati's parameters), offsets a
 are drawn within 60 deg of a random home and brought onto the loop by Newton's method.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

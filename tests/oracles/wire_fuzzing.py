@@ -6,8 +6,6 @@ that whatever a reading says can be held against what the drives have; a reading
 refused, an exception that is no `HardwareError`, a thread that fell over: each is a defect and is raised.
 """
 
-from __future__ import annotations
-
 import itertools
 import os
 import threading

@@ -1,7 +1,5 @@
 """Frames of a recorded bus as Wireshark's CANopen dissector reads them, which nobody here wrote."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The plant with a joint whose counter is off, or began anew; counts what enables drives and moves."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from hardware.arm import ArmIdentity, NodeIdentity

@@ -6,8 +6,6 @@ Results, and what the screen shows is written as SVG into the manual: every step
 Capture in the middle of a planned move.
 """
 
-from __future__ import annotations
-
 import asyncio
 import re
 import time

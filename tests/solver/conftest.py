@@ -1,7 +1,5 @@
 """The loop of the paper as the solver sees it, and its truth from the oracle."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

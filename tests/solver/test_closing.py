@@ -1,7 +1,5 @@
 """The reduction and the closer against least squares that know neither."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import lstsq, null_space

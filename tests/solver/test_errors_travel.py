@@ -1,7 +1,5 @@
 """Errors of the solver and of files keep class, words and attributes on their way between processes."""
 
-from __future__ import annotations
-
 import pickle
 
 import pytest

@@ -1,7 +1,5 @@
 """The map at the head of `solver`: every place it names is there."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 

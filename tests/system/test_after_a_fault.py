@@ -1,7 +1,5 @@
 """After a kill, a trip or a dead controller: what the commands say is true, and what they advise works."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Session after session on one controller: the arm stands wherever the last one left it, and the next works."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

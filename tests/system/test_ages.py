@@ -5,8 +5,6 @@ third party listens there and keeps the kernel's stamp of every answer of every 
 does it say STALE or lost, and how long ago did the joint that was silent longest answer?
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

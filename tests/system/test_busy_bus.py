@@ -3,8 +3,6 @@
 Ten minutes of it, and beside a busy machine: python -m tests.benchmarks.busy_bus
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

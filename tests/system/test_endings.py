@@ -1,7 +1,5 @@
 """However a program is made to end, its exit code says why, and it does end."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Every packaged procedure on a specimen of its arm and fixture: accepted, verified, and what was planted."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

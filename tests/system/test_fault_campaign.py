@@ -4,8 +4,6 @@ The rows of `hardware.virtual.fault_messages` are the documentation of each faul
 to them. All of them in every phase: pytest -m campaign tests/system/test_fault_campaign.py.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress

@@ -1,7 +1,5 @@
 """The table of faults: `--fault help` prints all of it, and the program can say what it says that it says."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

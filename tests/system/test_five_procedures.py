@@ -1,7 +1,5 @@
 """The packaged procedures as programs of their own in real time, each twice in a row on one controller, verified."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """An arm set up in a way of its own: refused, probed, and calibrated with the profile that was drafted."""
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import replace

@@ -3,8 +3,6 @@
 A share of it; all of it, with figures: python -m tests.benchmarks.campaign
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

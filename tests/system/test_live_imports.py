@@ -1,7 +1,5 @@
 """Nothing compiled is loaded while an arm is live: opening a library keeps the interpreter, and SYNC waits."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """An arm that another package offers: found by name, run from Connect to the files, and named when it breaks."""
 
-from __future__ import annotations
-
 import json
 import socket
 import sys

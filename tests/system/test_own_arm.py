@@ -1,7 +1,5 @@
 """An arm and a fixture of one's own: new, check, plan, run, verify, without changing anything but numbers."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -3,8 +3,6 @@
 The virtual arm's truth in every placement is asked of the controller's side.
 """
 
-from __future__ import annotations
-
 import csv
 import json
 import re

@@ -1,7 +1,5 @@
 """`sarcal run --plan planned` over the bus and `sarcal plan`, as a user meets them."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

@@ -1,7 +1,5 @@
 """What the README prints, its figures of the paper's experiment and its ways in are those of today's program."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import shutil

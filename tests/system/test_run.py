@@ -1,7 +1,5 @@
 """`sarcal run` over the bus: the whole way, in this process and in processes of its own."""
 
-from __future__ import annotations
-
 import json
 import signal
 from pathlib import Path

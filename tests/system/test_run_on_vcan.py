@@ -1,7 +1,5 @@
 """The main job over kernel CAN, inside User-Mode Linux: two processes of ours and candump listening."""
 
-from __future__ import annotations
-
 import json
 import sys
 

@@ -1,7 +1,5 @@
 """The same poses give the same digits with any number of BLAS threads and on any kind of processor."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The real program in a real terminal, on the virtual arm over its bus: Connect to Export, and worse."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal

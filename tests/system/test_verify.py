@@ -1,7 +1,5 @@
 """`sarcal verify`: a sound calibration holds on poses it has not seen, a spoilt one does not."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil

@@ -1,7 +1,5 @@
 """What a session records, read by Wireshark: every frame well formed, in order of time, none missing."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from itertools import pairwise

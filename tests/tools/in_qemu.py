@@ -9,8 +9,6 @@ Kernel and modules are those of an installed Debian package linux-image-amd64, o
 into the folder that QEMU_KERNEL_ROOT names.
 """
 
-from __future__ import annotations
-
 import lzma
 import os
 import re

@@ -5,8 +5,6 @@ The host's file system is the guest's, read-only; this file is the guest's first
 exit code is the command's, 99 if the kernel never got that far.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import shlex

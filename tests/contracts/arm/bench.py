@@ -1,7 +1,5 @@
 """The arm that the contract is run on: a virtual controller on a bus, and who commands it. No test in it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

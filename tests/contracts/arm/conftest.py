@@ -1,7 +1,5 @@
 """The arm of the contract on every transport: at rest, connected, driven."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """What the operator's arm does on every transport, with the virtual controller at the other end."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os

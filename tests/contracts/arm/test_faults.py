@@ -1,7 +1,5 @@
 """What a session may lose on every transport, and is told by name: counts, a drive, the one device of a number."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest

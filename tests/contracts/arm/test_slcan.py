@@ -1,7 +1,5 @@
 """The arm through an adapter on a serial line: connects, moves, stops, and is left as it should be."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

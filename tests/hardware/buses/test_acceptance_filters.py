@@ -1,7 +1,5 @@
 """Foreign frames are kept out where an adapter can, and never pass for an empty queue where none can."""
 
-from __future__ import annotations
-
 import uuid
 from collections import deque
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The loopback bus beyond the transport contract: wire format, garbage, filters, two processes."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import itertools
 import random

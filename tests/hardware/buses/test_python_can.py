@@ -1,7 +1,5 @@
 """Bus settings from every source, and errors that say what to do."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import can

@@ -1,7 +1,5 @@
 """A transmit queue that is full: frames wait as long as no SYNC is late by it, and then the error says what to set."""
 
-from __future__ import annotations
-
 import errno
 import random
 import time

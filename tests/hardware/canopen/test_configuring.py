@@ -1,7 +1,5 @@
 """PDOs of a bus profile are written into drives that have others, where it asks for it; else they are refused."""
 
-from __future__ import annotations
-
 import itertools
 import threading
 import time

@@ -1,7 +1,5 @@
 """Every way an arm may differ from its description, one at a time, on a fake object dictionary."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What a check on the bench tries, asks, finds and leaves behind."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

@@ -1,7 +1,5 @@
 """Sentences for frames, in the numbers of the standards."""
 
-from __future__ import annotations
-
 import struct
 
 from hardware.commissioning.bus_monitor import BusMonitor

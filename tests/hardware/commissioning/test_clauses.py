@@ -1,7 +1,5 @@
 """What single clauses of a bench check say of what they found, without a bus."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.canopen.drive_settings import DriveFacts

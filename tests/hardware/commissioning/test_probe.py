@@ -1,7 +1,5 @@
 """Who is on a bus: asked of nobody where somebody works on it, and nothing is told to move."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 

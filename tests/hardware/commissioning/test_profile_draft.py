@@ -1,7 +1,5 @@
 """An arm that is set up otherwise is refused by name, then driven with the profile that a probe drafts."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The steps of a reset."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """Which joint answered which SYNC, and how one that was lost comes back."""
 
-from __future__ import annotations
-
 import struct
 
 from hardware.canopen.cyclic import frames_of

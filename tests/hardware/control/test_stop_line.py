@@ -1,7 +1,5 @@
 """STOP's latch and frames: every drive gets its quick stop, whatever happens to the others'."""
 
-from __future__ import annotations
-
 import errno
 import itertools
 import struct

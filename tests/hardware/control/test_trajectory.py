@@ -1,7 +1,5 @@
 """The straight move: bounds, exact ends, braking anywhere; differences taken outside the subject."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """The EDS files against the names in `hardware.canopen.objects`, against dcfchk, and as nodes get them."""
 
-from __future__ import annotations
-
 import configparser
 import os
 import shutil

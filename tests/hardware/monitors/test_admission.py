@@ -1,7 +1,5 @@
 """What the operator side lets out: boundary by boundary, in counts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

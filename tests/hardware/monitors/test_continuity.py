@@ -1,7 +1,5 @@
 """Lost counts against everything that a joint may do otherwise, in plain numbers."""
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint

@@ -1,7 +1,5 @@
 """The Sarcos arm as an arm file would describe it, commands for its plant, and a controller on a bus."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A virtual drive on the bench: what it is told and what it says. No test in it."""
 
-from __future__ import annotations
-
 from hardware.arm import DriveState
 from hardware.canopen.objects import EmergencyCode
 from hardware.virtual.drive import Drive

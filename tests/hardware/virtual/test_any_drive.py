@@ -1,7 +1,5 @@
 """Whatever arrives at a drive, in whatever order, it goes only where it was allowed to."""
 
-from __future__ import annotations
-
 import math
 
 from hypothesis import settings

@@ -1,7 +1,5 @@
 """What can be broken on the way between the arm's nodes and whoever commands it, seen from the bus."""
 
-from __future__ import annotations
-
 import threading
 
 import can

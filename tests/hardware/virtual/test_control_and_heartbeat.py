@@ -1,7 +1,5 @@
 """Who may command, and what happens when they fall silent; seen from the bus, with a clock of our own."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

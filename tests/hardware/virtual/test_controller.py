@@ -1,7 +1,5 @@
 """The controller as a stranger on the bus sees it: hand-built frames against the standards' numbers."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator, Sequence
 

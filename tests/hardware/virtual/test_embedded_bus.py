@@ -1,7 +1,5 @@
 """An operator that takes in the frames of the arm in its own process."""
 
-from __future__ import annotations
-
 import queue
 import threading
 import time

@@ -1,7 +1,5 @@
 """What can be broken on purpose in drives, sensors and controller, seen from the bus."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.arm import JointMode

@@ -1,7 +1,5 @@
 """The wrong number of drives, forced on the controller with the real plant behind it, past all guards."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

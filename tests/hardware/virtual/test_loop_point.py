@@ -1,7 +1,5 @@
 """The plant's tuned kinematics against the solver's, and against central differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The objects of the controller's nodes as a stranger reads and writes them, against the standards' numbers."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

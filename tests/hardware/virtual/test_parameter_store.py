@@ -1,7 +1,5 @@
 """Power cuts at every point of a commit, with everything an operating system may have done by then."""
 
-from __future__ import annotations
-
 import itertools
 import os
 from pathlib import Path

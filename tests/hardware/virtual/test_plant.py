@@ -1,7 +1,5 @@
 """The compliant closed chain: what two drives, one too few and one too many do to it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np

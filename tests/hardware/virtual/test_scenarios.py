@@ -1,7 +1,5 @@
 """Scenarios: what each promises, which error sources are on, and that a seed says it all."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 

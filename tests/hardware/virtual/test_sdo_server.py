@@ -1,7 +1,5 @@
 """SDO by hand: segments out of step, frames cut short, floods; and the canopen package as a client."""
 
-from __future__ import annotations
-
 import binascii
 import struct
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Sensors: the counting grid, saturation, RVDT curves inside their specification, noise."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Specimens drawn within the files' tolerances: what is off, by how much, and what is refused in words."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Parameter documents over the bus: stage, read back, commit, roll back, and everything that may be wrong."""
 
-from __future__ import annotations
-
 import hashlib
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """The open arm and the tracker that sees it, against plain matrices."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

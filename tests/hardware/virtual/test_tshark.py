@@ -1,7 +1,5 @@
 """A recorded session read by Wireshark's CANopen dissector, which nobody here wrote."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

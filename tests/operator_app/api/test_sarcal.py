@@ -1,7 +1,5 @@
 """`import sarcal` from outside: own arrays in, the same figures as the command, files that read back."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect

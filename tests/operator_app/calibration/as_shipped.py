@@ -1,7 +1,5 @@
 """Sessions of the shop floor, calibrated with arm and fixture as they are shipped. No test in it."""
 
-from __future__ import annotations
-
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm

@@ -1,7 +1,5 @@
 """A calibration with which nothing is wrong."""
 
-from __future__ import annotations
-
 import pytest
 
 from operator_app.calibration.result import Solution

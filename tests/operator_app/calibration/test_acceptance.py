@@ -1,7 +1,5 @@
 """The three classes and the causes: faults of the shop floor, done to sessions that were sound."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

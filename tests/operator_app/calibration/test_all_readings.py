@@ -1,7 +1,5 @@
 """What all readings of a session do, or one joint's over the session: scatter and drift, by name."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -2,8 +2,6 @@
 a ball for a hinge and a hinge for a ball likewise, and what the remedy says works.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A judged calibration: what it names, what it warns of, what it refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Drift between two calibrations: planted, wrapped, described otherwise, and none where there is none."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Checks of a calibration by its own poses: of exact readings they are as exact as the calibration."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

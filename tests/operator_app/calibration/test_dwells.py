@@ -1,7 +1,5 @@
 """Dwells of simulated recordings: each pose once and right, nothing invented, what came near is named."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """From which side joints came is told by the times in a file, and by nothing else of it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A sensor that reads no change while its joint turned, told from long moves in which the joint stood."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sigmas are what they say, on arms from the shop floor. In small; tests/benchmarks/honesty.py in full."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """What poses let expect of one more reading: sound ones, of arms worse than stated as well, and shifted ones."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

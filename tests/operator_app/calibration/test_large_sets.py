@@ -1,7 +1,5 @@
 """Pose sets of hundreds and thousands: sound ones keep the arm's scale, faults keep their names."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Poses taken later are held against a calibration: whether it still holds, and what shifted where it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Mistakes of files, by name: radians in some columns or in the arm file, whole turns, lengths exchanged."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Starts of a fit of many poses: one that leads nowhere takes nothing away from what another found."""
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import replace
 from functools import partial

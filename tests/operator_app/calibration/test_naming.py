@@ -1,7 +1,5 @@
 """What tests explain is named: once, in words as sure as it is likely, and never without what refuses."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

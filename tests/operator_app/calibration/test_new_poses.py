@@ -1,7 +1,5 @@
 """Which poses are new to a calibration: by their readings, and of an instrument by what it measured as well."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Two placements that are one are said to be; those of a fixture that was mounted anew never are."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

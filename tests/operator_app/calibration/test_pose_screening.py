@@ -1,7 +1,5 @@
 """An encoder's spread within a pose is looked at: an arm that moved while it was sampled is said to have."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

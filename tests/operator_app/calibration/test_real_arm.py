@@ -1,7 +1,5 @@
 """A real arm, its ball in several sockets, as the operator calibrates it: tests/data/panda_ball."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

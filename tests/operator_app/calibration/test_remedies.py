@@ -1,7 +1,5 @@
 """What the loop brings for sensors: corrections and offsets, held against planted truth and exact readings."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

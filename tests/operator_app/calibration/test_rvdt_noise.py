@@ -1,7 +1,5 @@
 """Noise of single RVDT readings, whatever was averaged, from sessions of the shop floor."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A file bounds how far an RVDT's curve strays and says nothing of its shape: within the bound nothing is wrong."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

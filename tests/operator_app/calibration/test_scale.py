@@ -1,7 +1,5 @@
 """An encoder whose counts per turn are not the file's: found by a test of its own, named with its size."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What would narrow a sigma: the source said to bring most of it, held against a calibration without it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from fixtures.hinge import Hinge

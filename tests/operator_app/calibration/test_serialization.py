@@ -1,7 +1,5 @@
 """A recorded calibration read back is the same one, bit by bit, whatever it was of."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """No sound data set is refused because the iteration goes to and fro. In full: tests/benchmarks/convergence.py."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.benchmarks.convergence import COUNTS, KINDS, settlings

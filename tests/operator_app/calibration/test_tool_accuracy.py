@@ -1,7 +1,5 @@
 """The hand's sigma against hands that were placed by parameters drawn from the covariance."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

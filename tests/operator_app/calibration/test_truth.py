@@ -1,7 +1,5 @@
 """The distance from the truth, against truths that are the estimate itself but for one planted entry."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What goes wrong is named and not believed. One arm a case; tests/benchmarks/verdicts.py has twenty."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.benchmarks.shop_floor_outcome import CRASHED

@@ -1,7 +1,5 @@
 """Input that no command can use: one clear error, exit 2, and nothing written."""
 
-from __future__ import annotations
-
 import argparse
 import os
 from collections.abc import Callable

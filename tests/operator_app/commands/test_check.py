@@ -1,7 +1,5 @@
 """`sarcal check`: all that is wrong with files of any kind at once, else what would be done with them."""
 
-from __future__ import annotations
-
 import json
 from importlib.resources import files
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`sarcal compare` as a script sees it: files or sessions, JSON, exit codes, words when it cannot."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path

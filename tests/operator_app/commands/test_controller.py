@@ -1,7 +1,5 @@
 """`sarcal controller` before it serves: what it cannot keep its parameters in is one error."""
 
-from __future__ import annotations
-
 import os
 import time
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """`sarcal export --upload`: the session's own arm is given its parameters, and its journal says so."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from importlib.resources import files

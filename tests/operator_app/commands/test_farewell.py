@@ -1,7 +1,5 @@
 """What is said when the app is left: what the arm does, where the session is, how to come back to it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

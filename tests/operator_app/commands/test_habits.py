@@ -1,7 +1,5 @@
 """What people expect of a command in a terminal: a hint, completion, tables, files for other tools."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`sarcal history`: sessions in folders, months apart, of one arm whose joint 4 slips before the sixth."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta

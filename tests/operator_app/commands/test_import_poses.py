@@ -1,7 +1,5 @@
 """`sarcal import`: own poses and raw logs become a session on which every command works."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`sarcal new`: files that need nothing but other numbers, with geometry counted out a second time."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

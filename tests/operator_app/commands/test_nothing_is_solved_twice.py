@@ -1,7 +1,5 @@
 """Who shows a journalled calibration solves and judges nothing: the solver is a trap here."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Mapping

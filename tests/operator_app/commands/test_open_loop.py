@@ -1,7 +1,5 @@
 """`sarcal verify --open-loop`: another instrument agrees with a sound calibration, and names what does not."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from pathlib import Path

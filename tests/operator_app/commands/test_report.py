@@ -1,7 +1,5 @@
 """`sarcal report` as a script sees it: a page in the session folder, exit codes, words when it cannot."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import asdict

@@ -1,7 +1,5 @@
 """`sarcal reproduce`: the poses it takes are of the specimen, and its figures are of the paper's size."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What `sarcal reset` says: what stays once where it is the arm's, and joint by joint where it is theirs."""
 
-from __future__ import annotations
-
 import pytest
 
 from operator_app.commands.reset import report

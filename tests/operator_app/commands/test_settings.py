@@ -1,7 +1,5 @@
 """The user's settings: shown, changed, weaker than everything else, and one clear error where they are wrong."""
 
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import replace

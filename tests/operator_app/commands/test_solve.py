@@ -1,7 +1,5 @@
 """`sarcal solve` as a script sees it: JSON, exit codes, one clear message, nothing written."""
 
-from __future__ import annotations
-
 import json
 import re
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """JSON Schemas agree with what is read: good files fit, files with one mistake of form do not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from importlib.resources import files
 from typing import Any, get_args

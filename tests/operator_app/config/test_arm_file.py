@@ -1,7 +1,5 @@
 """Arm files: the packaged ones say what Table 1 and the maker say; bad ones get one clear complaint."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from importlib.resources import files

@@ -1,7 +1,5 @@
 """What files state about what is not known exactly: read, overridden by row, assumed where absent."""
 
-from __future__ import annotations
-
 import math
 import re
 from importlib.resources import files

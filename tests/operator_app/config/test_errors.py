@@ -1,7 +1,5 @@
 """Complaints: one line each, all of them, in the order of the file."""
 
-from __future__ import annotations
-
 import pytest
 
 from operator_app.config.errors import ConfigError, Problem

@@ -1,7 +1,5 @@
 """Fixture files: packaged placements, and one clear complaint for each way to get a file wrong."""
 
-from __future__ import annotations
-
 import math
 from importlib.resources import files
 

@@ -1,7 +1,5 @@
 """What an instrument may say in a line, and what is refused in words."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

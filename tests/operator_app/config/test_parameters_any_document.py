@@ -1,7 +1,5 @@
 """Any parameters document comes back to the last bit, and any damage to one is noticed, in words."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass

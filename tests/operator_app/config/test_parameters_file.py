@@ -1,7 +1,5 @@
 """The parameters document: what is written is read back bit for bit, and a tampered one is refused."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone

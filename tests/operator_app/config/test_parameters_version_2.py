@@ -1,7 +1,5 @@
 """What version 2 of the parameters document brought: sides, corrections, correlations, budgets; and what it reads."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

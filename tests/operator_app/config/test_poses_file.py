@@ -1,7 +1,5 @@
 """Poses files: lossless both ways, and every way to get one wrong is said with line and column."""
 
-from __future__ import annotations
-
 import csv
 import io
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Procedure files: the packaged ones fit the packaged arm; references and joints are checked with lines."""
 
-from __future__ import annotations
-
 import math
 from importlib.resources import files
 from pathlib import Path

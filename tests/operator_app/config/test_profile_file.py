@@ -1,7 +1,5 @@
 """Bus profiles: what the packaged one says, and one clear complaint with its place for every mistake."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

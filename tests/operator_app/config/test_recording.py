@@ -1,7 +1,5 @@
 """ROS 2 bags, written by the library's writer: joints by name, whatever their order, from both storages."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

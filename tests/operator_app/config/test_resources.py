@@ -1,7 +1,5 @@
 """Built-in names, paths, and files that cannot be read."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

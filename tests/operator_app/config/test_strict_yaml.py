@@ -1,7 +1,5 @@
 """Strict YAML: what is read, what is refused, and that nothing a file can hold gets past as a traceback."""
 
-from __future__ import annotations
-
 import math
 import struct
 from typing import Any

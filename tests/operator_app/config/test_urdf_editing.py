@@ -1,7 +1,5 @@
 """A calibration put into somebody's own file: what changes, what does not, and where pinocchio has the tip."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """Chains of URDFs as makers write them: parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

@@ -1,7 +1,5 @@
 """What `sarcal run` says on stderr while it goes."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.arm import ArmIdentity, NodeIdentity

@@ -1,7 +1,5 @@
 """Plain mode: the same way in numbered prompts, on a live fake arm."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 from collections.abc import Callable, Iterator

@@ -4,8 +4,6 @@ Here a run is short: ten poses of the exact arm, made once and copied. The campa
 are. A controller in another process stands at the end of can0.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

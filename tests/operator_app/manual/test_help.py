@@ -1,7 +1,5 @@
 """`sarcal help`: topics, pages of any width, the nearest of a misspelt one; every link leads somewhere."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The notebooks' cells run from top to bottom, by the plain interpreter: no Jupyter is in the test extra."""
 
-from __future__ import annotations
-
 import ast
 import json
 import os

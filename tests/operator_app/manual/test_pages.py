@@ -1,7 +1,5 @@
 """Pages that code makes hold what the code has: against --help, the packaged files, the EDS as plain text."""
 
-from __future__ import annotations
-
 import configparser
 import re
 from pathlib import Path

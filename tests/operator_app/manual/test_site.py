@@ -1,7 +1,5 @@
 """The site holds every page, none of its links is dead, and nothing in it is fetched. Needs the extra [docs]."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

@@ -3,8 +3,6 @@
 A change of wording is one diff to read: `pytest --approve tests/operator_app/messages` writes it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

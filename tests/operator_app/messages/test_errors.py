@@ -1,7 +1,5 @@
 """Errors as what happened and what to do now: sentences that end once, and never say less than was done."""
 
-from __future__ import annotations
-
 import pytest
 
 from fixtures.errors import FixtureError

@@ -1,7 +1,5 @@
 """Choosing drive joints: the best usable set, never one that is not sensed, and always with a reason."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

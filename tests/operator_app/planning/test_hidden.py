@@ -1,7 +1,5 @@
 """What a fixture's own place hides is no unknown of a plan: it would make every sigma infinite or absurd."""
 
-from __future__ import annotations
-
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.task import planning_task

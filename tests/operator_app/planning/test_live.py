@@ -1,7 +1,5 @@
 """A way past a fold is not clear; where free joints run away, a second implementation of the loop says."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

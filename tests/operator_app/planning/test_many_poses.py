@@ -1,7 +1,5 @@
 """What a session asks for after each pose does not cost more with every pose there is."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

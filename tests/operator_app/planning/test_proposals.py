@@ -1,7 +1,5 @@
 """Homes that are proposed: by pinocchio's chain every joint moves there, and the hinge's pin is in its place."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

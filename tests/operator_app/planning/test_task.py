@@ -1,7 +1,5 @@
 """Poses are planned under the errors that a calibration counts with."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 Taking apart knows html.parser, and nothing of sarcal's markup.
 """
 
-from __future__ import annotations
-
 import re
 from html.parser import HTMLParser
 from pathlib import Path

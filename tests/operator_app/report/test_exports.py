@@ -1,7 +1,5 @@
 """Every export read by the tool it is for; the URDF's hand where pinocchio and we say it is."""
 
-from __future__ import annotations
-
 import csv
 import json
 from dataclasses import replace

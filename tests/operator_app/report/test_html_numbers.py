@@ -1,7 +1,5 @@
 """The numbers on a page are those of the session and of its solution."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

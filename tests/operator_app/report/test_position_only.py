@@ -1,7 +1,5 @@
 """A ball's loops say nothing of orientation, and nobody says 0 mrad of it: not solved, verified or kept."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

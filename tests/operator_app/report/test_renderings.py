@@ -4,8 +4,6 @@ Text and JSON are what `sarcal report` prints, the page is the file it writes, t
 app shows when it resumes the session. Every rendering is taken apart by a parser of this file's own.
 """
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """A figure says its number once: as people read it and as JSON has it; tables keep their shape everywhere."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The session begun last is the latest, whatever was done to the clock."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What is said and journalled as an arm is connected: what was written into its drives, and what they do not watch."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from operator_app.session.store.journal import read_journal

@@ -1,7 +1,5 @@
 """A session folder that is taken away in mid-capture: the arm is held, the faces say so, nothing is lost."""
 
-from __future__ import annotations
-
 import shutil
 import threading
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A journal is watched while it is written: taken away, it accepts nothing more and what it held is kept."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from collections.abc import Callable, Mapping

@@ -1,7 +1,5 @@
 """What a session notices by itself while it takes poses: a stuck sensor, a jump, an arm that cannot start to move."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path

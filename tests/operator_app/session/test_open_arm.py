@@ -1,7 +1,5 @@
 """A session on the open arm, on the plant without a bus: what the app does, and what goes wrong with a tracker."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """An arm that stands outside its box is moved by nothing but an agreement: nor by the way back to its first pose."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Several mountings in one journal: what each says of where the arm stands, what is asked between them."""
 
-from __future__ import annotations
-
 import io
 import signal
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A planned capture as the terminal app runs it: messages, progress, ended by a key and gone on with."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """A session comes back to its first pose, at the end and after every resume, and says what slipped."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 
@@ -191,7 +189,7 @@ def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Sol
     return session.calibrate()
 
 
-def return_test(solution: Solution) -> hypothesis_tests.Test:
+def return_test(solution: Solution) -> hypothesis_tests.HypothesisTest:
     (found,) = (t for t in solution.adjudication.tests if t.code.startswith("RETURN"))
     return found
 

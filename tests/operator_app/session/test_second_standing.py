@@ -1,7 +1,5 @@
 """Mounted anew, the fixture is somewhere else; the arm is the one that the earlier placement's poses know."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

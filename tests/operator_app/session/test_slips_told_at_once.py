@@ -1,7 +1,5 @@
 """A slip for which a drive makes up is told at the next pose: the first one is read again when one is out of line."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """A session asks before it enables a drive whether what the joints read may be true, and keeps the answer."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The app on a live fake arm, and helpers that wait on what the screen knows, never on time."""
 
-from __future__ import annotations
-
 import asyncio
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager

@@ -1,7 +1,5 @@
 """The one table of actions: a new entry is in the footer, the palette, help and the prompts, and works there."""
 
-from __future__ import annotations
-
 from textual.widgets import OptionList
 
 from operator_app.headless.plain import Plain

@@ -1,7 +1,5 @@
 """Whatever a bus, a file or an operator wrote, a screen is made of characters that a terminal shows."""
 
-from __future__ import annotations
-
 import unicodedata
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """What goes wrong while the app runs: arm held, journal whole, words that say what to do."""
 
-from __future__ import annotations
-
 import signal
 import threading
 

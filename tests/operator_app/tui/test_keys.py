@@ -1,7 +1,5 @@
 """Every key of every step: what the runner is asked for, or what the screen says or shows."""
 
-from __future__ import annotations
-
 import html
 import re
 from dataclasses import replace

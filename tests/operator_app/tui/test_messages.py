@@ -1,7 +1,5 @@
 """What was said: shown as far as there is room, and all of it to read."""
 
-from __future__ import annotations
-
 import pytest
 
 from operator_app.session.ui.snapshot import Level, TaskKind

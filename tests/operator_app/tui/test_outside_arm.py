@@ -1,7 +1,5 @@
 """The terminal app on an arm that another package offers: one that it moves, and one that a person moves."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager

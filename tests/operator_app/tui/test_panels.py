@@ -1,7 +1,5 @@
 """What single panels say of a picture, without an app around them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from datetime import datetime, timedelta
 

@@ -1,7 +1,5 @@
 """What each step looks like, at both sizes, dark and without colour. Look before you update them."""
 
-from __future__ import annotations
-
 import pytest
 
 from operator_app.session.ui.snapshot import TaskKind

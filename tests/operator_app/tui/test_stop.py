@@ -1,7 +1,5 @@
 """STOP by key and by mouse: at every step, under every dialog, and what is offered after it."""
 
-from __future__ import annotations
-
 from textual import events
 
 from operator_app.session.ui.snapshot import TaskKind

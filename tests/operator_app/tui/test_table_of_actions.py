@@ -1,7 +1,5 @@
 """The one table of actions, as footer, palette and help show it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

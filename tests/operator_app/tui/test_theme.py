@@ -1,7 +1,5 @@
 """What a terminal of ASCII characters shows."""
 
-from __future__ import annotations
-
 from operator_app.tui.theme import look
 
 

@@ -1,7 +1,5 @@
 """The whole way by keys: how many it takes, what is written, resuming."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """Numbers as words: places, signs, powers, and nothing that is not a number."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """What is shown in several places has its unit and digits from one list; nobody beside it converts."""
 
-from __future__ import annotations
-
 import ast
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Kinematics and its Jacobians against pinocchio and the multiplied-out matrices."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

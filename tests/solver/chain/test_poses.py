@@ -1,7 +1,5 @@
 """Pose sets: shapes, read-only arrays, and a digest of what a calibration uses."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

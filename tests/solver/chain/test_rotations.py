@@ -1,7 +1,5 @@
 """Rotation vectors and differentials against pinocchio and central differences, at hard points too."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

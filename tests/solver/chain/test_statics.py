@@ -1,7 +1,5 @@
 """Gravity's torques against pinocchio and against the slope of the potential energy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Table 2's arm with its joint ranges, and the planned region around home."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -4,8 +4,6 @@ session   drive targets at random in the box that an unplanned session uses (pro
 closed    random joint angles around home put on the nearest closed loop, as the data sets were made
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

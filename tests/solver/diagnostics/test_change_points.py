@@ -1,7 +1,5 @@
 """Steps at any pose: named at the right pose with the right size, and rarely where there is none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

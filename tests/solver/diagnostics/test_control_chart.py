@@ -1,7 +1,5 @@
 """Control charts: how often a sound history raises an alarm, and how soon a shift is named. Statistical model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Hold-out and verification: the right poses, the right rates, and what they catch."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

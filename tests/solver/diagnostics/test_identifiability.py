@@ -1,7 +1,5 @@
 """Condition, rank and what cannot be seen, by name."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Readings outside what the arm can read: named, or refused, before anything is solved."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """RVDT verdicts: planted curves and noise found, straight sensors left in peace, ignorance admitted."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Noise that is quieter than stated is found so, and a shift of a reading is then seen that was not before."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

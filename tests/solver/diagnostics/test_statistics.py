@@ -1,7 +1,5 @@
 """Intervals, chi-square band, jackknife and outliers: figures by hand, and rates over many runs."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Rows of measured distances, against central differences and by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

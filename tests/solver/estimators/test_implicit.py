@@ -1,7 +1,5 @@
 """The implicit estimator: planted truth, ODRPACK, the Cramer-Rao bound, unsensed joints."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

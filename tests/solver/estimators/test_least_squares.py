@@ -1,7 +1,5 @@
 """Least squares in blocks against one call that sees all rows."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

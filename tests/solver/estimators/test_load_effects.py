@@ -1,7 +1,5 @@
 """What bends under load: static equilibrium by central differences, covariances by drawing them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

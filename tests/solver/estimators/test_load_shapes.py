@@ -1,7 +1,5 @@
 """Shapes of play, sag and give: nothing enters below its statement, and columns say what effects do."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

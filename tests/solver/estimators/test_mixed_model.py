@@ -1,7 +1,5 @@
 """The mixed model against dense matrices: likelihood, covariance, budget, scores, poses held out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

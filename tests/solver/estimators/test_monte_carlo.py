@@ -1,7 +1,5 @@
 """Many draws of noise: the implicit estimator is at the Cramer-Rao bound. Truth and bound come from the oracles."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

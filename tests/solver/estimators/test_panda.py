@@ -1,7 +1,5 @@
 """A real arm with a ball in sockets, against an independent re-solve of the same data."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The paper's estimator: planted truth, starts from afar, too few poses, its own figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A step of the variances, where the likelihood is given."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

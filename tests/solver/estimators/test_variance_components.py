@@ -1,7 +1,5 @@
 """One error model: variances found where planted, statements kept as floors, intervals that cover."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

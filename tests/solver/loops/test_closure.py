@@ -1,7 +1,5 @@
 """Loop closure, its elimination and its Jacobians: pinocchio, complex step, central differences."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 import pytest

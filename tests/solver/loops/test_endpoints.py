@@ -1,7 +1,5 @@
 """Ball and measured endpoint against plain homogeneous matrices; hinge geometry into D-H entries."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

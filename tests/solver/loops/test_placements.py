@@ -1,7 +1,5 @@
 """One arm in several placements: what is shared, what is not, and that nothing is mixed up."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Corrections of `sarcal solve --json` in plain Python: a controller may carry this over. Angles in degrees."""
 
-from __future__ import annotations
-
 from math import cos, hypot, radians, sin  # noqa: F401
 
 G = 9.80665

@@ -1,7 +1,5 @@
 """The table that predicts best without corrections, on a real arm's poses that took no part."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Corrections as data: the same by plain Python, and nearer to the truth than a table can be."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sarcal

@@ -1,7 +1,5 @@
 """Calibration from nothing: the right loop is found, a second one is told, nothing depends on luck."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

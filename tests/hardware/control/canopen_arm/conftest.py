@@ -1,7 +1,5 @@
 """The arm on its fake bus, connected, and driven."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import pytest

@@ -1,7 +1,5 @@
 """Pace, closing and recording on a fake bus."""
 
-from __future__ import annotations
-
 import struct
 import threading
 import time

@@ -1,7 +1,5 @@
 """Connecting to an arm on a fake bus: who is there is who was meant, and nothing is left running."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A drive that goes where it was not told to, on a fake bus: the arm is stopped by itself, and says why."""
 
-from __future__ import annotations
-
 import struct
 
 import can

@@ -1,7 +1,5 @@
 """A drive whose enable goes, and no word of it: named, not switched on again, and the others stopped."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 

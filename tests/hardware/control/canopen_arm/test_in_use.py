@@ -1,7 +1,5 @@
 """An arm that somebody works with who is not heard just now is not reset under his hands."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable
 

@@ -1,7 +1,5 @@
 """Connecting over a bus that loses frames: no node that is there is called absent, and nobody waits for all of them."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections import Counter

@@ -1,7 +1,5 @@
 """A drive whose frames carry something else is refused by name before anything is enabled."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Iterator
 

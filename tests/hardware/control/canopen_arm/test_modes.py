@@ -1,7 +1,5 @@
 """Control and modes on a fake bus: taken where the arm stands, read back, and respected of others."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm

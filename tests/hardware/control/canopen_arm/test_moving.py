@@ -1,7 +1,5 @@
 """Moves on a fake bus: in small steps, ended by a watch, by Ctrl-C, by a trip, and the others hold."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import os

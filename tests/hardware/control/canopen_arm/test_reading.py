@@ -1,7 +1,5 @@
 """Settling and capturing on a fake bus: whole samples and no others."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What the arm records of its bus: everything, in order, under a name of its own."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import can

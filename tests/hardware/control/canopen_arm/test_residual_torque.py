@@ -1,7 +1,5 @@
 """A torque or an offset that somebody left in a drive: named, or written to 0, before anything is enabled."""
 
-from __future__ import annotations
-
 import struct
 
 import pytest

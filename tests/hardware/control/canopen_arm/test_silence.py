@@ -1,7 +1,5 @@
 """What goes silent on a fake bus, restarts, or talks nonsense: it is named, and nothing hangs."""
 
-from __future__ import annotations
-
 import struct
 
 import can

@@ -1,7 +1,5 @@
 """STOP on a fake bus has the last word, waits for nothing, and stays until it is reset."""
 
-from __future__ import annotations
-
 import struct
 import threading
 import time

@@ -1,7 +1,5 @@
 """Who watches whom, as the nodes are set up: what is refused before anything is enabled."""
 
-from __future__ import annotations
-
 import math
 import struct
 

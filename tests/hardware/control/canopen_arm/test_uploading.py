@@ -1,7 +1,5 @@
 """Parameters on a fake bus: staged, read back, committed, or refused in words."""
 
-from __future__ import annotations
-
 import hashlib
 import struct
 import time

@@ -1,7 +1,5 @@
 """What happens on the bus beside what was asked for: seen, named, and never in the way of SYNC and heartbeat."""
 
-from __future__ import annotations
-
 import itertools
 import struct
 import time

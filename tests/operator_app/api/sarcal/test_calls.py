@@ -1,7 +1,5 @@
 """What a program may get wrong: an error that names the argument, what was given and what to give."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

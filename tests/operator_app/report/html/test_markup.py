@@ -1,7 +1,5 @@
 """Whatever is put into a string arrives in the page as text."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

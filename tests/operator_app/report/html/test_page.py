@@ -1,7 +1,5 @@
 """A report says what the session measured and what was found, in a page that is whole and harmless."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

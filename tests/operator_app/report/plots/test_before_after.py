@@ -1,7 +1,5 @@
 """Before and after stand side by side, drawn to scale and in agreement with the page's tables."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The braille canvas: which dot is where, and that rounding errors move none."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Figures for a paper hold the numbers of the JSON object, and the files are what their endings say."""
 
-from __future__ import annotations
-
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path

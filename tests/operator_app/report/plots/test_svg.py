@@ -1,7 +1,5 @@
 """Plots are well-formed, named, ticked at round values, and put every value where it belongs."""
 
-from __future__ import annotations
-
 import math
 import xml.etree.ElementTree as ET
 

@@ -1,7 +1,5 @@
 """That this computer was too busy is said once each time, and kept; the arm is not blamed for it."""
 
-from __future__ import annotations
-
 import errno
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """May what the joints read be true, where the arm stands? Asked of drawn arms, wherever they stand."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """A session that goes on asks whether arm and fixture are the same, before its drives are enabled."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a journal says is looked at before it counts: a state, or one error that names the line and the key."""
 
-from __future__ import annotations
-
 import ast
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The journal survives every cut, notices every change, and belongs to one process."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import json

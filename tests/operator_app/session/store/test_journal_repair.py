@@ -1,7 +1,5 @@
 """`sarcal session repair_journal`: nothing that can be proven is lost, nothing that cannot be counts."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The process that solves: same result, ended at once, alone, and never left behind."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

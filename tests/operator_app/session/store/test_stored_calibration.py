@@ -1,7 +1,5 @@
 """A session's calibration comes out of its journal; it is solved again only where it must be, and says so."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Every guard, open and shut, and the words it says when it is shut."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

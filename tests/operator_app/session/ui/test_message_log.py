@@ -1,7 +1,5 @@
 """An alarm stands until it is resolved or acknowledged; no message takes it out of sight."""
 
-from __future__ import annotations
-
 import pytest
 
 from hardware.errors import (

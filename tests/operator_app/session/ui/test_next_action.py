@@ -1,7 +1,5 @@
 """The line above the keys: true, and short enough for the smallest terminal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The runner's promises to a screen: what it shows of work in hand, and that nothing waits."""
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

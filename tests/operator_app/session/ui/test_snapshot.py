@@ -1,7 +1,5 @@
 """What is published is typed: a misspelt field, or a wrong value, is refused before anything runs."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

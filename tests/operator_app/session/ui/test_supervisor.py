@@ -1,7 +1,5 @@
 """What a person is told of the arm's motion."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import MappingProxyType
 

@@ -1,7 +1,5 @@
 """The session on the real plant without a bus: guards, the whole way, interruption and resuming."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

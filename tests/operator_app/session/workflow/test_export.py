@@ -1,7 +1,5 @@
 """A calibration goes to the controller if it is accepted, or for a reason that is kept; the journal says so."""
 
-from __future__ import annotations
-
 import errno
 import os
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Which bus a session is on is decided once: what was really opened is journalled, and resumed."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Planned captures on the real plant without a bus: whole, interrupted, moved, withdrawn, stopped."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

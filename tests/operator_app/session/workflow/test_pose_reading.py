@@ -1,7 +1,5 @@
 """What a reading is refused for, on an arm that a test brings."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """A plot in braille: what stands beside its axis stands where the data are drawn."""
 
-from __future__ import annotations
-
 import pytest
 
 from operator_app.report.plots.plot import Marks, Picture, axis

@@ -1,7 +1,5 @@
 """The strip and the banner say at 80 columns what matters, whole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.help_topic import manual
 from operator_app.commands.options import (
-    a_name,
     bus_options,
     choices_from,
+    option,
+    options,
     pose_count,
     recording,
     scenario_options,
-    session_record_option,
-    sessions_option,
-    tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
@@ -35,31 +33,22 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     group = parser.add_argument_group("terminal app")
-    group.add_argument(
-        "--procedure", type=a_name, default="hinge", help="procedure file or built-in name (hinge)"
+    option(
+        group, "--procedure PROCEDURE", "procedure file or built-in name (hinge)", default="hinge"
     )
-    group.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
-    group.add_argument(
-        "--resume",
-        type=a_name,
-        metavar="SESSION",
-        help="go on with a session: folder, name or latest",
-    )
-    group.add_argument("--ascii", action="store_true", help="only ASCII characters")
-    group.add_argument(
-        "--plain", action="store_true", help="numbered prompts instead of a full screen"
-    )
-    group.add_argument("--light", action="store_true", help="begin with the light theme")
-    group.add_argument(
-        "--speed",
+    option(group, "--poses N", "how many poses to capture", type=pose_count)
+    option(group, "--resume SESSION", "go on with a session: folder, name or latest")
+    option(group, "--ascii", "only ASCII characters")
+    option(group, "--plain", "numbered prompts instead of a full screen")
+    option(group, "--light", "begin with the light theme")
+    option(
+        group,
+        "--speed N",
+        "let the embedded virtual arm run N times faster than real time (default 1)",
         type=float,
         default=1.0,
-        metavar="N",
-        help="let the embedded virtual arm run N times faster than real time (default 1)",
     )
-    tracker_option(parser)
-    sessions_option(parser)
-    session_record_option(parser)
+    options(parser, "--tracker PORT, --sessions DIR, --record")
     bus_options(parser)
     scenario_options(parser)
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from operator_app.commands.options import (
     arm_options,
     bus_options,
-    json_option,
     opening_from,
-    record_option,
+    option,
+    options,
     scenario_options,
 )
 from operator_app.errors import NotLetGoError
@@ -32,33 +32,27 @@ RESULT_MARKS = {True: "ok", False: "FAILED", None: "-"}
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     arm_options(parser)
-    parser.add_argument(
+    option(
+        parser,
         "--through",
-        choices=STAGES,
-        default=STAGES[-1],
-        help="the last stage: look (nothing is enabled), hold (drives on, what must be refused, STOP), move (each "
+        "the last stage: look (nothing is enabled), hold (drives on, what must be refused, STOP), move (each "
         "joint by a little, halted, interrupted and stopped on its way), free (each joint lets go), leave (closed "
         "and connected again), silence (as if this program died); default silence. Every stage after look asks "
         "first, joint by joint",
+        choices=STAGES,
+        default=STAGES[-1],
     )
-    parser.add_argument(
-        "--step",
+    option(
+        parser,
+        "--step DEG",
+        "how far each joint is turned (default 1 deg; the tool must be free to move)",
         type=float,
         default=1.0,
-        metavar="DEG",
-        help="how far each joint is turned (default 1 deg; the tool must be free to move)",
     )
-    parser.add_argument(
-        "--speed",
-        type=float,
-        default=1.0,
-        metavar="DEG_PER_S",
-        help="how fast (default 1 deg/s)",
-    )
+    option(parser, "--speed DEG_PER_S", "how fast (default 1 deg/s)", type=float, default=1.0)
+    options(parser, "--record FILE, --json")
     bus_options(parser)
-    record_option(parser)
     scenario_options(parser)
-    json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_name, json_option
+from operator_app.commands.options import a_name, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -25,10 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "by their contents",
     )
     for kind in ("arm", "fixture", "procedure"):
-        parser.add_argument(
-            f"--{kind}", type=a_name, metavar="NAME", help=f"a built-in {kind}, or the file of one"
-        )
-    json_option(parser)
+        option(parser, f"--{kind} NAME", f"a built-in {kind}, or the file of one")
+    options(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:

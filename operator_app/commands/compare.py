@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import a_name, json_option, sessions_option
+from operator_app.commands.options import a_name, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -18,20 +18,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar=name.upper(),
             help=f"{words} parameters file, session folder, session name or latest",
         )
-    parser.add_argument(
-        "--level",
+    option(
+        parser,
+        "--level P",
+        "probability of a false alarm over all parameters together (default 0.01)",
         type=float,
         default=0.01,
-        metavar="P",
-        help="probability of a false alarm over all parameters together (default 0.01)",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--remounted",
-        action="store_true",
-        help="the fixture was taken off in between: compare the arm's own parameters only",
+        "the fixture was taken off in between: compare the arm's own parameters only",
     )
-    sessions_option(parser)
-    json_option(parser)
+    options(parser, "--sessions DIR, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -17,12 +17,12 @@ from hardware.canopen.objects import (
 )
 from hardware.virtual.fault_messages import FAULTS
 from operator_app.commands.options import (
-    a_name,
     a_path,
     bus_options,
     choices_from,
+    option,
+    options,
     placement_count,
-    record_option,
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
@@ -42,46 +42,41 @@ _LOOK_S = 0.2
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "--arm", type=a_name, help="arm file or built-in name (default sarcos_dextrous)"
+    option(parser, "--arm ARM", "arm file or built-in name (default sarcos_dextrous)")
+    option(parser, "--fixture FIXTURE", "fixture file or built-in name (default hinge)")
+    option(
+        parser,
+        "--procedure P",
+        "arm and fixture of this procedure, instead of the two above; the arm stands at its home",
     )
-    parser.add_argument(
-        "--fixture", type=a_name, help="fixture file or built-in name (default hinge)"
-    )
-    parser.add_argument(
-        "--procedure",
-        type=a_name,
-        metavar="P",
-        help="arm and fixture of this procedure, instead of the two above; the arm stands at its home",
-    )
-    parser.add_argument(
-        "--placement",
+    option(
+        parser,
+        "--placement K",
+        "number of the placement (default 1): from 2 on the fixture is elsewhere within its file's "
+        "tolerance, for a session with `run --placements`",
         type=placement_count,
         default=1,
-        metavar="K",
-        help="number of the placement (default 1): from 2 on the fixture is elsewhere within its file's "
-        "tolerance, for a session with `run --placements`",
     )
-    parser.add_argument(
-        "--state",
+    option(
+        parser,
+        "--state DIR",
+        "folder that keeps uploaded parameters over a restart (default: in memory)",
         type=a_path,
-        metavar="DIR",
-        help="folder that keeps uploaded parameters over a restart (default: in memory)",
     )
-    parser.add_argument(
-        "--tracker-port",
-        type=int,
-        metavar="N",
-        help="where the simulated tracker of an open arm (a fixture of kind measured, such as tracker) "
+    option(
+        parser,
+        "--tracker-port N",
+        "where the simulated tracker of an open arm (a fixture of kind measured, such as tracker) "
         "listens on this machine; default 7327, 0 takes any that is free",
+        type=int,
     )
-    parser.add_argument(
-        "--heartbeat-timeout",
-        type=_patience_s,
-        metavar="S",
-        help="how long the drives go without the operator's heartbeat before they trip (1016h), in s: default "
+    option(
+        parser,
+        "--heartbeat-timeout S",
+        "how long the drives go without the operator's heartbeat before they trip (1016h), in s: default "
         f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; for a machine that both programs share with "
         f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
+        type=_patience_s,
     )
     faults = parser.add_argument_group("faults, to see how an operator sees them")
     faults.add_argument(
@@ -93,22 +88,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="inject a fault; may be repeated. `--fault help` lists for each what is broken, what the operator "
         f"sees and what to do. One of: {', '.join(FAULTS)}",
     )
-    faults.add_argument(
-        "--fault-joint",
+    option(
+        faults,
+        "--fault-joint J",
+        "joint of the fault, if it is of one joint (default 3)",
         type=int,
         default=3,
-        metavar="J",
-        help="joint of the fault, if it is of one joint (default 3)",
     )
-    faults.add_argument(
-        "--fault-sync",
-        type=int,
-        metavar="N",
-        help="SYNC of the fault since the start of the controller; 0: before the connection (default 0 for "
+    option(
+        faults,
+        "--fault-sync N",
+        "SYNC of the fault since the start of the controller; 0: before the connection (default 0 for "
         f"{', '.join(_AT_CONNECT)}, which appear at the connection; else 1000: after 10 s in real time)",
+        type=int,
     )
     bus_options(parser, profile=False)
-    record_option(parser)
+    options(parser, "--record FILE")
     scenario_options(parser)
 
 

@@ -5,20 +5,19 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from operator_app.commands.options import a_path
+from operator_app.commands.options import a_path, option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "-o",
-        "--output",
+    option(
+        parser,
+        "-o --output DIR",
+        "folder to write joint.eds and supervisor.eds into (default: this one)",
         type=a_path,
         default=Path(),
-        metavar="DIR",
-        help="folder to write joint.eds and supervisor.eds into (default: this one)",
     )
 
 

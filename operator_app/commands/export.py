@@ -11,14 +11,11 @@ from operator_app.commands.options import (
     a_path,
     bus_options,
     choices_from,
-    estimator_options,
-    force_option,
-    json_option,
+    option,
+    options,
     recording,
     scenario_options,
     session_argument,
-    session_record_option,
-    sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -32,36 +29,33 @@ FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     session_argument(parser)
-    parser.add_argument(
+    option(
+        parser,
         "--format",
-        choices=FORMATS,
-        help="yaml: the parameters file, for the controller; json: everything; csv: one row a parameter; "
+        "yaml: the parameters file, for the controller; json: everything; csv: one row a parameter; "
         "urdf: the arm's own side, for simulators and planners; mat: for MATLAB (default: what -o ends in, "
         "else yaml)",
+        choices=FORMATS,
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=a_path,
-        metavar="FILE",
-        help="write there (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
+    option(
+        parser,
+        "-o --output FILE",
+        "write there (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
         "arm.urdf or result.mat; - is stdout)",
-    )
-    parser.add_argument(
-        "--into",
         type=a_path,
-        metavar="FILE",
-        help="your own URDF, xacro with literal numbers or UR default_kinematics.yaml: written again with only "
+    )
+    option(
+        parser,
+        "--into FILE",
+        "your own URDF, xacro with literal numbers or UR default_kinematics.yaml: written again with only "
         "origins of joints changed (default -o: FILE_calibrated in the session folder)",
+        type=a_path,
     )
-    parser.add_argument(
-        "--upload", action="store_true", help="upload them to the controller and read them back"
+    option(parser, "--upload", "upload them to the controller and read them back")
+    options(
+        parser,
+        "--force REASON, --json, --estimator, --unsensed JOINTS, --sessions DIR, --record",
     )
-    force_option(parser)
-    json_option(parser)
-    estimator_options(parser)
-    sessions_option(parser)
-    session_record_option(parser)
     bus_options(parser)
     scenario_options(parser)
 

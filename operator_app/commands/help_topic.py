@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from operator_app.commands.options import a_name, a_path
+from operator_app.commands.options import a_name, a_path, option
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual, reference, table
@@ -30,12 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TOPIC",
         help="page or command; without it, all topics",
     )
-    parser.add_argument("--markdown", action="store_true", help="print the page as Markdown")
-    parser.add_argument(
-        "--files",
+    option(parser, "--markdown", "print the page as Markdown")
+    option(
+        parser,
+        "--files FOLDER",
+        "write the files of the page into a folder; never over existing files",
         type=a_path,
-        metavar="FOLDER",
-        help="write the files of the page into a folder; never over existing files",
     )
 
 

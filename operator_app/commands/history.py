@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from operator_app.commands.options import a_name, a_path, json_option, sessions_option
+from operator_app.commands.options import a_name, a_path, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -22,27 +22,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="SERIAL",
         help="serial number of the arm, e.g. SDA-0001; may be left out where all sessions are of one",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--kept-mounted",
-        action="store_true",
-        help="the fixture stays mounted between sessions: compare its placement as well; without it each session "
+        "the fixture stays mounted between sessions: compare its placement as well; without it each session "
         "has a new placement",
     )
-    parser.add_argument(
-        "--every",
+    option(
+        parser,
+        "--every DAYS",
+        "interval between calibrations (default: the median of those there are)",
         type=float,
-        metavar="DAYS",
-        help="interval between calibrations (default: the median of those there are)",
     )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=a_path,
-        metavar="FILE",
-        help="write an HTML page with charts there as well",
-    )
-    sessions_option(parser)
-    json_option(parser)
+    option(parser, "-o --output FILE", "write an HTML page with charts there as well", type=a_path)
+    options(parser, "--sessions DIR, --json")
 
 
 def _only_serial(root: Path) -> str:

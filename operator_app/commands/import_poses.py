@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Any
 from operator_app.commands.options import (
     a_name,
     arm_and_fixture_options,
-    estimator_options,
-    json_option,
+    option,
+    options,
     parse_joints,
     print_warnings,
     require_joints,
-    sessions_option,
     tolerance_m,
-    tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -39,52 +37,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     arm_and_fixture_options(parser)
     unit = parser.add_mutually_exclusive_group()
-    unit.add_argument("--rad", action="store_true", help="the angles are radians")
-    unit.add_argument(
-        "--deg", action="store_true", help="the angles are degrees, however small they are"
-    )
-    parser.add_argument(
-        "--columns",
-        type=a_name,
-        metavar="LIST",
-        help="columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...); "
+    option(unit, "--rad", "the angles are radians")
+    option(unit, "--deg", "the angles are degrees, however small they are")
+    option(
+        parser,
+        "--columns LIST",
+        "columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...); "
         "of a bag: names of its joints",
     )
     recorded = parser.add_argument_group("recordings: one pose wherever the arm was at rest")
-    recorded.add_argument(
-        "--time",
-        type=a_name,
-        metavar="COLUMN",
-        help="column of a log, by number or name, that has the times (s, or ISO 8601): it is a recording",
+    option(
+        recorded,
+        "--time COLUMN",
+        "column of a log, by number or name, that has the times (s, or ISO 8601): it is a recording",
     )
-    recorded.add_argument(
-        "--topic", type=a_name, help="of a bag's sensor_msgs/msg/JointState (default /joint_states)"
+    option(
+        recorded, "--topic TOPIC", "of a bag's sensor_msgs/msg/JointState (default /joint_states)"
     )
-    recorded.add_argument(
-        "--dwell-s", type=float, metavar="S", help="the arm rests at least this long (default 1)"
-    )
-    recorded.add_argument(
-        "--spread-deg",
+    option(recorded, "--dwell-s S", "the arm rests at least this long (default 1)", type=float)
+    option(
+        recorded,
+        "--spread-deg DEG",
+        "largest less smallest reading of each joint at rest (default 0.05)",
         type=float,
-        metavar="DEG",
-        help="largest less smallest reading of each joint at rest (default 0.05)",
     )
-    parser.add_argument(
-        "--placement",
-        type=a_name,
-        metavar="COLUMN",
-        help="column of a log, by number or name, that says in which placement of the fixture a pose was taken",
+    option(
+        parser,
+        "--placement COLUMN",
+        "column of a log, by number or name, that says in which placement of the fixture a pose was taken",
     )
-    parser.add_argument(
-        "--serial", type=a_name, metavar="TEXT", help="serial number of the arm, for compare"
-    )
-    parser.add_argument(
-        "--name", type=a_name, help="name of the session (default: that of the file)"
-    )
-    estimator_options(parser)
-    tolerance_option(parser)
-    sessions_option(parser)
-    json_option(parser)
+    option(parser, "--serial TEXT", "serial number of the arm, for compare")
+    option(parser, "--name NAME", "name of the session (default: that of the file)")
+    options(parser, "--estimator, --unsensed JOINTS, --length-tolerance MM, --sessions DIR, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

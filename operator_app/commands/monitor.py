@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
-from operator_app.commands.options import bus_options, json_option, record_option
+from operator_app.commands.options import bus_options, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -17,12 +17,9 @@ BUS_POLL_S = 0.1
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "--seconds", type=float, metavar="S", help="how long to watch (default: until Ctrl-C)"
-    )
+    option(parser, "--seconds S", "how long to watch (default: until Ctrl-C)", type=float)
     bus_options(parser)
-    record_option(parser)
-    json_option(parser)
+    options(parser, "--record FILE, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

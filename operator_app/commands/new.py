@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fixtures.base import Tolerance
-from operator_app.commands.options import a_name, a_path
+from operator_app.commands.options import a_path, option
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
 from operator_app.units import ANGLE, DEVIATION, LENGTH, Figure
@@ -64,73 +64,49 @@ OF_WHAT = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("what", choices=tuple(OF_WHAT), help="what to make")
-    parser.add_argument(
-        "--from",
-        type=a_name,
+    option(
+        parser,
+        "--from NAME",
+        "copy this packaged file, comments and all, to change its numbers",
         dest="packaged",
-        metavar="NAME",
-        help="copy this packaged file, comments and all, to change its numbers",
     )
-    parser.add_argument("--name", type=a_name, help="name of what is made")
-    parser.add_argument(
-        "-o", "--output", type=a_path, metavar="FILE", help="write it there (default: NAME.yaml)"
-    )
+    option(parser, "--name NAME", "name of what is made")
+    option(parser, "-o --output FILE", "write it there (default: NAME.yaml)", type=a_path)
     urdf = parser.add_argument_group("arm")
-    urdf.add_argument("--urdf", type=a_name, metavar="FILE", help="the arm's URDF (not xacro)")
-    urdf.add_argument(
-        "--base",
-        type=a_name,
-        metavar="LINK",
-        help="link that the chain starts at (default: the root)",
-    )
-    urdf.add_argument(
-        "--tip", type=a_name, metavar="LINK", help="link that the chain ends at, e.g. the flange"
-    )
+    option(urdf, "--urdf FILE", "the arm's URDF (not xacro)")
+    option(urdf, "--base LINK", "link that the chain starts at (default: the root)")
+    option(urdf, "--tip LINK", "link that the chain ends at, e.g. the flange")
     fixture = parser.add_argument_group(
         "fixture, measured in the base (frame 0) and on the tool (frame n)"
     )
-    fixture.add_argument(
-        "--arm", type=a_name, help="arm file or built-in name; for a procedure, too"
-    )
-    fixture.add_argument("--kind", choices=("hinge", "ball"), help="what constrains the tool")
+    option(fixture, "--arm ARM", "arm file or built-in name; for a procedure, too")
+    option(fixture, "--kind", "what constrains the tool", choices=("hinge", "ball"))
     for side, where in (
         ("hand", "in the last frame of the arm's D-H table"),
         ("base", "in its frame 0; default: where the tool has it at the arm's home_deg"),
     ):
-        fixture.add_argument(
-            f"--{side}-point",
-            type=a_name,
-            metavar="X,Y,Z",
-            help=f"a point of the hinge axis, the same one on tool and base, or the ball's centre, {where}, mm",
+        option(
+            fixture,
+            f"--{side}-point X,Y,Z",
+            f"a point of the hinge axis, the same one on tool and base, or the ball's centre, {where}, mm",
         )
-        fixture.add_argument(
-            f"--{side}-direction",
-            type=a_name,
-            metavar="X,Y,Z",
-            help=f"along the hinge axis, {where}",
-        )
-    fixture.add_argument(
-        "--tolerance-mm", type=float, metavar="MM", help="standard deviation of positions"
-    )
-    fixture.add_argument(
-        "--tolerance-deg", type=float, metavar="DEG", help="standard deviation of directions"
-    )
+        option(fixture, f"--{side}-direction X,Y,Z", f"along the hinge axis, {where}")
+    option(fixture, "--tolerance-mm MM", "standard deviation of positions", type=float)
+    option(fixture, "--tolerance-deg DEG", "standard deviation of directions", type=float)
     procedure = parser.add_argument_group("procedure")
-    procedure.add_argument("--fixture", type=a_name, help="fixture file or built-in name")
+    option(procedure, "--fixture FIXTURE", "fixture file or built-in name")
 
 
 def execute(args: argparse.Namespace) -> int:
     """Create the file; print what to check."""
     of_others = {o for options in OF_WHAT.values() for o in options} - set(OF_WHAT[args.what])
-    for option in sorted(of_others):
-        if getattr(args, option):
-            raise UsageError(
-                f"--{option.replace('_', '-')} is not an option of sarcal new {args.what}"
-            )
-    for option in ("tolerance_mm", "tolerance_deg"):
-        stated = getattr(args, option)
+    for name in sorted(of_others):
+        if getattr(args, name):
+            raise UsageError(f"{_typed(name)} is not an option of sarcal new {args.what}")
+    for name in ("tolerance_mm", "tolerance_deg"):
+        stated = getattr(args, name)
         if stated is not None and not math.isfinite(stated):
-            raise UsageError(f"{_typed(option)} {stated}: not a finite number, e.g. 0.5")
+            raise UsageError(f"{_typed(name)} {stated}: not a finite number, e.g. 0.5")
     match args.what:
         case "arm":
             return _arm(args)
@@ -203,9 +179,9 @@ def _fixture(args: argparse.Namespace) -> int:
     from operator_app.planning.proposals import ball_between, hinge_between
 
     if args.packaged:
-        for option in OF_WHAT["fixture"]:
-            if getattr(args, option):
-                raise UsageError(f"--from copies a file: leave {_typed(option)} out")
+        for given in OF_WHAT["fixture"]:
+            if getattr(args, given):
+                raise UsageError(f"--from copies a file: leave {_typed(given)} out")
         name = _named(args.name or f"my_{args.packaged}")
         target = _save(
             args, "fixture", name, copied("fixture", args.packaged, name=name), parse_fixture
@@ -220,9 +196,9 @@ def _fixture(args: argparse.Namespace) -> int:
     name = _named(args.name or f"{arm.name}_{args.kind}")
     fixture: Ball | Hinge
     if args.kind == "ball":
-        for option in ("hand_direction", "base_direction"):
-            if getattr(args, option):
-                raise UsageError(f"{_typed(option)}: a ball is a point")
+        for given in ("hand_direction", "base_direction"):
+            if getattr(args, given):
+                raise UsageError(f"{_typed(given)}: a ball is a point")
         base = _millimetres(args, "base_point") if args.base_point else None
         fixture = ball_between(arm, _millimetres(args, "hand_point"), base)
     else:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hardware.virtual import DEFAULT_SCENARIO, SCENARIOS
 from operator_app.exit_codes import UsageError
@@ -47,35 +48,53 @@ def a_path(text: str) -> Path:
         ) from error
 
 
-def json_option(parser: argparse.ArgumentParser) -> None:
-    """``--json``: one JSON object on stdout."""
-    parser.add_argument("--json", action="store_true", help="print one JSON object on stdout")
+SHARED = {
+    "--json": "print one JSON object on stdout",
+    "--estimator": "implicit weights every joint by its sensor (default); paper is the published unweighted least "
+    "squares",
+    "--unsensed JOINTS": "joints whose readings are not to be used, e.g. 6,7",
+    "--length-tolerance MM": "standard deviation of the link lengths, e.g. 1.5; default: as in the arm file",
+    "--force REASON": "export a calibration even if it is not accepted; the reason is kept in the journal and in the "
+    "parameters",
+    "--go-home": "agree that an arm outside the procedure's box of drive angles goes home by itself, straight and at "
+    "5 deg/s; without it such an arm is not moved. Stand clear",
+    "--plan": "how poses are chosen: explore visits a box of drive angles in a fixed order; planned explores "
+    "first, calibrates, and captures the 12 (or --poses) most informative poses",
+    "--tracker PORT": "port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (CSV that grows) or "
+    "stdin; one JSON object per line, with x_m, y_m, z_m and the orientation of the target. Default: as in "
+    "the procedure; an embedded virtual arm has its own tracker",
+    "--sessions DIR": "folder that holds the session folders (default ./sessions)",
+    "--record": "record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)",
+    "--record FILE": "record the bus (.blf, .asc, .log)",
+}
+"""Help of options that several commands have, by usage."""
+ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
+    "--estimator": {"choices": ("implicit", "paper")},
+    "--length-tolerance MM": {"type": float},
+    "--plan": {"choices": ("explore", "planned")},
+    "--sessions DIR": {"type": a_path, "default": Path("sessions")},
+    "--record FILE": {"type": a_path},
+}
+"""Further arguments of theirs, for argparse."""
 
 
-def estimator_options(parser: argparse.ArgumentParser) -> None:
-    """``--estimator`` and ``--unsensed``."""
-    parser.add_argument(
-        "--estimator",
-        choices=("implicit", "paper"),
-        help="implicit weights every joint by its sensor (default); paper is the published "
-        "unweighted least squares",
-    )
-    parser.add_argument(
-        "--unsensed",
-        type=a_name,
-        metavar="JOINTS",
-        help="joints whose readings are not to be used, e.g. 6,7",
-    )
+def option(parser: argparse._ActionsContainer, usage: str, words: str, **more: Any) -> None:
+    """Declare an option by its usage, such as ``-o --output FILE``.
+
+    Without a metavar (and without `choices`) it is a switch, else by default a text that must not be empty.
+    """
+    names = usage.split()
+    if not names[-1].startswith("-"):
+        more = {"type": a_name, "metavar": names.pop()} | more
+    elif "choices" not in more:
+        more["action"] = "store_true"
+    parser.add_argument(*names, help=words, **more)
 
 
-def tolerance_option(parser: argparse.ArgumentParser) -> None:
-    """``--length-tolerance``."""
-    parser.add_argument(
-        "--length-tolerance",
-        type=float,
-        metavar="MM",
-        help="standard deviation of the link lengths, e.g. 1.5; default: as in the arm file",
-    )
+def options(parser: argparse.ArgumentParser, usages: str) -> None:
+    """Declare options that several commands have, by their usages in `SHARED`, separated by commas."""
+    for usage in usages.split(", "):
+        option(parser, usage, SHARED[usage], **ARGUMENTS.get(usage, {}))
 
 
 def tolerance_m(args: argparse.Namespace) -> float | None:
@@ -88,56 +107,21 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
     return found / 1e3
 
 
-def force_option(parser: argparse.ArgumentParser) -> None:
-    """``--force``."""
-    parser.add_argument(
-        "--force",
-        type=a_name,
-        metavar="REASON",
-        help="export a calibration even if it is not accepted; the reason is kept in the journal and "
-        "in the parameters",
-    )
-
-
-def homing_option(parser: argparse.ArgumentParser) -> None:
-    """``--go-home``."""
-    parser.add_argument(
-        "--go-home",
-        action="store_true",
-        help="agree that an arm outside the procedure's box of drive angles goes home by itself, straight and at "
-        "5 deg/s; without it such an arm is not moved. Stand clear",
-    )
-
-
-def plan_option(parser: argparse.ArgumentParser) -> None:
-    """``--plan``."""
-    parser.add_argument(
-        "--plan",
-        choices=("explore", "planned"),
-        help="how poses are chosen: explore visits a box of drive angles in a fixed order; planned explores "
-        "first, calibrates, and captures the 12 (or --poses) most informative poses",
-    )
-
-
 def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> None:
     """``-i -c -b`` as in python-can, and ``--profile``."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
-    group.add_argument(
-        "-i",
-        "--interface",
-        type=a_name,
-        help="virtual (default, embedded controller), loopback, socketcan, ...",
+    option(
+        group,
+        "-i --interface INTERFACE",
+        "virtual (default, embedded controller), loopback, socketcan, ...",
     )
-    group.add_argument(
-        "-c", "--channel", type=a_name, help="e.g. can0, vcan0; for loopback any name"
-    )
-    group.add_argument("-b", "--bitrate", type=int, help="bit/s, e.g. 1000000")
+    option(group, "-c --channel CHANNEL", "e.g. can0, vcan0; for loopback any name")
+    option(group, "-b --bitrate BITRATE", "bit/s, e.g. 1000000", type=int)
     if profile:
-        group.add_argument(
-            "--profile",
-            type=a_name,
-            metavar="P",
-            help="how the arm's nodes are set up: bus profile file or built-in name (default sarcos, or "
+        option(
+            group,
+            "--profile P",
+            "how the arm's nodes are set up: bus profile file or built-in name (default sarcos, or "
             "what the procedure says); sarcal probe --draft writes one",
         )
 
@@ -145,14 +129,15 @@ def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> Non
 def scenario_options(parser: argparse.ArgumentParser) -> None:
     """``--scenario`` and ``--seed`` of the virtual arm."""
     group = parser.add_argument_group("virtual arm")
-    group.add_argument(
+    option(
+        group,
         "--scenario",
-        choices=SCENARIOS,
-        help="what is wrong with the virtual arm: exact (nothing), datasheet (sensors at their "
+        "what is wrong with the virtual arm: exact (nothing), datasheet (sensors at their "
         "specification), as_reported (the paper's three error sources), wild (another arm and "
         f"hinge for every seed); default {DEFAULT_SCENARIO}",
+        choices=SCENARIOS,
     )
-    group.add_argument("--seed", type=int, help="of the virtual arm (default 0)")
+    option(group, "--seed SEED", "of the virtual arm (default 0)", type=int)
 
 
 def placement_count(text: str) -> int:
@@ -161,18 +146,6 @@ def placement_count(text: str) -> int:
     if found < 1:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1")
     return found
-
-
-def tracker_option(parser: argparse.ArgumentParser) -> None:
-    """``--tracker``: the port of the instrument that measures endpoints."""
-    parser.add_argument(
-        "--tracker",
-        type=a_name,
-        metavar="PORT",
-        help="port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (CSV that grows) or "
-        "stdin; one JSON object per line, with x_m, y_m, z_m and the orientation of the target. Default: as in "
-        "the procedure; an embedded virtual arm has its own tracker",
-    )
 
 
 def session_argument(parser: argparse.ArgumentParser) -> None:
@@ -184,27 +157,12 @@ def session_argument(parser: argparse.ArgumentParser) -> None:
 
 def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
     """``--arm``, ``--fixture`` and ``--drop-unidentifiable`` of a command with a file of poses."""
-    parser.add_argument(
-        "--arm", type=a_name, default="sarcos_dextrous", help="arm file or built-in name"
-    )
-    parser.add_argument(
-        "--fixture", type=a_name, default="hinge", help="fixture file or built-in name"
-    )
-    parser.add_argument(
+    option(parser, "--arm ARM", "arm file or built-in name", default="sarcos_dextrous")
+    option(parser, "--fixture FIXTURE", "fixture file or built-in name", default="hinge")
+    option(
+        parser,
         "--drop-unidentifiable",
-        action="store_true",
-        help="fix unidentifiable parameters at their nominal values, instead of refusing",
-    )
-
-
-def sessions_option(parser: argparse.ArgumentParser) -> None:
-    """``--sessions``: where session folders are kept."""
-    parser.add_argument(
-        "--sessions",
-        type=a_path,
-        default=Path("sessions"),
-        metavar="DIR",
-        help="folder that holds the session folders (default ./sessions)",
+        "fix unidentifiable parameters at their nominal values, instead of refusing",
     )
 
 
@@ -217,13 +175,13 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
         metavar="SESSION",
         help="a session on the arm: its arm file and its bus (folder, name or latest)",
     )
-    parser.add_argument(
-        "--arm",
-        type=a_name,
+    option(
+        parser,
+        "--arm ARM",
+        "arm file or built-in name, where no session is named (default sarcos_dextrous)",
         default="sarcos_dextrous",
-        help="arm file or built-in name, where no session is named (default sarcos_dextrous)",
     )
-    sessions_option(parser)
+    options(parser, "--sessions DIR")
 
 
 def opening_from(args: argparse.Namespace) -> Opening:
@@ -245,25 +203,9 @@ def opening_from(args: argparse.Namespace) -> Opening:
     return replace(opening, procedure=replace(opening.procedure, arm=arm, profile=profile))
 
 
-def session_record_option(parser: argparse.ArgumentParser) -> None:
-    """``--record``: into the session's folder."""
-    parser.add_argument(
-        "--record",
-        action="store_true",
-        help="record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)",
-    )
-
-
 def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
     """Return the file of ``--record`` in a session folder."""
     return opening.folder / "bus.blf" if args.record else None
-
-
-def record_option(parser: argparse.ArgumentParser) -> None:
-    """``--record FILE``."""
-    parser.add_argument(
-        "--record", type=a_path, metavar="FILE", help="record the bus (.blf, .asc, .log)"
-    )
 
 
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:

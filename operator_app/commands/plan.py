@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 from operator_app.commands.options import (
     a_name,
     given_joints,
-    json_option,
+    option,
+    options,
     parse_joints,
     pose_count,
     require_joints,
-    sessions_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -34,43 +34,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "procedure", type=a_name, nargs="?", help="procedure file or built-in name (default hinge)"
     )
-    parser.add_argument(
-        "--arm", type=a_name, help="another arm file or built-in name than the procedure's"
+    option(parser, "--arm ARM", "another arm file or built-in name than the procedure's")
+    option(
+        parser, "--fixture FIXTURE", "another fixture file or built-in name than the procedure's"
     )
-    parser.add_argument(
-        "--fixture", type=a_name, help="another fixture file or built-in name than the procedure's"
+    option(
+        parser, "--poses N", f"how many poses to plan (default {DEFAULT_POSES})", type=pose_count
     )
-    parser.add_argument(
-        "--poses",
-        type=pose_count,
-        metavar="N",
-        help=f"how many poses to plan (default {DEFAULT_POSES})",
+    option(parser, "--unsensed JOINTS", "joints whose readings are not used, e.g. 6,7")
+    option(
+        parser,
+        "--session SESSION",
+        "plan from the poses and estimate of a session: folder, name or latest",
     )
-    parser.add_argument(
-        "--unsensed",
-        type=a_name,
-        metavar="JOINTS",
-        help="joints whose readings are not used, e.g. 6,7",
-    )
-    parser.add_argument(
-        "--session",
-        type=a_name,
-        metavar="SESSION",
-        help="plan from the poses and estimate of a session: folder, name or latest",
-    )
-    parser.add_argument(
-        "--advise", action="store_true", help="also search for better hinge placements"
-    )
-    parser.add_argument(
-        "--tries",
+    option(parser, "--advise", "also search for better hinge placements")
+    option(
+        parser,
+        "--tries N",
+        f"placements to try with --advise (default {TRIES}, half a second each)",
         type=int,
         default=TRIES,
-        metavar="N",
-        help=f"placements to try with --advise (default {TRIES}, half a second each)",
     )
-    parser.add_argument("--ascii", action="store_true", help="only ASCII characters")
-    sessions_option(parser)
-    json_option(parser)
+    option(parser, "--ascii", "only ASCII characters")
+    options(parser, "--sessions DIR, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

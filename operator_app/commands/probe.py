@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, bus_options, json_option, record_option
+from operator_app.commands.options import a_path, bus_options, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -36,21 +36,20 @@ MAPS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "--draft",
+    option(
+        parser,
+        "--draft FILE",
+        "write a bus profile of the drives that are found, for --profile",
         type=a_path,
-        metavar="FILE",
-        help="write a bus profile of the drives that are found, for --profile",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--configure",
-        action="store_true",
-        help="with --draft: a profile that has the drives' PDOs written into them whenever they are connected to "
+        "with --draft: a profile that has the drives' PDOs written into them whenever they are connected to "
         "(pdo_maps: configured), for drives that cannot be driven as they are set up; probe itself writes nothing",
     )
     bus_options(parser)
-    record_option(parser)
-    json_option(parser)
+    options(parser, "--record FILE, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -7,13 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import (
-    a_path,
-    estimator_options,
-    given_joints,
-    session_argument,
-    sessions_option,
-)
+from operator_app.commands.options import a_path, given_joints, option, options, session_argument
 from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import as_json, say
 
@@ -25,28 +19,22 @@ if TYPE_CHECKING:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     session_argument(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
+    option(
+        parser,
+        "-o --output FILE",
+        "write the page there (default: report.html in the session folder; - is stdout)",
         type=a_path,
-        metavar="FILE",
-        help="write the page there (default: report.html in the session folder; - is stdout)",
     )
     shown = parser.add_mutually_exclusive_group()
-    shown.add_argument(
-        "--text", action="store_true", help="print what sarcal run printed, and write no page"
-    )
-    shown.add_argument(
-        "--json", action="store_true", help="print the object of sarcal run --json instead"
-    )
-    shown.add_argument(
-        "--plots",
+    option(shown, "--text", "print what sarcal run printed, and write no page")
+    option(shown, "--json", "print the object of sarcal run --json instead")
+    option(
+        shown,
+        "--plots FOLDER",
+        "write figures for a paper there instead, as SVG, and as PDF with the extra [plots]",
         type=a_path,
-        metavar="FOLDER",
-        help="write figures for a paper there instead, as SVG, and as PDF with the extra [plots]",
     )
-    estimator_options(parser)
-    sessions_option(parser)
+    options(parser, "--estimator, --unsensed JOINTS, --sessions DIR")
 
 
 def execute(args: argparse.Namespace) -> int:

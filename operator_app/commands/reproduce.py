@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import json_option, pose_count
+from operator_app.commands.options import option, options, pose_count
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -13,10 +13,8 @@ FEWEST_POSES, LARGEST_POSES = 8, 120
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "--poses", type=pose_count, default=40, metavar="N", help="how many (default 40)"
-    )
-    json_option(parser)
+    option(parser, "--poses N", "how many (default 40)", type=pose_count, default=40)
+    options(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -7,9 +7,8 @@ import argparse
 from operator_app.commands.options import (
     arm_options,
     bus_options,
-    json_option,
     opening_from,
-    record_option,
+    options,
     scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
@@ -19,10 +18,9 @@ from operator_app.safe_output import as_json, say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     arm_options(parser)
+    options(parser, "--record FILE, --json")
     bus_options(parser)
-    record_option(parser)
     scenario_options(parser)
-    json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -11,19 +11,12 @@ from operator_app.commands.options import (
     a_name,
     bus_options,
     choices_from,
-    estimator_options,
-    force_option,
-    homing_option,
-    json_option,
+    option,
+    options,
     placement_count,
-    plan_option,
     pose_count,
     recording,
     scenario_options,
-    session_record_option,
-    sessions_option,
-    tolerance_option,
-    tracker_option,
 )
 from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import as_json, say
@@ -44,34 +37,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="hinge",
         help="procedure file or built-in name (hinge)",
     )
-    parser.add_argument("--poses", type=pose_count, metavar="N", help="how many poses to capture")
-    parser.add_argument(
-        "--placements",
-        type=placement_count,
-        metavar="N",
-        help="mount the fixture N times and capture --poses in each placement: the arm's offsets are shared, the "
+    option(parser, "--poses N", "how many poses to capture", type=pose_count)
+    option(
+        parser,
+        "--placements N",
+        "mount the fixture N times and capture --poses in each placement: the arm's offsets are shared, the "
         "fixture parameters are of each placement. Between two placements the program asks you to remount it",
+        type=placement_count,
     )
-    parser.add_argument(
-        "--resume",
-        type=a_name,
-        metavar="SESSION",
-        help="go on with a session: its folder, its name or latest",
+    option(parser, "--resume SESSION", "go on with a session: its folder, its name or latest")
+    option(parser, "--no-upload", "write the parameters but do not upload them")
+    options(
+        parser,
+        "--record, --force REASON, --go-home, --plan, --estimator, --unsensed JOINTS, "
+        "--length-tolerance MM, --tracker PORT, --sessions DIR, --json",
     )
-    parser.add_argument(
-        "--no-upload", action="store_true", help="write the parameters but do not upload them"
-    )
-    session_record_option(parser)
-    force_option(parser)
-    homing_option(parser)
-    plan_option(parser)
-    estimator_options(parser)
-    tolerance_option(parser)
-    tracker_option(parser)
-    sessions_option(parser)
     bus_options(parser)
     scenario_options(parser)
-    json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

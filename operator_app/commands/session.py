@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from operator_app.commands.options import a_name, json_option, sessions_option
+from operator_app.commands.options import a_name, options
 from operator_app.config.errors import ConfigError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -30,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         help="folder, name or latest (the default, but not to repair)",
     )
-    sessions_option(parser)
-    json_option(parser)
+    options(parser, "--sessions DIR, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import a_name, json_option
+from operator_app.commands.options import a_name, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=VALUE",
         help="set it; KEY= removes it. Keys: " + ", ".join(SETTINGS_MEANING),
     )
-    json_option(parser)
+    options(parser, "--json")
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 from operator_app.commands.options import (
     a_name,
     arm_and_fixture_options,
-    estimator_options,
-    json_option,
+    option,
+    options,
     parse_joints,
     parse_numbers,
     require_joints,
     tolerance_m,
-    tolerance_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -32,35 +31,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "poses", type=a_name, metavar="POSES.csv", help="captured poses, angles in deg"
     )
     arm_and_fixture_options(parser)
-    parser.add_argument(
-        "--placements", type=a_name, metavar="NUMBERS", help="use these placements only, e.g. 1,2"
-    )
-    parser.add_argument(
-        "--global-start",
-        action="store_true",
-        help="search globally instead of starting from the nominal values",
-    )
-    parser.add_argument(
+    option(parser, "--placements NUMBERS", "use these placements only, e.g. 1,2")
+    option(parser, "--global-start", "search globally instead of starting from the nominal values")
+    option(
+        parser,
         "--checks",
-        action="store_true",
-        help="add the pose-wise jackknife and hold-out (5 folds, and a block far from the rest)",
+        "add the pose-wise jackknife and hold-out (5 folds, and a block far from the rest)",
     )
-    parser.add_argument(
-        "--test",
-        type=a_name,
-        metavar="FILE",
-        help="test the result with other poses, of the same placement or, with a ball that stays on the tool, of "
+    option(
+        parser,
+        "--test FILE",
+        "test the result with other poses, of the same placement or, with a ball that stays on the tool, of "
         "others too; exit 4 if it fails",
     )
-    parser.add_argument(
-        "--rvdt-table",
-        type=a_name,
-        metavar="FILE",
-        help="correct the readings of RVDTs by the tables of this parameters file (an earlier calibration's)",
+    option(
+        parser,
+        "--rvdt-table FILE",
+        "correct the readings of RVDTs by the tables of this parameters file (an earlier calibration's)",
     )
-    estimator_options(parser)
-    tolerance_option(parser)
-    json_option(parser)
+    options(parser, "--estimator, --unsensed JOINTS, --length-tolerance MM, --json")
 
 
 def execute(args: argparse.Namespace) -> int:

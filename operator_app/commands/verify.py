@@ -11,16 +11,13 @@ from operator_app.commands.options import (
     a_name,
     bus_options,
     choices_from,
-    homing_option,
-    json_option,
+    option,
+    options,
     pose_count,
     print_warnings,
     recording,
     scenario_options,
     session_argument,
-    session_record_option,
-    sessions_option,
-    tracker_option,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -49,41 +46,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="POSES.csv",
         help="new poses; without it the arm captures new ones at other positions",
     )
-    parser.add_argument(
+    option(
+        parser,
         "--open-loop",
-        action="store_true",
-        help="with endpoints of the open arm measured by another instrument: shows which offsets and lengths "
+        "with endpoints of the open arm measured by another instrument: shows which offsets and lengths "
         "disagree. From POSES.csv (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without it the arm, out of its "
         "fixture, captures the poses of --procedure, in a session of their own",
     )
-    parser.add_argument(
-        "--procedure",
-        type=a_name,
-        metavar="P",
+    option(
+        parser,
+        "--procedure P",
+        "with --open-loop: procedure of the open arm (default open_loop)",
         default="open_loop",
-        help="with --open-loop: procedure of the open arm (default open_loop)",
     )
-    tracker_option(parser)
-    parser.add_argument(
-        "--instrument",
-        type=a_name,
-        metavar="FIXTURE",
-        default="tracker",
-        help="uncertainty of the instrument of POSES.csv: a fixture file of kind measured (default tracker: "
+    options(parser, "--tracker PORT")
+    option(
+        parser,
+        "--instrument FIXTURE",
+        "uncertainty of the instrument of POSES.csv: a fixture file of kind measured (default tracker: "
         "0.05 mm, 0.02 deg)",
+        default="tracker",
     )
-    parser.add_argument(
-        "--poses",
-        type=pose_count,
-        metavar="N",
-        help=f"how many new poses to capture (default {NEW_POSES})",
+    option(
+        parser, "--poses N", f"how many new poses to capture (default {NEW_POSES})", type=pose_count
     )
-    homing_option(parser)
-    sessions_option(parser)
-    session_record_option(parser)
+    options(parser, "--go-home, --sessions DIR, --record, --json")
     bus_options(parser)
     scenario_options(parser)
-    json_option(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -30,7 +30,6 @@ NAMED_TWICE = {
     "exploration": "planning's, by solver.design's",
     "parameters": "of the parameters file, and of the solver",
     "placements": "calibration's, by the solver's",
-    "prediction": "calibration's, by the solver's",
     "rvdt": "calibration's, by the solver's",
 }
 """Module names of two modules, with the reason."""

@@ -37,8 +37,7 @@ from hardware.errors import (
     SdoRefused,
 )
 from hardware.monitors.admission import admit
-from hardware.monitors.continuity import ENCODER_COUNTS, RVDT_COUNTS
-from hardware.monitors.joint_monitor import JointMonitor
+from hardware.monitors.joint_monitor import ENCODER_COUNTS, RVDT_COUNTS, JointMonitor
 
 POSITION_RECHECKS: Final = 3
 """Repetitions of a differing position comparison by PDO and SDO, if the maps are unchanged."""

@@ -25,15 +25,15 @@ from operator_app.calibration.alternatives import (
     hinge_alternative,
     step_alternative,
 )
-from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.findings import exceeded, range_finding
-from operator_app.calibration.multistart import has_diverged, local_minimum_causes
-from operator_app.calibration.pose_screening import (
+from operator_app.calibration.closed_loops import pick, placement_checks
+from operator_app.calibration.findings import (
+    exceeded,
     excluded_poses,
     motion_causes,
     out_of_range_besides,
+    range_finding,
 )
-from operator_app.calibration.refusals import placement_checks
+from operator_app.calibration.multistart import has_diverged, local_minimum_causes
 from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes

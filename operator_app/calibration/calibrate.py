@@ -21,6 +21,9 @@ from operator_app.calibration.closed_loops import (
     in_order,
     loop_of_poses,
     pick,
+    placement_checks,
+    refuse_placement,
+    require_identifiable,
 )
 from operator_app.calibration.error_model import (
     distinct_poses,
@@ -48,11 +51,6 @@ from operator_app.calibration.placements import (
     distances,
     indistinguishable_placements,
 )
-from operator_app.calibration.refusals import (
-    placement_checks,
-    refuse_placement,
-    require_identifiable,
-)
 from operator_app.calibration.repeat_measurement import Reread, repeats_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
@@ -76,6 +74,7 @@ from solver.diagnostics.limits import (
     OUTLIER_NOTICE_PROBABILITY,
 )
 from solver.diagnostics.range_checks import RangeFinding, range_findings
+from solver.diagnostics.stated_sizes import Scale, learned_scales, shares_of_poses
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import (
@@ -88,7 +87,6 @@ from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents
 from solver.loops.closure import ClosureModel
-from solver.posterior.scales import Scale, learned_scales, shares_of_poses
 
 ESTIMATORS = ("implicit", "paper")
 

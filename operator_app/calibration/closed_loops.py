@@ -1,21 +1,25 @@
-"""The closed loops of a pose set, the poses on the main branch, and the parameters that these identify."""
+"""The closed loops of a pose set, the poses on the main branch, and the parameters that these identify; refusals."""
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint
+from fixtures.base import EndpointConstraint, SetupCheck, Severity
+from fixtures.errors import FixtureError
 from fixtures.measured import Measured
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix
+from solver.diagnostics.identifiability import Identifiability
+from solver.diagnostics.limits import FEW_DOF
 from solver.diagnostics.model_selection import drop_unidentifiable
-from solver.errors import SolverError
+from solver.errors import SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
@@ -226,3 +230,54 @@ def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatAr
     """Parameters (P,) of `model`: those that `other` shares from its `x`, the rest nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return np.array([known.get(p.name, p.nominal) for p in model.parameters])
+
+
+class FixtureRefusedError(FixtureError):
+    """A set-up check refuses this placement; `checks` say why and what to remount."""
+
+    code = "PARALLEL_AXES"
+
+    def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
+        self.checks = checks
+        super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
+
+
+def require_identifiable(
+    seen: Identifiability, model: ClosureModel, poses: int, *, known: Collection[str] = ()
+) -> None:
+    """Refuse unidentifiable directions of `model`, unless the arm's file states an uncertainty (`known`).
+
+    Raises
+    ------
+    UnidentifiableError
+        Some direction is unidentifiable.
+    """
+    blind = tuple(d for d in seen.directions if not set(d.parameters) & set(known))
+    if blind:
+        if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
+            raise UnidentifiableError(
+                blind,
+                code="TOO_FEW_POSES",
+                note=f"{poses} poses are few: take at least 20",
+            )
+        raise UnidentifiableError(blind)
+
+
+def refuse_placement(fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel) -> None:
+    """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
+    part, *_ = model.parts()[0]
+    checks = fixture.placement_checks(arm, part, nominal_vector(part.parameters))
+    refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
+    if refused and model.parameters:
+        raise FixtureRefusedError(refused)
+
+
+def placement_checks(
+    fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel, x: FloatArray
+) -> tuple[SetupCheck, ...]:
+    """Check the geometry of every placement at the identified parameters `x` of `model`."""
+    found: dict[tuple[str, str], SetupCheck] = {}
+    for part, columns, _ in model.parts():
+        for check in fixture.placement_checks(arm, part, x[columns]):
+            found.setdefault((check.code, check.text), check)
+    return tuple(found.values())

@@ -18,9 +18,8 @@ from operator_app.calibration.prediction import concatenated_poses, fit_as_state
 from operator_app.calibration.prior import StatedFit, noise_of, stated_fit
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
-from solver.diagnostics.cross_validation import verify
+from solver.diagnostics.cross_validation import predicted_residuals, verify
 from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNPREDICTED
-from solver.diagnostics.prediction import predicted_residuals
 from solver.errors import PosesDoNotFitError
 
 NEAREST = 60

@@ -15,10 +15,9 @@ from operator_app.calibration.calibrated_arm import (
     offsets_not_sought,
     with_held,
 )
-from operator_app.calibration.findings import range_finding
+from operator_app.calibration.findings import excluded_poses, out_of_range_besides, range_finding
 from operator_app.calibration.multistart import socket_elsewhere
 from operator_app.calibration.placements import IndistinguishablePlacements, contradicted
-from operator_app.calibration.pose_screening import excluded_poses, out_of_range_besides
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits

@@ -22,21 +22,21 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.poses import PoseSet, canonical_order
-from solver.diagnostics.limits import STATED_VARIANCE_SHARE
-from solver.diagnostics.prediction import (
+from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
     CommonShift,
     FixedParameters,
     predicted_residuals,
 )
+from solver.diagnostics.limits import STATED_VARIANCE_SHARE
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import PosesDoNotFitError
+from solver.estimators.effects import Linearisation
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
 from solver.estimators.layout import Layout
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.linearisation import Linearisation
 from solver.estimators.mixed_fit import MixedFit, fit_mixed, gravity_share
 from solver.loops.closure import ClosureModel
 

@@ -17,10 +17,9 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import reduced_equations
-from solver.diagnostics.cross_validation import HeldOutPoses, verify
+from solver.diagnostics.cross_validation import CommonShift, HeldOutPoses, shifted, verify
+from solver.diagnostics.hypothesis_tests import find_outliers, leave_one_out_chi2
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, LEARNED_VARIANCE_FACTOR
-from solver.diagnostics.outliers import find_outliers, leave_one_out_chi2
-from solver.diagnostics.prediction import CommonShift, shifted
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK

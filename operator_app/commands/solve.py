@@ -20,7 +20,7 @@ from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from fixtures.base import EndpointConstraint
-    from operator_app.calibration.remedies import ReadingTable
+    from operator_app.calibration.rvdt import ReadingTable
     from solver.chain.arm_model import ArmModel
     from solver.chain.poses import PoseSet
 
@@ -59,7 +59,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.cross_validation import check
     from operator_app.calibration.instrument_registration import with_calibrated_places
     from operator_app.calibration.prediction import MadeFrom
-    from operator_app.calibration.remedies import corrected_poses
+    from operator_app.calibration.rvdt import corrected_poses
     from operator_app.calibration.verification import fixed_calibration, verify_poses
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
@@ -170,7 +170,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
     """Return the digest of the poses of ``--rvdt-table`` and its corrections; () without it."""
-    from operator_app.calibration.remedies import tables_of
+    from operator_app.calibration.rvdt import tables_of
     from operator_app.config.parameters_file import load_parameters
     from solver.chain.sensors import Rvdt
 

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.remedies import reading_tables
 from operator_app.calibration.result import Solution
+from operator_app.calibration.rvdt import reading_tables
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.report.json_schema import calibration_data, checks_data, estimate_data
 from operator_app.report.parameter_tables import (

@@ -16,18 +16,16 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import DhEntry
 from solver.closing import close_loops, reduced_jacobian
 from solver.design.d_optimal import (
+    PoseInformation,
     PoseSelection,
     TooFewCandidatesError,
+    about_parameters,
     choose_poses,
+    pose_information,
 )
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
 from solver.design.paths import MotionLimits, PathGraph
-from solver.design.pose_information import (
-    PoseInformation,
-    about_parameters,
-    pose_information,
-)
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
 from solver.estimators.error_model import ErrorModel

@@ -19,6 +19,9 @@ from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, 
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.hypothesis_tests import (
     HypothesisTest,
+    Outliers,
+    find_outliers,
+    pose_columns,
     prediction_test,
     pull_tests,
     scale_tests,
@@ -41,7 +44,6 @@ from solver.diagnostics.model_selection import (
     sound_log_likelihood,
     unexplained_log_likelihood,
 )
-from solver.diagnostics.outliers import Outliers, find_outliers, pose_columns
 from solver.diagnostics.stated_sizes import with_found_motion_noise
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals
 from solver.estimators.linear_fit import LinearFit

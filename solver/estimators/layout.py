@@ -15,6 +15,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
+from solver.estimators.compliance import PoseBasis, PoseProcess, pose_process
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_shapes import (
     UNMODELLED_SHARE,
@@ -23,7 +24,6 @@ from solver.estimators.load_shapes import (
     shapes_of_sag,
     sides_of_play,
 )
-from solver.estimators.pose_basis import PoseBasis, PoseProcess, pose_process
 from solver.estimators.variance_groups import Group, VarianceComponent
 from solver.loops.closure import ClosureModel
 

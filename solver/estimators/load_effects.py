@@ -39,9 +39,9 @@ from solver.estimators.compliance import (
     by_moment,
     compliance_sizes,
     covariance,
+    farthest,
     variance,
 )
-from solver.estimators.pose_basis import farthest
 from solver.loops.closure import ClosureModel
 
 FRICTION_M = 0.1

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import FloatArray
+from solver.estimators.compliance import PoseBasis
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_effects import LoadBasis
-from solver.estimators.pose_basis import PoseBasis
 
 UNMODELLED_SHARE = 0.15
 """Share of the variance of a stated sag or deflection that the stated loads do not explain."""

@@ -16,13 +16,12 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError
-from solver.estimators.effects import LinearModel, System
+from solver.estimators.effects import Linearisation, LinearModel, State, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.scoring import Ascent, ScoringStep, scale_spread, step, with_priors
 from solver.loops.closure import ClosureModel, unsensed_at_readings
 

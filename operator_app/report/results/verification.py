@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from operator_app.calibration.verification import VerificationResult
     from operator_app.session.ui.snapshot import VerificationSummary
     from solver.chain.poses import PoseSet
-    from solver.diagnostics.prediction import CommonShift
+    from solver.diagnostics.cross_validation import CommonShift
 
 
 OUTLIERS_LISTED = 5

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from operator_app.calibration.calibrated_arm import side_of
-from operator_app.calibration.remedies import ReadingTable, measured_offsets, reading_tables
+from operator_app.calibration.rvdt import ReadingTable, measured_offsets, reading_tables
 from operator_app.config.parameter_records import (
     FORCED,
     NOT_ACCEPTED,

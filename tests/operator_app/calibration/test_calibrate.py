@@ -9,8 +9,8 @@ import pytest
 from fixtures.base import Compliance
 from fixtures.hinge import Hinge
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.closed_loops import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
-from operator_app.calibration.refusals import FixtureRefusedError
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

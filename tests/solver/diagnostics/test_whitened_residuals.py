@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from solver.diagnostics.hypothesis_tests import find_outliers, pose_columns
 from solver.diagnostics.model_selection import (
     evidence,
     evidence_of_own,
@@ -16,7 +17,6 @@ from solver.diagnostics.model_selection import (
     sound_log_likelihood,
     unexplained_log_likelihood,
 )
-from solver.diagnostics.outliers import find_outliers, pose_columns
 from solver.diagnostics.whitened_residuals import OwnColumns, WhitenedResiduals, fit_residuals
 
 POSES, ROWS, UNKNOWNS = 30, 4, 6

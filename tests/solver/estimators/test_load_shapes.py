@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
-from solver.estimators.effects import LinearModel, System
+from solver.estimators.effects import Linearisation, LinearModel, State, System
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
-from solver.estimators.linearisation import Linearisation, State
 from solver.estimators.load_effects import load_basis
 from solver.estimators.variance_components import settle
 from solver.loops.dh import DhLoop

@@ -9,7 +9,7 @@ import pytest
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles
-from operator_app.calibration.closure_gate import loop_at_reading
+from operator_app.calibration.prior import loop_at_reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError

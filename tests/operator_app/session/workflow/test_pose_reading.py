@@ -14,8 +14,7 @@ import pytest
 
 from hardware.arm import Reading
 from hardware.errors import InstrumentError
-from hardware.line_port import CalledLines, GrowingFile, StdinLines, TcpLines
-from hardware.line_stream import LONGEST
+from hardware.line_port import LONGEST, CalledLines, GrowingFile, StdinLines, TcpLines
 from hardware.virtual.tracker import CLIENTS, serve_tracker
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError, SessionError

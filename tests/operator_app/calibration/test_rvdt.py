@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.remedies import (
+from operator_app.calibration.result import Solution
+from operator_app.calibration.rvdt import (
     corrected_poses,
     measured_offsets,
     reading_tables,
     tables_of,
 )
-from operator_app.calibration.result import Solution
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture

@@ -9,7 +9,7 @@ import pytest
 
 from hardware.canopen.cyclic import Sample, frames_of
 from hardware.control.sampling import Sampler
-from hardware.monitors.continuity import (
+from hardware.monitors.joint_monitor import (
     JERK_SYNCS,
     QUIET_SYNCS,
     WINDOW_SAMPLES,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.pose_screening import excluded_poses
+from operator_app.calibration.findings import excluded_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.poses_file import parse_poses
 from solver.diagnostics.range_checks import range_findings

@@ -72,7 +72,7 @@ def adjust_poses(
         moved = np.concatenate((np.abs(e_new - e), np.abs(du)), axis=-1).max(-1, initial=0.0)
         # Steps shrink at least as fast as the last two did.
         left = (
-            moved * np.where(moved < before, moved / before, 1.0)
+            moved * np.where(moved < before, moved / np.maximum(before, 1e-300), 1.0)
             if np.isfinite(before).all()
             else moved
         )

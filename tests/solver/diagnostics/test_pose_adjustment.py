@@ -1,0 +1,24 @@
+"""Readings adjusted to fixed parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver.diagnostics.pose_adjustment import adjust_poses
+from solver.estimators.implicit import NoiseModel
+from tests.oracles.loop_oracle import Truth
+from tests.oracles.simulated_loops import Simulation
+from tests.solver.conftest import NAMES, loop_of
+
+
+def test_a_pose_whose_steps_are_zero_waits_for_the_others(truth: Truth) -> None:
+    """Its ratio of steps is 0/0."""
+    rigid = replace(loop_of(truth), hinge=False)
+    q = Simulation(poses=6, wrist_sd=6e-3).readings(0)
+    variance = np.full(q.shape, 1e-6)
+    variance[0] = 0.0
+    noise = NoiseModel(joint_variance=variance, fixture_variance=np.full(6, 1e-6))
+    found = adjust_poses(rigid, truth.values(NAMES), q, noise)
+    assert found.converged.all()
+    assert not found.corrections[0].any()
+    assert found.corrections[1:].any()

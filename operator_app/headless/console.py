@@ -7,7 +7,7 @@ from typing import IO, cast
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from fixtures.base import SetupCheck, Severity
+from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import STOP_CONTACTS, EmergencyCode
 from hardware.errors import (
@@ -30,8 +30,6 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import and_the_others, joints_named, plural
-
-GLYPH = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
 
 
 class ConsoleListener(Listener):
@@ -74,7 +72,7 @@ class ConsoleListener(Listener):
         """Report the set-up checks."""
         for check in checks:
             remedy = f": {check.remedy}" if check.remedy else ""
-            self.say(f"Fixture {GLYPH[check.severity]}: {check.text}{remedy}")
+            self.say(f"Fixture {check.severity.value}: {check.text}{remedy}")
 
     def drives_chosen(self, choice: DriveChoice) -> None:
         """Report the drive joints and the reasons."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.results.verification import verified_words
@@ -11,7 +10,7 @@ from operator_app.report.text import facts_text
 from operator_app.session.ui.next_action import next_action
 from operator_app.session.ui.snapshot import DataState, SessionSnapshot
 from operator_app.session.ui.steps import Step
-from operator_app.units import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE, names
+from operator_app.units import CONDITION, DATA_AGE, POSITION, READING_SD, SILENCE, joints_named
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
@@ -57,9 +56,8 @@ def _connect(s: SessionSnapshot) -> list[str]:
 
 
 def _fixture(s: SessionSnapshot) -> list[str]:
-    words = {Severity.OK: "ok", Severity.WARNING: "warning", Severity.REFUSED: "refused"}
     lines = [
-        f"Check {words[c.severity]}: {c.text}" + (f": {c.remedy}" if c.remedy else "")
+        f"Check {c.severity.value}: {c.text}" + (f": {c.remedy}" if c.remedy else "")
         for c in s.checks
     ]
     if s.forecast is not None and s.forecast.reaches_nothing:
@@ -79,8 +77,8 @@ def _modes(s: SessionSnapshot) -> list[str]:
             position = POSITION(state.position_rad).with_unit
             lines.append(f"Joint {state.joint} {joint.name}: {mode}, {position}.")
     for ranked in s.ranked[:3]:
-        drives = f"{'joint' if len(ranked.drives) == 1 else 'joints'} {names(ranked.drives)}"
-        lines.append(f"Ranked {drives}: score {ranked.score:.2f}, {'; '.join(ranked.reasons)}.")
+        drives, why = joints_named(ranked.drives), "; ".join(ranked.reasons)
+        lines.append(f"Ranked {drives}: score {ranked.score:.2f}, {why}.")
     return lines
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import textwrap
 from collections.abc import Awaitable, Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,7 +75,7 @@ SOON_S = 0.1
 
 
 class ScreenInterface:
-    """A `FullScreenInterface`; see there."""
+    """A `UserInterface` with a screen: focus and selection."""
 
     def __init__(self, app: SarcalApp) -> None:
         self.app = app
@@ -94,7 +95,7 @@ class ScreenInterface:
     def do(self, action: Action | OnScreen) -> None:
         """Do an action at the present step and show its result at once."""
         if isinstance(action, OnScreen):
-            action.work(self)
+            ON_SCREEN[action.name](self)
         else:
             perform_action(action, self)
         self.app.poll()
@@ -171,9 +172,23 @@ class ScreenInterface:
         standing = {alarm.number for alarm in s.alarms}
         return shown if shown is not None and shown.number in standing else None
 
-    def joint(self) -> int:
-        """The marked joint."""
-        return self.app.main.query_one(ModesView).cursor + 1
+    def toggle_item(self) -> None:
+        """Tick or untick the marked item of the check list."""
+        s, runner = self.snapshot(), self.runner
+        if s is not None and runner is not None and s.procedure.fixture.checklist:
+            action_table.tick(runner, s, s.ticked ^ {self.marked_item()})
+
+    def toggle_joint(self) -> None:
+        """Select the other mode for the marked joint."""
+        s, runner = self.snapshot(), self.runner
+        if s is not None and runner is not None:
+            joint = self.app.main.query_one(ModesView).cursor + 1
+            action_table.mark(runner, tuple(sorted({*s.wanted_joints} ^ {joint})))
+
+    def cancel(self) -> None:
+        """Cancel the running task."""
+        if self.runner is not None:
+            self.runner.cancel()
 
     def write_report(self, runner: Runner) -> Path:
         """Write the report page."""
@@ -317,10 +332,6 @@ class ScreenInterface:
             self.app.main.view.move(by)
             self.app.main.view.show(s)
 
-    def next_view(self) -> None:
-        """Show the next panel or plot of this step."""
-        self.app.main.view.next_view()
-
     # -- everything else ---------------------------------------------------------------------------
 
     def stop(self) -> None:
@@ -345,10 +356,23 @@ class ScreenInterface:
             text = messages_text(s, min(86, self.app.size.width - 8))
             self.app.push_screen(Read("Messages, newest first", text))
 
-    def show_palette(self) -> None:
-        """Open the palette."""
-        self.app.action_command_palette()
 
-    def next_theme(self) -> None:
-        """Take the next theme."""
-        self.app.next_theme()
+ON_SCREEN: Mapping[str, Callable[[ScreenInterface], object]] = {
+    "stop": ScreenInterface.stop,
+    "primary": ScreenInterface.do_next_action,
+    "tick": ScreenInterface.toggle_item,
+    "toggle_mode": ScreenInterface.toggle_joint,
+    "cancel": ScreenInterface.cancel,
+    "view": lambda screen: screen.app.main.view.next_view(),
+    "next": lambda screen: screen.go_by(1),
+    "back": lambda screen: screen.go_by(-1),
+    "down": lambda screen: screen.move(1),
+    "up": lambda screen: screen.move(-1),
+    "messages": ScreenInterface.show_messages,
+    "help": ScreenInterface.show_help,
+    "palette": lambda screen: screen.app.action_command_palette(),
+    "theme": lambda screen: screen.app.next_theme(),
+    "quit": ScreenInterface.leave,
+    **{f"step_{int(step)}": partial(ScreenInterface.go, step=step) for step in Step},
+}
+"""Work of the actions that only a screen has, by name."""

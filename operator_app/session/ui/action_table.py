@@ -7,7 +7,6 @@ Key dispatch, footer, help, palette and prompts are made from this table.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 from operator_app.session.ui import action_handlers, guards
 from operator_app.session.ui.runner import Runner
@@ -17,7 +16,6 @@ from operator_app.session.ui.user_interface import (
     EVERYWHERE,
     Action,
     ActionContext,
-    FullScreenInterface,
     OnScreen,
     Typed,
 )
@@ -40,7 +38,8 @@ def open_items(s: SessionSnapshot) -> dict[int, str]:
     return {k: f"Confirm: {text}" for k, text in enumerate(items) if k not in s.ticked}
 
 
-def _tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
+def tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
+    """Tick these items of the check list; record the new ones."""
     runner.publish(lambda now: replace(now, ticked=ticked))
     items = s.procedure.fixture.checklist
     for k in sorted(ticked - s.ticked):
@@ -51,26 +50,12 @@ def confirm(context: ActionContext) -> None:
     """Tick the selected item."""
     item = context.interface.item(context.s)
     if item is not None:
-        _tick(context.runner, context.s, context.s.ticked | {item})
+        tick(context.runner, context.s, context.s.ticked | {item})
 
 
 def confirm_all(context: ActionContext) -> None:
     """Tick every item."""
-    _tick(context.runner, context.s, context.s.ticked | frozenset(open_items(context.s)))
-
-
-def toggle_item(interface: FullScreenInterface) -> None:
-    """Tick or untick the selected item."""
-    s, runner = interface.snapshot(), interface.runner
-    if s is not None and runner is not None and s.procedure.fixture.checklist:
-        _tick(runner, s, s.ticked ^ {interface.marked_item()})
-
-
-def toggle_joint(interface: FullScreenInterface) -> None:
-    """Select the other mode for the selected joint."""
-    s, runner = interface.snapshot(), interface.runner
-    if s is not None and runner is not None:
-        mark(runner, tuple(sorted({*s.wanted_joints} ^ {interface.joint()})))
+    tick(context.runner, context.s, context.s.ticked | frozenset(open_items(context.s)))
 
 
 def mark(runner: Runner, joints: tuple[int, ...]) -> None:
@@ -132,18 +117,14 @@ def _at(*steps: Step) -> frozenset[Step]:
     return frozenset(steps)
 
 
-def _go_to(step: Step, interface: FullScreenInterface) -> None:
-    interface.go(step)
-
-
 ACTIONS: tuple[Action | OnScreen, ...] = (
     OnScreen(name="stop", keys=STOP_KEYS, shown="SPACE/F8", label="STOP",
              help="Software STOP: quick stop to all drives, latched. F8 works everywhere, SPACE "
              "outside of text. It is not an emergency stop: that is the hardware button.",
-             footer=EVERYWHERE, work=lambda f: f.stop()),
+             footer=EVERYWHERE),
     OnScreen(name="primary", keys=("enter",), shown="Enter", label="Next action",
              help="Do what the line above the footer proposes; if there is nothing to do, go on to the next "
-             "step.", footer=EVERYWHERE, work=lambda f: f.do_next_action()),
+             "step.", footer=EVERYWHERE),
     Action(name="connect", keys=("c",), shown="c", label="Connect", prompt="Connect",
            help="Find the arm on the bus and check its identity.", steps=_at(Step.CONNECT),
            guard=guards.may_connect, work=action_handlers.connect),
@@ -175,10 +156,10 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            work=confirm_all),
     OnScreen(name="tick", keys=("x",), shown="x", label="Tick",
              help="Tick or untick the selected item of the check list.",
-             steps=_at(Step.FIXTURE), work=toggle_item),
+             steps=_at(Step.FIXTURE)),
     OnScreen(name="toggle_mode", keys=("f",), shown="f", label="Free/Pos",
              help="Select the other mode for the selected joint; it takes effect when applied.",
-             steps=_at(Step.MODES), footer=_at(Step.MODES), work=toggle_joint),
+             steps=_at(Step.MODES), footer=_at(Step.MODES)),
     Action(name="suggest", keys=("p",), shown="p", label="Best pair",
            prompt="Select the best ranked joints", help="Select the best ranked drive joints.",
            steps=_at(Step.MODES), footer=_at(Step.MODES), guard=guards.may_suggest,
@@ -249,8 +230,7 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            steps=_at(Step.CALIBRATE), footer=_at(Step.CALIBRATE), guard=guards.idle,
            work=unsensed),
     OnScreen(name="cancel", keys=("z",), shown="z", label="Cancel",
-             help="Cancel the running task; a moving arm comes to rest and holds.",
-             work=lambda f: None if f.runner is None else f.runner.cancel()),
+             help="Cancel the running task; a moving arm comes to rest and holds."),
     Action(name="write", keys=("w",), shown="w", label="Write file",
            prompt="Write parameters.yaml and poses.csv",
            help="Write parameters.yaml and poses.csv into the session folder.",
@@ -273,17 +253,15 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Close this session, leave the arm held, and start another.",
            footer=_at(Step.EXPORT), work=action_handlers.new_session),
     OnScreen(name="view", keys=("v",), shown="v", label="View",
-             help="Show the next panel or plot of this step.", footer=_at(Step.RESULTS),
-             work=lambda f: f.next_view()),
+             help="Show the next panel or plot of this step.", footer=_at(Step.RESULTS)),
     OnScreen(name="next", keys=("right_square_bracket",), shown="]", label="Next",
-             help="Go to the next step, if it is open.", work=lambda f: f.go_by(1)),
+             help="Go to the next step, if it is open."),
     OnScreen(name="back", keys=("left_square_bracket",), shown="[", label="Back",
-             help="Go back a step; nothing is lost.", footer=EVERYWHERE - {Step.CONNECT},
-             work=lambda f: f.go_by(-1)),
+             help="Go back a step; nothing is lost.", footer=EVERYWHERE - {Step.CONNECT}),
     OnScreen(name="down", keys=("down",), shown="Down", label="Down",
-             help="Select the next row of the list.", work=lambda f: f.move(1)),
+             help="Select the next row of the list."),
     OnScreen(name="up", keys=("up",), shown="Up", label="Up",
-             help="Select the row before.", work=lambda f: f.move(-1)),
+             help="Select the row before."),
     Action(name="reset", keys=("R",), shown="R", label="Reset STOP",
            prompt="Reset STOP; nothing moves",
            help="Clear a latched STOP or a drive fault. Nothing moves; the drives stay disabled.",
@@ -293,14 +271,12 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Hide the alarm that is shown; the one before it is shown then. Its cause remains.",
            rows=action_handlers.standing_alarms, offered=lambda s: bool(s.alarms), work=action_handlers.acknowledge),
     OnScreen(name="messages", keys=("l",), shown="l", label="Messages",
-             help="Show all messages of this session in full, the newest first.",
-             work=lambda f: f.show_messages()),
+             help="Show all messages of this session in full, the newest first."),
     Action(name="hold", keys=("H",), shown="H", label="Hold all",
            help="Hold all joints in position mode where they are.", guard=guards.may_use_data,
            work=action_handlers.hold),
     OnScreen(name="help", keys=("question_mark", "f1"), shown="?", label="Help",
-             help="Explain the focused panel and list the keys.", footer=EVERYWHERE,
-             work=lambda f: f.show_help()),
+             help="Explain the focused panel and list the keys.", footer=EVERYWHERE),
     Action(name="history", keys=("i",), shown="i", label="History",
            prompt="History: all calibrations of this arm",
            help="Show all accepted calibrations and verifications of this arm, what has shifted, and when the next "
@@ -308,16 +284,15 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
     Action(name="manual", keys=("m",), shown="m", label="Manual", prompt="Read the manual",
            help="Read a page of the manual. It needs no network.", work=action_handlers.manual),
     OnScreen(name="palette", keys=("ctrl+p", "colon"), shown="Ctrl+P", label="All actions",
-             help="Find an action by name.", work=lambda f: f.show_palette()),
+             help="Find an action by name."),
     OnScreen(name="theme", keys=("T",), shown="T", label="Theme",
-             help="Change between dark, light and no colour.", work=lambda f: f.next_theme()),
+             help="Change between dark, light and no colour."),
     OnScreen(name="quit", keys=QUIT_KEYS, shown="q", label="Quit",
              help="Quit, after a question: the arm is held, the session is kept.",
-             footer=EVERYWHERE, work=lambda f: f.leave()),
+             footer=EVERYWHERE),
     *(
         OnScreen(name=f"step_{int(step)}", keys=(str(int(step)),), shown=str(int(step)),
-                 label=step.title, help=f"Go to step {int(step)}, {step.title}, if it is open.",
-                 work=partial(_go_to, step))
+                 label=step.title, help=f"Go to step {int(step)}, {step.title}, if it is open.")
         for step in Step
     ),
 )  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,11 +13,9 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.solver_process import Solver, SolvingProcess
 from operator_app.session.ui.snapshot import (
     DiffRow,
-    Iteration,
     Level,
     Publisher,
     VerificationSummary,
-    WrittenFiles,
 )
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export
@@ -73,10 +70,10 @@ class CalibrationOperations:
             raise Cancelled
 
     def _calibrate(self, solver: Solver, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
-        steps: list[Iteration] = []
+        steps: list[tuple[int, float]] = []
 
         def progress(number: int, cost: float) -> None:
-            steps.append(Iteration(number=number, cost=cost))
+            steps.append((number, cost))
             self._publisher.publish(lambda s: replace(s, iterations=tuple(steps)))
 
         solution = self._session.calibrate(
@@ -125,14 +122,7 @@ class CalibrationOperations:
         exported = export(
             self._session, self._current_solution(), upload_too=upload_too, forced=forced
         )
-        digest = hashlib.sha256(exported.parameters.read_bytes()).hexdigest()
-        written = WrittenFiles(
-            folder=exported.folder,
-            parameters=exported.parameters,
-            poses=exported.poses,
-            sha256=digest,
-        )
-        self._publisher.publish(lambda s: replace(s, written=written))
+        self._publisher.publish(lambda s: replace(s, written=exported))
         self._refresh()
         if exported.receipt is None:
             self._publisher.say(Level.INFO, f"written: {exported.parameters}")

@@ -15,6 +15,7 @@ from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.planning.live import Forecast, LiveQuality
 from operator_app.session.store.state import SessionState
+from operator_app.session.workflow.export import Exported
 from solver.design.actions import GoTo
 from solver.design.drive_joints import RankedDrives
 
@@ -102,24 +103,6 @@ class StopReport:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Iteration:
-    """One iteration of an estimator."""
-
-    number: int
-    cost: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WrittenFiles:
-    """Files of a written calibration."""
-
-    folder: Path
-    parameters: Path
-    poses: Path
-    sha256: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class DiffRow:
     """A parameter (rad or m): active value on the controller (None: none) and new value."""
 
@@ -176,6 +159,8 @@ class SessionSnapshot:
         Present move of a planned capture; else None.
     estimator, unsensed_joints
         Options of the next calibration.
+    iterations
+        Number and cost of each iteration of the estimator.
     messages, alarms
         Messages, oldest first, and the alarms that are neither resolved nor acknowledged.
     """
@@ -208,10 +193,10 @@ class SessionSnapshot:
     at_waypoint: int | None = None
     heading: GoTo | None = None
     live: LiveQuality | None = None
-    iterations: tuple[Iteration, ...] = ()
+    iterations: tuple[tuple[int, float], ...] = ()
     solution: Solution | None = None
     cross_checks: Checks | None = None
-    written: WrittenFiles | None = None
+    written: Exported | None = None
     diff: tuple[DiffRow, ...] = ()
     receipt: UploadReceipt | None = None
     report: Path | None = None

@@ -113,49 +113,6 @@ class UserInterface(Protocol):
         """Show the history of an arm."""
 
 
-class FullScreenInterface(UserInterface, Protocol):
-    """A user interface with a screen: focus and selection."""
-
-    def stop(self) -> None:
-        """Software STOP, at once, in the calling thread."""
-
-    def do_next_action(self) -> None:
-        """Do what the line above the footer proposes."""
-
-    def go(self, step: Step) -> bool:
-        """Show a step, if it is open."""
-
-    def go_by(self, steps: int) -> None:
-        """Show another step, relative to this one."""
-
-    def move(self, by: int) -> None:
-        """Move the selection of the list."""
-
-    def joint(self) -> int:
-        """Number of the selected joint."""
-
-    def marked_item(self) -> int:
-        """Selected item of the check list, from 0, ticked or not."""
-
-    def next_view(self) -> None:
-        """Show the next panel or plot."""
-
-    def show_help(self) -> None:
-        """Show the help on the focused panel, and the keys."""
-
-    def show_palette(self) -> None:
-        """Show the palette of actions."""
-
-    def show_messages(self) -> None:
-        """Show all messages in full."""
-
-    def next_theme(self) -> None:
-        """Use the next theme."""
-
-    def leave(self) -> None:
-        """Quit, after a question if an arm is connected."""
-
-
 # -- actions ---------------------------------------------------------------------------------------
 
 EVERYWHERE = frozenset(Step)
@@ -197,9 +154,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnScreen(Entry):
-    """An action of the full screen only: selection, views, themes, steps."""
-
-    work: Callable[[FullScreenInterface], None]
+    """An action of the full screen only, which has its work: selection, views, themes, steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

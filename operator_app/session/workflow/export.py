@@ -23,11 +23,12 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """The written files. `receipt` is None without an upload."""
+    """The written files, and the SHA-256 of the parameters. `receipt` is None without an upload."""
 
     folder: Path
     parameters: Path
     poses: Path
+    sha256: str
     receipt: UploadReceipt | None
 
 
@@ -79,6 +80,7 @@ def export(
         folder=folder,
         parameters=folder / PARAMETERS_NAME,
         poses=folder / POSES_NAME,
+        sha256=kept["sha256"],
         receipt=receipt,
     )
 

@@ -57,12 +57,10 @@ class SettingsPanel(Lines):
 def _progress(s: SessionSnapshot, width: int) -> list[Line]:
     running = s.task is not None and s.task.kind is TaskKind.CALIBRATE
     if running or (s.iterations and s.solution is None):
-        last = s.iterations[-1] if s.iterations else None
-        text = (
-            "starting"
-            if last is None
-            else f"iteration {last.number}   cost {COST(last.cost).shown}"
-        )
+        text = "starting"
+        if s.iterations:
+            number, cost = s.iterations[-1]
+            text = f"iteration {number}   cost {COST(cost).shown}"
         return [line((" Running    ", "dim"), ("◌ ", "accent"), text, ("   z cancels", "dim"))]
     if (facts := facts_on(s)) is not None:
         glyph, role = ("✓", "bold") if facts.accepted else ("▲", "warn")
@@ -95,8 +93,7 @@ class CalibratePlot(Lines):
             return plot(picture, width, height, ascii_only=ascii_only)
         if len(s.iterations) >= 2:
             self.retitle("Cost by iteration")
-            picture = costs([(i.number, i.cost) for i in s.iterations])
-            return plot(picture, width, height, ascii_only=ascii_only)
+            return plot(costs(s.iterations), width, height, ascii_only=ascii_only)
         return [(), line((" nothing solved yet", "dim"))]
 
 

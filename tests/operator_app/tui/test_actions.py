@@ -10,6 +10,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
+from operator_app.tui.screen_interface import ON_SCREEN
 from tests.oracles.story import busy, real, story
 
 WHISTLE = Action(
@@ -96,13 +97,16 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
                 assert not name or step in action_table.by_name(name).steps
 
 
+def test_every_action_of_the_screen_only_has_its_work_there() -> None:
+    assert {a.name for a in action_table.ACTIONS if isinstance(a, OnScreen)} == set(ON_SCREEN)
+
+
 def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
     here = frozenset({Step.FIXTURE})
     more = tuple(
-        OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here,
-                 work=lambda interface: interface.stop())
+        OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here)
         for k in range(2)
-    )  # fmt: skip
+    )
     before = [a.name for a in action_table.footer(Step.FIXTURE)]
     assert before == ["stop", "primary", "procedure", "back", "help", "quit"]
     table = (*action_table.ACTIONS, *more)

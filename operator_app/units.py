@@ -10,8 +10,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-
-from solver.chain.parameters import Parameter
+from typing import Protocol
 
 Key = tuple[str | int, ...]
 
@@ -40,12 +39,20 @@ AGE = Quantity("ms", 1e3)
 NUMBER = Quantity("")
 
 
-def quantity_of(parameter: Parameter) -> Quantity:
+class Valued(Protocol):
+    """A parameter, or its values in two calibrations: an angle (rad) or a length (m)."""
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is an angle."""
+
+
+def quantity_of(parameter: Valued) -> Quantity:
     """Return the quantity of a parameter's values."""
     return ANGLE if parameter.is_angle else LENGTH
 
 
-def in_json(parameter: Parameter, value: float) -> float | None:
+def in_json(parameter: Valued, value: float) -> float | None:
     """Return a parameter's value in the units of the contract, deg and m; None if it is not finite."""
     return Figure(float(value), quantity_of(parameter)).in_json
 

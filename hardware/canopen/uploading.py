@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
 
 from hardware.arm import UploadReceipt
 from hardware.canopen.bus_profile import BusProfile
@@ -40,19 +40,6 @@ from hardware.errors import (
 MAX_UPLOADS = 6
 
 
-class UploadLink(Protocol):
-    """The connection used for an upload."""
-
-    access: ObjectAccess
-    profile: BusProfile
-
-    def may_repeat(self, error: HardwareError) -> bool:
-        """Whether to try again after this error: the arm is heard, and control is held, or taken again."""
-
-    def explain(self, error: HardwareError) -> HardwareError:
-        """Return the error, or the host latency that caused it."""
-
-
 def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
     """Active document of the controller; empty if there is none, or no supervisor."""
     if profile.supervisor is None:
@@ -65,11 +52,26 @@ def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
         raise
 
 
-def upload(link: UploadLink, document: bytes, *, retry_s: float) -> UploadReceipt:
+def upload(
+    access: ObjectAccess,
+    profile: BusProfile,
+    document: bytes,
+    *,
+    retry_s: float,
+    may_repeat: Callable[[HardwareError], bool],
+    explain: Callable[[HardwareError], HardwareError],
+) -> UploadReceipt:
     """Write a document, stage it, read it back and commit it; `retry_s` is the pause between attempts.
 
     Repeated where an answer is missing or control has lapsed: nothing is active before the commit, and 2003h and
     2001h show whether a commit was carried out. After an error, the previous document stays active.
+
+    Parameters
+    ----------
+    may_repeat
+        Whether to try again after this error: the arm is heard, and control is held, or taken again.
+    explain
+        Returns the error, or the host latency that caused it.
 
     Raises
     ------
@@ -82,26 +84,26 @@ def upload(link: UploadLink, document: bytes, *, retry_s: float) -> UploadReceip
     UploadUnknown
         It stopped answering after the commit was sent: the outcome is unknown.
     """
-    if link.profile.supervisor is None:
+    if profile.supervisor is None:
         raise UploadRefused(
-            f"The arm of the bus profile {link.profile.name} has no supervisor that keeps parameters. They "
+            f"The arm of the bus profile {profile.name} has no supervisor that keeps parameters. They "
             "are in parameters.yaml of the session's folder."
         )
-    attempt = _Attempt(link.access, link.profile.supervisor, document)
+    attempt = _Attempt(access, profile.supervisor, document)
     for left in reversed(range(MAX_UPLOADS)):
         try:
             if not attempt.committed():
                 attempt.stage()
                 attempt.commit()
-            return _receipt(link.access, attempt.supervisor, link.profile)
+            return _receipt(access, attempt.supervisor, profile)
         except (BusError, DuplicateNodeId, SdoRefused) as lost:
-            if left and attempt.is_transient(lost) and link.may_repeat(lost):
+            if left and attempt.is_transient(lost) and may_repeat(lost):
                 threading.Event().wait(retry_s)
                 continue
-            why, known = link.explain(lost), False
+            why, known = explain(lost), False
             with suppress(BusError, DuplicateNodeId, SdoRefused):
                 if attempt.committed():
-                    return _receipt(link.access, attempt.supervisor, link.profile)
+                    return _receipt(access, attempt.supervisor, profile)
                 known = not attempt.commit_pending()
             if attempt.commit_sent and not known:
                 raise UploadUnknown(
@@ -109,7 +111,7 @@ def upload(link: UploadLink, document: bytes, *, retry_s: float) -> UploadReceip
                     f"{why}"
                 ) from lost
             if why is lost and isinstance(lost, SdoRefused):
-                why = _supervisors_error(link.access, attempt.supervisor, lost)
+                why = _supervisors_error(access, attempt.supervisor, lost)
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 

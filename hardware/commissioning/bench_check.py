@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 from hardware.arm import ArmIdentity, ArmInterface, JointMode
@@ -108,7 +108,7 @@ def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
             for clause in run():
                 names.add(clause.name)
                 passed = passed and clause.passed is not False
-                yield CheckFinding.of(stage, clause)
+                yield CheckFinding(stage=stage, **asdict(clause))
                 if not passed and stage is not Stage.LOOK:
                     return  # no further motion after a failure with drives on
         except HardwareError as error:

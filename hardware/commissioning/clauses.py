@@ -10,11 +10,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 
 from hardware.arm import ArmIdentity, ArmInterface, DriveState, FloatArray, JointMode
+from hardware.arm_description import JointDescription
 from hardware.commissioning.stages import Bounds, Clause, deg, joints_words
 from hardware.errors import CommandRefused, HardwareError, Stopped
 
@@ -24,22 +25,6 @@ LARGEST_READING_RAD: Final = 4.0 * math.pi
 NO_DOCUMENT: Final = b"no parameter document"
 _WINDOW, _LONG_SYNCS, _SHORT_SYNCS = 5, 500, 20
 _POLL_S: Final = 0.005
-
-
-class Ranged(Protocol):
-    """Range and speed limit of a joint in its file."""
-
-    @property
-    def lower_rad(self) -> float:
-        """Lower end of the range."""
-
-    @property
-    def upper_rad(self) -> float:
-        """Upper end of the range."""
-
-    @property
-    def max_speed_rad_per_s(self) -> float:
-        """Speed limit."""
 
 
 def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Clause]:
@@ -175,7 +160,7 @@ def is_refused(
 
 
 def keeps_within_limits(
-    arm: ArmInterface, joint: int, ranged: Ranged, speed_rad_per_s: float
+    arm: ArmInterface, joint: int, ranged: JointDescription, speed_rad_per_s: float
 ) -> Iterator[Clause]:
     """Targets beyond the range and speeds above the limit are refused; else the move ends with its first sample."""
     here = arm.snapshot().joints[joint - 1].position_rad

@@ -40,25 +40,10 @@ class Clause:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CheckFinding:
+class CheckFinding(Clause):
     """A clause with its stage."""
 
     stage: Stage
-    name: str
-    passed: bool | None
-    text: str
-    joint: int | None = None
-
-    @classmethod
-    def of(cls, stage: Stage, clause: Clause) -> CheckFinding:
-        """Add the stage to a clause."""
-        return cls(
-            stage=stage,
-            name=clause.name,
-            passed=clause.passed,
-            text=clause.text,
-            joint=clause.joint,
-        )
 
 
 SCATTER_RAD: Final = math.radians(0.5)

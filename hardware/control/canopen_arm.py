@@ -321,7 +321,14 @@ class CanopenArm:
                     "parameters can be uploaded only in control: take control first"
                 )
             link.take_token()
-        return uploading.upload(link, document, retry_s=self.on_bus.timing.upload_retry_s)
+        return uploading.upload(
+            link.access,
+            link.profile,
+            document,
+            retry_s=self.on_bus.timing.upload_retry_s,
+            may_repeat=link.may_repeat,
+            explain=link.explain,
+        )
 
     def active_parameters(self) -> bytes:
         """The controller's active parameter document; empty if there is none."""

@@ -31,7 +31,7 @@ from hardware.virtual.drive_node import DriveGroup, DriveNode
 from hardware.virtual.faults import FaultInjector, ScriptedFault
 from hardware.virtual.node import ControllerNetwork, VirtualNode
 from hardware.virtual.parameter_store import ParameterStore, Validate, refuse_documents
-from hardware.virtual.supervisor_node import ArmLabel, ControllerHooks, SupervisorNode
+from hardware.virtual.supervisor_node import ArmLabel, SupervisorNode
 from hardware.virtual.tracker import SimulatedTracker
 
 _POLL_S = 0.02
@@ -129,12 +129,10 @@ class VirtualController:
             axes=axes,
             store=ParameterStore() if store is None else store,
             validate=validate,
-            hooks=ControllerHooks(
-                is_heard=self._is_heard,
-                control_changed=self.group.control_changed,
-                set_home_offsets=self.group.set_home_offsets,
-                later=self._work.put,
-            ),
+            is_heard=lambda node: not self._lost(node),
+            control_changed=self.group.control_changed,
+            set_home_offsets=self.group.set_home_offsets,
+            later=self._work.put,
         )
         self._nodes: tuple[VirtualNode, ...] = (*self.drives, self.supervisor)
         self._numbers = {node.number for node in self._nodes}
@@ -350,9 +348,6 @@ class VirtualController:
             if message is None:
                 return
             self._hear(message)
-
-    def _is_heard(self, node: int) -> bool:
-        return not self._lost(node)
 
     def _run_work(self) -> None:
         while (work := self._work.get()) is not None:

@@ -50,7 +50,11 @@ class DriveNode(VirtualNode):
     def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
         super().__init__(objects.joint_node(axis.joint), serial_number=serial_number)
         self.axis = axis
-        self.drive = Drive(axis, on_error=self._error, on_all_clear=self._all_clear)
+        self.drive = Drive(
+            axis,
+            on_error=lambda code: self.send_emergency(code, self._register()),
+            on_all_clear=lambda: self.send_emergency(EmergencyCode.NONE, ErrorBit(0)),
+        )
         self.tpdo1_id = objects.COB_TPDO1 + self.number
         self.home_offset_counts = 0
         self.reports_speed = False
@@ -92,12 +96,6 @@ class DriveNode(VirtualNode):
         self.drive.quick_stop()
 
     # ---- inside --------------------------------------------------------------------------------------
-
-    def _error(self, code: EmergencyCode) -> None:
-        self.send_emergency(code, self._register())
-
-    def _all_clear(self) -> None:
-        self.send_emergency(EmergencyCode.NONE, ErrorBit(0))
 
     def _register(self) -> ErrorBit:
         register = ErrorBit(0)
@@ -145,15 +143,9 @@ class DriveNode(VirtualNode):
         self.serve(objects.TARGET_POSITION, 0, lambda: drive.target_counts)
         self.serve(objects.HOME_OFFSET, 0, lambda: self.home_offset_counts)
         self.accept(objects.CONTROLWORD, 0, lambda value: drive.obey_controlword(_whole(value)))
-        self.accept(objects.MODE, 0, self._ask_for_mode)
-        self.accept(objects.TARGET_TORQUE, 0, self._keep_zero_torque)
+        self.accept(objects.MODE, 0, lambda value: drive.ask_for_mode(_whole(value)))
+        self.accept(objects.TARGET_TORQUE, 0, lambda _: None)  # only 0 is in the range of 6071h
         self.accept(objects.TARGET_POSITION, 0, lambda value: drive.obey_target(_whole(value)))
-
-    def _ask_for_mode(self, value: Value) -> None:
-        self.drive.ask_for_mode(_whole(value))
-
-    def _keep_zero_torque(self, value: Value) -> None:
-        """Accept 0, the only value in the range of 6071h."""
 
 
 def _whole(value: Value) -> int:

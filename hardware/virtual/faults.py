@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from hardware.canopen.objects import (
     COB_TPDO1,
@@ -23,43 +23,21 @@ from hardware.canopen.objects import (
     NmtCommand,
     joint_node,
 )
-from hardware.virtual.axis import FixturePort, PlantPort
+from hardware.virtual.axis import FixturePort
 from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
 from hardware.virtual.drive_node import DriveNode
-from hardware.virtual.supervisor_node import SupervisorNode
+
+if TYPE_CHECKING:
+    from hardware.virtual.controller import VirtualController
 
 RIPPLE_COUNTS = 10.0
 """Standard deviation: ten times the noise of an RVDT's converter."""
 
 
-class FaultTarget(Protocol):
-    """The virtual controller as fault injection sees it."""
-
-    disturbances: Disturbances
-    drives: tuple[DriveNode, ...]
-    supervisor: SupervisorNode
-    plant: PlantPort
-
-    def post(self, action: Callable[[], None]) -> None:
-        """Run an action in the control loop, soon."""
-
-    def now_s(self) -> float:
-        """The controller's clock."""
-
-    def restart(self) -> None:
-        """Power-cycle all nodes; call in the control loop."""
-
-    def hang(self) -> None:
-        """Suspend the control loop until `unhang`."""
-
-    def unhang(self) -> None:
-        """Resume the control loop."""
-
-
 class FaultInjector:
     """Injects and removes faults. Every call takes effect in the controller's loop, in order."""
 
-    def __init__(self, controller: FaultTarget) -> None:
+    def __init__(self, controller: VirtualController) -> None:
         self._target = controller
 
     def disturb_frames(self, faults: FrameFaults) -> None:

@@ -147,37 +147,30 @@ def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if model.joint_count != truth.joint_count:
         return False
-    if isinstance(model, MeasuredClosure):
-        return _may_be_arm(stated, truth)
-    if not isinstance(model, DhLoop) or model.hinge != truth.hinge:
-        return False
-    off = model.table.stacked() - truth.table.stacked()
-    angles = [kind for kind in DhKind if kind.is_angle]
-    off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
-    allowed = np.zeros(off.shape)
+    # Rows 0 (the fixture) to n.
+    allowed = np.zeros(truth.table.stacked().shape)
     allowed[[DhKind.S, DhKind.A], 1:] = 5.0 * arm.length_tolerance_m
     allowed[[DhKind.ALPHA, DhKind.BETA], 1:] = 5.0 * arm.twist_tolerance_rad
-    for entry in model.entries:
-        angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
-        is_offset = entry.kind is DhKind.THETA_OFF
-        allowed[entry.kind, entry.row] = OFFSET_TOLERANCE_RAD if is_offset else angle
-    near = np.abs(arm.home_rad - home_rad).max() < 2.0 * NEAR_HOME_RAD
-    return bool(near and np.all(np.abs(off) <= allowed + 1e-9))
-
-
-def _may_be_arm(stated: SpecimenFiles, truth: LoopTruth) -> bool:
-    """Whether the arm file may describe the arm of this truth, apart from its mounting."""
-    arm = stated.arm
-    off = arm.table.stacked() - truth.table.stacked()[:, 1:]
+    if isinstance(model, MeasuredClosure):
+        off = -truth.table.stacked()
+        off[:, 1:] += arm.table.stacked()
+        allowed[DhKind.THETA_OFF] = OFFSET_TOLERANCE_RAD
+        allowed[:, 0] = np.inf
+        for name in mounted_entries(arm.joint_count):
+            entry = DhEntry.parse(name)
+            allowed[entry.kind, entry.row] = np.inf
+    elif isinstance(model, DhLoop) and model.hinge == truth.hinge:
+        if np.abs(arm.home_rad - home_rad).max() >= 2.0 * NEAR_HOME_RAD:
+            return False
+        off = model.table.stacked() - truth.table.stacked()
+        for entry in model.entries:
+            angle = stated.tolerance_rad if entry.kind.is_angle else stated.tolerance_m
+            is_offset = entry.kind is DhKind.THETA_OFF
+            allowed[entry.kind, entry.row] = OFFSET_TOLERANCE_RAD if is_offset else angle
+    else:
+        return False
     angles = [kind for kind in DhKind if kind.is_angle]
     off[angles] = np.remainder(off[angles] + np.pi, 2.0 * np.pi) - np.pi
-    allowed = np.zeros(off.shape)
-    allowed[DhKind.THETA_OFF] = OFFSET_TOLERANCE_RAD
-    allowed[[DhKind.S, DhKind.A]] = 5.0 * arm.length_tolerance_m
-    allowed[[DhKind.ALPHA, DhKind.BETA]] = 5.0 * arm.twist_tolerance_rad
-    for name in mounted_entries(arm.joint_count):
-        entry = DhEntry.parse(name)
-        allowed[entry.kind, entry.row - 1] = np.inf
     return bool(np.all(np.abs(off) <= allowed + 1e-9))
 
 

@@ -39,28 +39,6 @@ class ArmLabel:
         return int(digits or "0") % 2**32
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ControllerHooks:
-    """Functions of the controller that the supervisor uses.
-
-    Attributes
-    ----------
-    is_heard
-        Whether a node's heartbeat is heard.
-    control_changed
-        Called with the node in control (0: none) on every change.
-    set_home_offsets
-        Sets 607Ch of joints 1..n.
-    later
-        Runs work outside the control loop, in order.
-    """
-
-    is_heard: Callable[[int], bool]
-    control_changed: Callable[[int], None]
-    set_home_offsets: Callable[[Sequence[int]], None]
-    later: Callable[[Callable[[], None]], None]
-
-
 class _Refused(Exception):
     def __init__(self, text: str, code: Abort = Abort.NOT_STORED) -> None:
         self.text, self.code = text, code
@@ -80,8 +58,14 @@ class SupervisorNode(VirtualNode):
         Store of committed documents.
     validate
         Strict parse of a document.
-    hooks
-        See `ControllerHooks`.
+    is_heard
+        Whether a node's heartbeat is heard.
+    control_changed
+        Called with the node in control (0: none) on every change.
+    set_home_offsets
+        Sets 607Ch of joints 1..n.
+    later
+        Runs work outside the control loop, in order.
 
     Attributes
     ----------
@@ -96,13 +80,18 @@ class SupervisorNode(VirtualNode):
         axes: Sequence[AxisSettings],
         store: ParameterStore,
         validate: Validate,
-        hooks: ControllerHooks,
+        is_heard: Callable[[int], bool],
+        control_changed: Callable[[int], None],
+        set_home_offsets: Callable[[Sequence[int]], None],
+        later: Callable[[Callable[[], None]], None],
     ) -> None:
         super().__init__(objects.SUPERVISOR_NODE, serial_number=arm.number)
         self.arm = arm
         self.holder = 0
         self._axes = tuple(axes)
-        self._store, self._validate, self._hooks = store, validate, hooks
+        self._store, self._validate = store, validate
+        self._is_heard, self._control_changed = is_heard, control_changed
+        self._set_home_offsets, self._later = set_home_offsets, later
         self._received: bytes | None = None
         self._staged: tuple[bytes, ValidatedParameters] | None = None
         self._busy = False
@@ -131,7 +120,7 @@ class SupervisorNode(VirtualNode):
                 offsets = self._check(self.active_document).home_offset_counts
             except _Refused as refused:
                 self._refusal = f"active document not used: {refused.text}"
-        self._hooks.set_home_offsets(offsets)
+        self._set_home_offsets(offsets)
 
     def lapse(self) -> None:
         """Release control; drop what was not committed."""
@@ -156,7 +145,7 @@ class SupervisorNode(VirtualNode):
         if node != 0 and self.holder != 0:
             self._refusal = f"node {self.holder} is in control"
             raise SdoAbortedError(Abort.DEVICE_STATE)
-        if node != 0 and not self._hooks.is_heard(node):
+        if node != 0 and not self._is_heard(node):
             self._refusal = f"the heartbeat of node {node} is not heard"
             raise SdoAbortedError(Abort.DEVICE_STATE)
         self._take(node)
@@ -167,7 +156,7 @@ class SupervisorNode(VirtualNode):
         self.holder = node
         if not self._busy:
             self._received = self._staged = None
-        self._hooks.control_changed(node)
+        self._control_changed(node)
 
     # ---- parameters ----------------------------------------------------------------------------------
 
@@ -181,7 +170,7 @@ class SupervisorNode(VirtualNode):
         self._require_control()
         command = ParameterCommand(int(value))
         self._busy = True
-        self._hooks.later(lambda: self._carry_out(command))
+        self._later(lambda: self._carry_out(command))
         raise Deferred
 
     def _require_control(self) -> None:
@@ -238,7 +227,7 @@ class SupervisorNode(VirtualNode):
         with self.lock:
             self._active, self.active_document = slot, document
             self._received = self._staged = None
-        self._hooks.set_home_offsets(parameters.home_offset_counts)
+        self._set_home_offsets(parameters.home_offset_counts)
 
     def _roll_back(self) -> None:
         if self._received is not None:
@@ -251,7 +240,7 @@ class SupervisorNode(VirtualNode):
         slot = self._store.roll_back()
         with self.lock:
             self._active, self.active_document = slot, document
-        self._hooks.set_home_offsets(parameters.home_offset_counts)
+        self._set_home_offsets(parameters.home_offset_counts)
 
     def _check(self, document: bytes) -> ValidatedParameters:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Sequence
+from itertools import zip_longest
 from typing import TYPE_CHECKING
 
 from operator_app.report.spans import Line, line
@@ -179,17 +180,14 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
     return "\n".join([*lines, paragraph(f"What to do: {remedy}")])
 
 
-def aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as columns: the first column to the left, all others to the right."""
-    count = max(len(row) for row in rows)
-    full = [[*map(harmless, row), *[""] * (count - len(row))] for row in rows]
-    widths = [max(len(row[k]) for row in full) for k in range(count)]
-    lines = []
-    for row in full:
-        cells = [row[0].ljust(widths[0])]
-        cells += [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        lines.append(("  " + "  ".join(cells)).rstrip())
-    return "\n".join(lines)
+def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
+    """Return rows as columns: the first column to the left, all others to the right or also to the `left`."""
+    columns = list(zip_longest(*(map(harmless, row) for row in rows), fillvalue=""))
+    for k, cells in enumerate(columns):
+        width = max(map(len, cells))
+        put = str.ljust if left or k == 0 else str.rjust
+        columns[k] = tuple(put(cell, width) for cell in cells)
+    return "\n".join(("  " + "  ".join(row)).rstrip() for row in zip(*columns, strict=True))
 
 
 def paragraph(text: str, indent: int = 0, width: int = WIDTH) -> str:

@@ -130,50 +130,34 @@ def _styles(theme: str) -> Mapping[str, Style]:
 
 def themes() -> tuple[Theme, ...]:
     """Return the three themes for Textual."""
-    made = []
-    for name, dark in ((DARK, True), (LIGHT, False)):
-        c = _COLOURS[name]
-        made.append(
-            Theme(
-                name=name,
-                dark=dark,
-                primary=c["accent"],
-                secondary=c["dim"],
-                accent=c["accent"],
-                warning=c["warn"],
-                error=c["alarm"],
-                success=c["text"],
-                foreground=c["text"],
-                background=c["background"],
-                surface=c["background"],
-                panel=c["bar"],
-                variables={"border": c["border"], "bar": c["bar"], "dim": c["dim"]},
-            )
-        )
     plain = "ansi_default"
-    made.append(
-        Theme(
-            name=NO_COLOUR,
-            dark=True,
-            ansi=True,
-            primary=plain,
-            secondary=plain,
-            accent=plain,
-            warning=plain,
-            error=plain,
-            success=plain,
-            foreground=plain,
-            background=plain,
-            surface=plain,
-            panel=plain,
-            variables={
-                **dict.fromkeys(BUILTIN_THEMES["ansi-dark"].variables, plain),
-                "border": plain,
-                "bar": plain,
-                "dim": plain,
-                "input-cursor-text-style": "reverse",
-                "block-cursor-text-style": "reverse",
-            },
-        )
+    own = ("border", "bar", "dim")
+    ansi = {
+        **dict.fromkeys((*BUILTIN_THEMES["ansi-dark"].variables, *own), plain),
+        "input-cursor-text-style": "reverse",
+        "block-cursor-text-style": "reverse",
+    }
+    looks = (
+        (DARK, True, _COLOURS[DARK], {name: _COLOURS[DARK][name] for name in own}),
+        (LIGHT, False, _COLOURS[LIGHT], {name: _COLOURS[LIGHT][name] for name in own}),
+        (NO_COLOUR, True, dict.fromkeys(_COLOURS[DARK], plain), ansi),
     )
-    return tuple(made)
+    return tuple(
+        Theme(
+            name=name,
+            dark=dark,
+            ansi=name == NO_COLOUR,
+            primary=c["accent"],
+            secondary=c["dim"],
+            accent=c["accent"],
+            warning=c["warn"],
+            error=c["alarm"],
+            success=c["text"],
+            foreground=c["text"],
+            background=c["background"],
+            surface=c["background"],
+            panel=c["bar"],
+            variables=variables,
+        )
+        for name, dark, c, variables in looks
+    )

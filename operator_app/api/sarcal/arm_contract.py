@@ -23,7 +23,7 @@ import pytest
 from hardware.arm import ArmIdentity, ArmInterface, ArmSnapshot, JointMode
 from hardware.commissioning import checks, clauses
 from hardware.commissioning.stages import Bounds, Clause
-from operator_app.composition import open_arm
+from operator_app.composition import describe, open_arm
 from operator_app.session.workflow.opening import Choices, begin
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import rank_at_pose
@@ -177,7 +177,7 @@ def test_a_joint_that_is_free_is_not_moved(bench: ConnectedArm) -> None:
 
 def test_a_target_outside_the_range_is_refused(bench: ConnectedArm) -> None:
     joint = bench.ready()[0]
-    ranged = bench.procedure.arm.joints[joint - 1]
+    ranged = describe(bench.procedure.arm).joints[joint - 1]
     fulfils(clauses.keeps_within_limits(bench.arm, joint, ranged, bench.speed_rad_per_s))
 
 

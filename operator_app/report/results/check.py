@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from fixtures.base import CheckKind, Severity
@@ -11,7 +12,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.poses_file import LoadedPoses
 from operator_app.config.procedure import Procedure
 from operator_app.config.quantities import short_degrees
-from operator_app.report.text import paragraph
+from operator_app.report.text import aligned, paragraph
 from operator_app.units import (
     ANGLE_TOLERANCE,
     CONDITION,
@@ -24,6 +25,7 @@ from operator_app.units import (
     Figure,
     and_the_others,
     joints_named,
+    plural,
 )
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.parameters import DhKind
@@ -53,7 +55,7 @@ def problems_text(problems: Sequence[Problem]) -> str:
     count = len(problems)
     files = list(dict.fromkeys(p.file for p in problems))
     many = f" in {len(files)} files" if len(files) > 1 else ""
-    head = f"{count} problem{'s' if count > 1 else ''}{many}:"
+    head = f"{plural(count, 'problem')}{many}:"
     ordered = sorted(problems, key=lambda p: (files.index(p.file), p.line or 0, p.column or 0))
     return "\n".join([head, *(f"! {problem}" for problem in ordered)])
 
@@ -66,7 +68,7 @@ def check_text(found: Found, chains: Sequence[Chain]) -> str:
             arms[looked.holds.name] = looked.holds
     blocks = [
         "Nothing is wrong with what the files say.\n"
-        + aligned_left([[looked.source.file, in_words(looked)] for looked in found.files]),
+        + aligned([[looked.source.file, in_words(looked)] for looked in found.files], left=True),
         *(_arm(arm) for arm in arms.values()),
         *(_chain(chain) for chain in chains),
         *([paragraph(FORECAST_NOTE)] if found.of("poses") and not chains else []),
@@ -75,20 +77,11 @@ def check_text(found: Found, chains: Sequence[Chain]) -> str:
     return "\n\n".join(blocks)
 
 
-def aligned_left(rows: Sequence[Sequence[str]]) -> str:
-    """Return rows as columns, all left-aligned."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return "\n".join(
-        ("  " + "  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True))).rstrip()
-        for row in rows
-    )
-
-
 def in_words(looked: Looked) -> str:
     """Return a short description of one file."""
     match looked.holds:
         case ArmModel() as arm:
-            return f"arm {arm.name}: {_many(arm.joint_count, 'joint')}"
+            return f"arm {arm.name}: {plural(arm.joint_count, 'joint')}"
         case FixtureSpec() as spec:
             return f"fixture {spec.name}: {spec.kind}"
         case Procedure() as procedure:
@@ -102,8 +95,8 @@ def in_words(looked: Looked) -> str:
             poses, places = loaded.poses, len(loaded.poses.placements)
             measured = "" if poses.endpoint is None else ", measured endpoints"
             return (
-                f"{_many(len(poses), 'pose')} of {_many(poses.q_rad.shape[1], 'joint')}, "
-                f"{_many(places, 'placement')}{measured}"
+                f"{plural(len(poses), 'pose')} of {plural(poses.q_rad.shape[1], 'joint')}, "
+                f"{plural(places, 'placement')}{measured}"
             )
         case None:
             return "cannot be read"
@@ -114,7 +107,7 @@ def in_words(looked: Looked) -> str:
 def _captured(procedure: Procedure) -> str:
     capture = procedure.capture
     how = "planned" if capture.strategy == "planned" else "explored"
-    return f"{_many(capture.poses, f'{how} pose')} of {capture.samples_per_pose} samples"
+    return f"{plural(capture.poses, f'{how} pose')} of {capture.samples_per_pose} samples"
 
 
 def _arm(arm: ArmModel) -> str:
@@ -132,7 +125,7 @@ def _arm(arm: ArmModel) -> str:
                 "found" if f"theta_off_{j}" in free else "as the file has it",
             ]
         )  # fmt: skip
-    lines = [f"Arm {arm.name}", aligned_left(rows)]
+    lines = [f"Arm {arm.name}", aligned(rows, left=True)]
     others = [e.name for e in arm.free if e.kind is not DhKind.THETA_OFF]
     if others:
         lines.append(paragraph(f"Free beside the offsets: {', '.join(others)}."))
@@ -215,7 +208,7 @@ def _freedom(chain: Chain) -> list[str]:
         return []
     others = and_the_others(found.mobility, n)
     lines = [
-        f"Mobility {found.mobility}: exactly {_many(found.mobility, 'joint')} in position mode{others}."
+        f"Mobility {found.mobility}: exactly {plural(found.mobility, 'joint')} in position mode{others}."
     ]
     if not chain.fixture.fixture.holds_hand:
         lines = [f"Nothing holds the hand: all {n} joints in position mode."]
@@ -256,7 +249,7 @@ def _other_home(chain: Chain) -> list[str]:
 
 def _unknowns(found: Outlook) -> str:
     shown = [p.name for p in found.parameters]
-    return f"{_many(len(shown), 'parameter')} would be identified: {', '.join(shown)}."
+    return f"{plural(len(shown), 'parameter')} would be identified: {', '.join(shown)}."
 
 
 def _well(what: str, seen: Identifiability) -> str:
@@ -268,29 +261,14 @@ def _well(what: str, seen: Identifiability) -> str:
     )
 
 
-def _many(count: int, what: str) -> str:
-    return f"{count} {what}{'s' if count != 1 else ''}"
-
-
 def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:
     """Return the JSON object: files, problems, and the prospects of each arm in its fixture."""
     return {
         "files": [
             {"file": f.source.file, "kind": f.kind, "text": in_words(f)} for f in found.files
         ],
-        "problems": [_problem(p) for p in found.problems],
+        "problems": [asdict(problem) for problem in found.problems],
         "chains": [_chain_data(chain) for chain in chains],
-    }
-
-
-def _problem(problem: Problem) -> dict[str, Any]:
-    return {
-        "file": problem.file,
-        "line": problem.line,
-        "column": problem.column,
-        "key": problem.key,
-        "text": problem.text,
-        "remedy": problem.remedy,
     }
 
 

@@ -9,7 +9,7 @@ from operator_app.calibration.comparison import CalibrationComparison, Drift, Si
 from operator_app.report.json_schema import notices_data
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
-from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show
+from operator_app.units import ANGLE, LENGTH, Figure, in_json, places_to_show, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.config.parameters import ParametersDocument
@@ -46,10 +46,10 @@ def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
         "parameters": {
             d.name: {
                 "unit": "deg" if d.is_angle else "m",
-                "a": _in_json(d, d.before),
-                "b": _in_json(d, d.after),
-                "change": _in_json(d, d.change),
-                "sigma": _in_json(d, d.sigma),
+                "a": in_json(d, d.before),
+                "b": in_json(d, d.after),
+                "change": in_json(d, d.change),
+                "sigma": in_json(d, d.sigma),
                 "sigmas": d.sigmas if math.isfinite(d.sigmas) else None,
                 "significant": d.significant,
                 "side": d.side.name.lower(),
@@ -118,13 +118,15 @@ def _whose(name: str, document: ParametersDocument) -> str:
 
 def _table(found: CalibrationComparison) -> FactTable:
     places = {
-        q: places_to_show((q.per_si * d.sigma for d in found.drifts if _quantity(d) is q), least=3)
+        q: places_to_show(
+            (q.per_si * d.sigma for d in found.drifts if quantity_of(d) is q), least=3
+        )
         for q in (ANGLE, LENGTH)
     }
     titles = ("A", "B", "change", "sigma", "sigmas")
     rows: list[tuple[Cell, ...]] = []
     for d in found.drifts:
-        quantity, n = _quantity(d), places[_quantity(d)]
+        quantity, n = quantity_of(d), places[quantity_of(d)]
         shown_there = (
             Figure(value, quantity, places=n, signed=value is d.change)
             for value in (d.before, d.after, d.change, d.sigma)
@@ -149,16 +151,8 @@ def _left_out(found: CalibrationComparison) -> str:
     )
 
 
-def _quantity(drift: Drift) -> Quantity:
-    return ANGLE if drift.is_angle else LENGTH
-
-
 def _sigmas(drift: Drift) -> Figure | str:
     return Figure(drift.sigmas, places=1) if math.isfinite(drift.sigmas) else "no sigma"
-
-
-def _in_json(drift: Drift, value: float) -> float | None:
-    return Figure(value, _quantity(drift)).in_json
 
 
 def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -283,18 +284,8 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
 
 def ranked_json(ranked: RankedDrives) -> dict[str, Any]:
     """Return one ranked set of drive joints."""
-    return {
-        "joints": list(ranked.drives),
-        "score": ranked.score,
-        "usable": ranked.usable,
-        "leverage": ranked.leverage,
-        "passive_conditioning": ranked.passive_conditioning,
-        "fastest_passive": ranked.fastest_passive,
-        "fastest_joint": ranked.fastest_joint,
-        "still": list(ranked.still),
-        "reach": ranked.reach,
-        "reasons": list(ranked.reasons),
-    }
+    found = asdict(ranked)
+    return {"joints": found.pop("drives"), **found}
 
 
 def advice_json(

@@ -20,6 +20,7 @@ from operator_app.units import (
     LENGTH,
     NUMBER,
     Figure,
+    in_json,
     quantity_of,
 )
 
@@ -51,8 +52,8 @@ def published_json(found: Published) -> dict[str, Any]:
         "poses": found.poses,
         "table_2": {
             p.name: {
-                "paper": _si(p.is_angle, found.printed[p.name]),
-                "specimen": _si(p.is_angle, float(x)),
+                "paper": in_json(p, found.printed[p.name]),
+                "specimen": in_json(p, float(x)),
             }
             for p, x in zip(estimate.parameters, estimate.x, strict=True)
         },
@@ -85,10 +86,6 @@ def published_json(found: Published) -> dict[str, Any]:
             for remedy in found.remedies
         ],
     }
-
-
-def _si(is_angle: bool, value: float) -> float:  # noqa: FBT001 - of one parameter
-    return ANGLE.per_si * value if is_angle else value
 
 
 def _identified(found: Published) -> FactTable:

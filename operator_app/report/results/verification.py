@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from operator_app.calibration.open_loop import OpenLoopCheck, ParameterDifference
+from operator_app.calibration.open_loop import OpenLoopCheck
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import FactTable, figures, keyed, words
@@ -18,8 +18,9 @@ from operator_app.units import (
     SIGMA_ORI,
     SIGMA_POS,
     Figure,
-    Quantity,
+    in_json,
     places_to_show,
+    quantity_of,
     significant,
 )
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
@@ -140,10 +141,10 @@ def open_loop_json(found: OpenLoopCheck) -> dict[str, Any]:
         "parameters": {
             d.name: {
                 "unit": "deg" if d.is_angle else "m",
-                "closed_loop": _in_json(d, d.closed),
-                "open_loop": _in_json(d, d.open),
-                "change": _in_json(d, d.change),
-                "sigma": _in_json(d, d.sigma),
+                "closed_loop": in_json(d, d.closed),
+                "open_loop": in_json(d, d.open),
+                "change": in_json(d, d.change),
+                "sigma": in_json(d, d.sigma),
                 "significant": d.significant,
             }
             for d in found.differences
@@ -209,13 +210,13 @@ def _verdict(found: OpenLoopCheck) -> str:
 def _table(found: OpenLoopCheck) -> FactTable:
     places = {
         q: places_to_show(
-            (q.per_si * d.sigma for d in found.differences if _quantity(d) is q), least=3
+            (q.per_si * d.sigma for d in found.differences if quantity_of(d) is q), least=3
         )
         for q in (ANGLE, LENGTH)
     }
     rows = []
     for d in found.differences:
-        quantity = _quantity(d)
+        quantity = quantity_of(d)
         shown = (
             Figure(value, quantity, places=places[quantity], signed=value is d.change)
             for value in (d.closed, d.open, d.change, d.sigma)
@@ -231,11 +232,3 @@ def _table(found: OpenLoopCheck) -> FactTable:
         ),
         rows=tuple(rows),
     )
-
-
-def _quantity(difference: ParameterDifference) -> Quantity:
-    return ANGLE if difference.is_angle else LENGTH
-
-
-def _in_json(difference: ParameterDifference, value: float) -> float | None:
-    return Figure(value, _quantity(difference)).in_json

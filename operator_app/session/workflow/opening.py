@@ -71,13 +71,8 @@ class Choices:
 
     def over(self, earlier: Choices) -> Choices:
         """Return these choices, and the earlier ones where these are None."""
-        values = {
-            f.name: getattr(earlier, f.name)
-            if getattr(self, f.name) is None
-            else getattr(self, f.name)
-            for f in fields(self)
-        }
-        return Choices(**values)
+        own = {f.name: getattr(self, f.name) for f in fields(self)}
+        return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -299,12 +294,10 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
             procedure = replace(procedure, estimator=estimator)
         case other:
             raise SessionError(f"there is no estimator {other!r}", "use implicit or paper")
-    if choices.unsensed_joints is not None:
-        procedure = replace(procedure, unsensed_joints=choices.unsensed_joints)
-    if choices.length_tolerance_m is not None:
-        procedure = replace(procedure, length_tolerance_m=choices.length_tolerance_m)
-    if choices.upload is not None:
-        procedure = replace(procedure, upload=choices.upload)
+    own = {
+        name: getattr(choices, name) for name in ("unsensed_joints", "length_tolerance_m", "upload")
+    }
+    procedure = replace(procedure, **{k: v for k, v in own.items() if v is not None})
     if choices.placements is not None:
         procedure = replace(procedure, placements=require_mountable(procedure, choices.placements))
     _require_solvable(procedure)

@@ -16,7 +16,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
-from operator_app.units import ANGLE, LENGTH, Figure
+from operator_app.units import Figure, quantity_of
 from solver.chain.parameters import wrap_angle
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
     places = precision(solution.identified)
 
     def cells(row: DiffRow) -> tuple[Cell, ...]:
-        quantity = ANGLE if row.is_angle else LENGTH
+        quantity = quantity_of(row)
         n = places(quantity)
         new = Figure(row.new, quantity, n, role="found")
         if row.active is None:

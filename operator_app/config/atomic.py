@@ -26,7 +26,8 @@ def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> 
 
     A reader sees the old file or the new one, never a part. The permissions of an existing file are kept. A symbolic
     link is replaced by a file, and its target does not change: the folder may come from somebody else. With
-    `through_link` the target is replaced instead.
+    `through_link` the target is replaced instead. A device, a pipe or a link to one is refused: root would replace
+    `/dev/null` for every program.
 
     Raises
     ------
@@ -34,6 +35,8 @@ def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> 
         The system refused; nothing was changed, and no temporary file remains.
     """
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise WriteError(file=str(path), reason="this is a device or a pipe; name a file")
         _replace(Path(os.path.realpath(path)) if through_link else path, data)
     except OSError as error:
         raise WriteError(file=str(path), reason=error.strerror or str(error)) from error

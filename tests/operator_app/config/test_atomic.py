@@ -58,6 +58,19 @@ def test_a_link_of_the_user_s_own_stays_a_link(tmp_path: Path) -> None:
     assert target.read_bytes() == b"new"
 
 
+@pytest.mark.parametrize("linked", [True, False])
+def test_a_pipe_or_device_is_not_replaced(tmp_path: Path, linked: bool) -> None:
+    """As root, `export -o /dev/full` had put a file in place of the device."""
+    path = pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    if linked:
+        path = tmp_path / "link"
+        path.symlink_to(pipe)
+    with pytest.raises(WriteError):
+        write_atomically(path, b"new")
+    assert stat.S_ISFIFO(path.stat().st_mode)
+
+
 @pytest.mark.parametrize("step", ["fsync", "fchmod"])
 def test_a_disk_that_fails_leaves_the_old_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str

@@ -39,12 +39,8 @@ STALLED_RAD = 1e-14
 class ClosedPoses:
     """Poses moved onto the closure manifold.
 
-    Attributes
-    ----------
-    q, u
-        Joint angles (m, n) and unsensed angles (m, U), rad.
-    closed
-        (m,) bool: whether the loop error fell below the tolerance.
+    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed`: (m,) bool: whether the loop error fell
+    below the tolerance.
     """
 
     q: FloatArray
@@ -56,12 +52,8 @@ class ClosedPoses:
 class ReducedEquations:
     """Loop equations of every pose without the unsensed angles: ``w + A dphi + B dq = 0``.
 
-    Attributes
-    ----------
-    E
-        (..., m, k, r): orthonormal, ``E' N = 0``.
-    w, A, B
-        ``E' c`` (..., m, r), ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n).
+    `E`: (..., m, k, r): orthonormal, ``E' N = 0``. `w`, `A`, `B`: ``E' c`` (..., m, r), ``E' C`` (..., m, r, P) and
+    ``E' J_q`` (..., m, r, n).
     """
 
     E: FloatArray

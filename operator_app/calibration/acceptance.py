@@ -12,24 +12,10 @@ from operator_app.calibration.findings import finding_of, rms_displacement
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
+from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.limits import (
-    CHI2_PER_DOF_GROSS,
-    CHI2_PER_DOF_REFUSED,
-    COARSE_SIGMA_M,
-    COARSE_SIGMA_RAD,
-    FEW_DOF,
-    MOST_CAUSES_REPORTED,
-    MOST_COMPLIANCE_M,
-    MOST_COMPLIANCE_RAD,
-    POSSIBLE_CAUSE_PROBABILITY,
-    REFUSED_DOF,
-    REFUSING_SHIFT_SIGMAS,
-    USELESS_SIGMA_M,
-    USELESS_SIGMA_RAD,
-)
 from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate
 
@@ -61,7 +47,7 @@ class Adjudication:
         Every test that was made.
     stated_chi2_per_dof
         chi2/dof with the variances that the files state; None where it was not computed.
-    astray
+    diverged
         Whether the solution has diverged far from the files' values, so that no advice can be based on it.
     """
 
@@ -88,18 +74,14 @@ def causes_of(
 ) -> tuple[Finding, ...]:
     """Return the causes that the tests support.
 
-    Parameters
-    ----------
-    judged
-        Names of the parameters whose sigmas have to be valid: not those that are only corrected within tolerances.
-    labels
-        Labels of the poses in the order in which they were taken.
+    `judged`: names of the parameters whose sigmas have to be valid: not those that are only corrected within
+    tolerances. `labels`: labels of the poses in the order in which they were taken.
     """
-    if estimate.dof < REFUSED_DOF:
+    if estimate.dof < limits.REFUSED_DOF:
         # Refused for that; all other findings from so few poses may be chance.
         return ()
     unnamed = tuple(_unnamed(diagnosis))
-    if unnamed and _left(diagnosis) > CHI2_PER_DOF_GROSS:
+    if unnamed and _left(diagnosis) > limits.CHI2_PER_DOF_GROSS:
         return unnamed
     names = [p.name for p in estimate.parameters]
     here = [names.index(name) for name in judged]
@@ -111,7 +93,7 @@ def causes_of(
         possible = [
             np.abs((moved + x.evidence.moved[here]) / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0)
             for x in competing
-            if x.evidence is not None and x.probability >= POSSIBLE_CAUSE_PROBABILITY
+            if x.evidence is not None and x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
         ]
         impact = float(max(possible, default=0.0))
         best = competing[0]
@@ -130,7 +112,7 @@ def causes_of(
     found.extend(unnamed)
     found.extend(_suspected_entries(diagnosis, labels))
     once = each_once(found)
-    return tuple(c for k, c in enumerate(once) if k < MOST_CAUSES_REPORTED or c.blocking)
+    return tuple(c for k, c in enumerate(once) if k < limits.MOST_CAUSES_REPORTED or c.blocking)
 
 
 def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterable[Finding]:
@@ -143,7 +125,7 @@ def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterabl
 
 def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
     """Whether parameters may be wrong by more than their sigmas if this is the cause."""
-    if cause.cause is Cause.FROZEN or impact > REFUSING_SHIFT_SIGMAS:
+    if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
     # A value that changed: both values have to be within the stated uncertainty.
     names = [p.name for p in estimate.parameters]
@@ -153,7 +135,7 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
         float(estimate.standard_deviation[names.index(n)]) if n in names else np.inf
         for n in changed
     ]
-    return any(abs(b) > REFUSING_SHIFT_SIGMAS * s for b, s in zip(found.b, sd, strict=False))
+    return any(abs(b) > limits.REFUSING_SHIFT_SIGMAS * s for b, s in zip(found.b, sd, strict=False))
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
@@ -165,11 +147,11 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
         last = diagnosis.rounds[-1][0]
         probability = last.probability
         if last.evidence is not None:
-            if ratio <= CHI2_PER_DOF_REFUSED:
+            if ratio <= limits.CHI2_PER_DOF_REFUSED:
                 return
             probability = 1.0 - sum(x.probability for x in diagnosis.rounds[-1] if x.candidate)
     kind = FindingKind.UNEXPLAINED_PATTERN
-    if ratio > CHI2_PER_DOF_GROSS:
+    if ratio > limits.CHI2_PER_DOF_GROSS:
         kind = FindingKind.POSES_DO_NOT_FIT
     elif ratio > 1.0:
         kind = FindingKind.UNEXPLAINED_SCATTER
@@ -178,7 +160,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
         names=tuple(test.code for test in diagnosis.tests if test.fires),
         figures={"times": float(np.sqrt(ratio))},
         probability=max(0.0, probability),
-        blocking=ratio > CHI2_PER_DOF_REFUSED,
+        blocking=ratio > limits.CHI2_PER_DOF_REFUSED,
     )
 
 
@@ -196,7 +178,9 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
     if best.candidate is None or best.evidence is None or best.candidate.cause is not Cause.GIVES:
         return False
     size = rms_displacement(best.candidate, best.evidence, diagnosis.scene)
-    return size["shift_m"] > MOST_COMPLIANCE_M or size["turn_rad"] > MOST_COMPLIANCE_RAD
+    return (
+        size["shift_m"] > limits.MOST_COMPLIANCE_M or size["turn_rad"] > limits.MOST_COMPLIANCE_RAD
+    )
 
 
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -214,13 +198,13 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
     """Return the finding that the poses are too few for a diagnosis, so that all other findings may be chance."""
-    if estimate.dof >= FEW_DOF:
+    if estimate.dof >= limits.FEW_DOF:
         return ()
     return (
         Finding(
             kind=FindingKind.TOO_FEW_POSES,
             size=estimate.dof,
-            blocking=estimate.dof < REFUSED_DOF,
+            blocking=estimate.dof < limits.REFUSED_DOF,
         ),
     )
 
@@ -256,29 +240,25 @@ def little_motion(
 ) -> tuple[Finding, ...]:
     """Return the parameters with large sigmas (P,) because the poses differ little.
 
-    Parameters
-    ----------
-    known
-        Standard uncertainty (rad, m) of parameters in the files, by name. A larger sigma is reported; it blocks if it
-        is uselessly large.
-    narrows
-        Source of error that dominates one parameter's sigma; empty where only other poses help.
+    `known`: standard uncertainty (rad, m) of parameters in the files, by name. A larger sigma is reported; it blocks if
+    it is uselessly large. `narrows`: source of error that dominates one parameter's sigma; empty where only other poses
+    help.
     """
     wide, coarse, refuses = [], [], False
     worst, farthest = "", 0.0
     for p, sd in zip(parameters, standard_deviation, strict=True):
         if p.name not in judged:
             continue
-        size = NamedSize(name=p.name, size=float(sd), unit="rad" if p.is_angle else "m")
-        worthless = USELESS_SIGMA_RAD if p.is_angle else USELESS_SIGMA_M
+        size = NamedSize(name=p.name, size=float(sd), unit=p.unit)
+        worthless = limits.USELESS_SIGMA_RAD if p.is_angle else limits.USELESS_SIGMA_M
         if not sd <= min(worthless, known.get(p.name, np.inf)):
             wide.append(size)
             refuses |= not sd <= worthless
-        elif sd > (COARSE_SIGMA_RAD if p.is_angle else COARSE_SIGMA_M):
+        elif sd > (limits.COARSE_SIGMA_RAD if p.is_angle else limits.COARSE_SIGMA_M):
             coarse.append(size)
         else:
             continue
-        over = sd / (COARSE_SIGMA_RAD if p.is_angle else COARSE_SIGMA_M)
+        over = sd / (limits.COARSE_SIGMA_RAD if p.is_angle else limits.COARSE_SIGMA_M)
         if not over <= farthest:
             worst, farthest = p.name, over
     if not wide and not coarse:
@@ -308,7 +288,7 @@ def paper_test(paper: Estimate, implicit: Estimate) -> tuple[HypothesisTest, tup
             kind=FindingKind.PAPER_OFF,
             names=(p.name,),
             size=parameter_shift,
-            unit="rad" if p.is_angle else "m",
+            unit=p.unit,
             figures={"sigmas": float(z[worst])},
             blocking=True,
         ),

@@ -20,6 +20,7 @@ from operator_app.calibration.acceptance import (
     paper_test,
     too_few_poses,
 )
+from operator_app.calibration.alternative_model import AlternativeModel
 from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
@@ -43,14 +44,9 @@ from solver.arrays import IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
+from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.fault_candidate import Cause
-from solver.diagnostics.limits import (
-    CHI2_PER_DOF_EXPLAINED,
-    CHI2_PER_DOF_REFUSED,
-    FLIPPED_SHARE_REFUSED,
-    MOST_SOURCES_REPORTED,
-)
 from solver.diagnostics.range_checks import RangeFinding
 from solver.diagnostics.rvdt import RvdtVerdict
 from solver.diagnostics.stated_sizes import exceeded_specifications
@@ -129,19 +125,23 @@ class _Case:
     @property
     def gross(self) -> bool:
         """Whether no single linear explanation reaches the misfit."""
-        return _unexplained_chi2_per_dof(self.diagnosis) > CHI2_PER_DOF_REFUSED
+        return _unexplained_chi2_per_dof(self.diagnosis) > limits.CHI2_PER_DOF_REFUSED
+
+    @property
+    def stated(self) -> AlternativeModel:
+        """The model of the files."""
+        return AlternativeModel(
+            arm=self.arm,
+            fixture=self.fixture,
+            poses=self.used,
+            unsensed=self.model.unsensed_joints,
+        )
 
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         """Alternative models that explain the misfit."""
+        dof = self.diagnosis.left.dof
         return find_alternatives(
-            self.arm,
-            self.fixture,
-            self.used,
-            unsensed=self.model.unsensed_joints,
-            scale=self.chi2_per_dof,
-            dof=self.diagnosis.left.dof,
-            near=near,
-            of_files=of_files,
+            self.stated, scale=self.chi2_per_dof, dof=dof, near=near, of_files=of_files
         )
 
 
@@ -188,7 +188,7 @@ def adjudicate(
     of_paper = () if paper is None else (paper_test(paper, found.estimate),)
     of_fit = _fit_causes(case, without_motion=bool(lost) or diverged)
     if far or any(cause.blocking for cause in of_fit):
-        of_fit = (*hinge_alternative(arm, fixture, case.used, unsensed=unsensed), *of_fit)
+        of_fit = (*hinge_alternative(case.stated), *of_fit)
     first = (
         *_screening_causes(arm, poses, known),
         *too_few_poses(case.estimate),
@@ -236,22 +236,12 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
         # Linear explanations are invalid far from the truth.
         alternatives = case.alternatives()
         by_tests = alternatives or by_tests
-    elif scale > CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
+    elif scale > limits.CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
         # A fixture this compliant, or a length error this large, may also be a wrong file.
         alternatives = case.alternatives(of_files=True)
         by_tests = alternatives or by_tests
     elif joint := _suspected_reading(diagnosis):
-        by_tests = (
-            step_alternative(
-                case.arm,
-                case.fixture,
-                case.used,
-                unsensed=case.model.unsensed_joints,
-                joint=joint,
-                scale=scale,
-            )
-            or by_tests
-        )
+        by_tests = step_alternative(case.stated, joint, scale) or by_tests
     elif not by_tests:
         by_tests = rvdt_causes(case.known.rvdt, case.arm)
     unexplained = (
@@ -261,7 +251,7 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
     explained = not (alternatives or case.gross or nothing_fits)
     if by_tests and explained and not _single_cause(diagnosis):
         by_tests = (*_exceeded_specifications(case.found.linear, diagnosis), *by_tests)
-    if scale > CHI2_PER_DOF_REFUSED and by_tests:
+    if scale > limits.CHI2_PER_DOF_REFUSED and by_tests:
         # The sigmas cover the effect of every cause, because the misfit has widened them.
         by_tests = (replace(by_tests[0], blocking=True), *by_tests[1:])
     return _Misfit(by_tests, alternatives, nothing_fits)
@@ -341,7 +331,7 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
     best = diagnosis.rounds[0][0]
     if best.candidate is None or best.evidence is None:
         return False
-    return best.probability > 0.5 and best.evidence.chi2 <= CHI2_PER_DOF_EXPLAINED * max(
+    return best.probability > 0.5 and best.evidence.chi2 <= limits.CHI2_PER_DOF_EXPLAINED * max(
         best.evidence.dof, 1
     )
 
@@ -377,7 +367,7 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
         finding = exceeded(larger, fit.design)
         chance = 1.0 - float(np.exp(larger.log_chance))
         found.setdefault(finding.code, replace(finding, probability=chance))
-    return tuple(found.values())[:MOST_SOURCES_REPORTED]
+    return tuple(found.values())[: limits.MOST_SOURCES_REPORTED]
 
 
 def _unexplained_chi2_per_dof(diagnosis: Diagnosis) -> float:
@@ -392,7 +382,7 @@ def _screening_causes(
     arm: ArmModel, poses: PoseSet, known: PriorInformation
 ) -> tuple[Finding, ...]:
     """Causes that need no test: they follow from the file or the geometry."""
-    many = len(known.flipped) > FLIPPED_SHARE_REFUSED * len(poses)
+    many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
     left_out = (known.flipped, known.out_of_range, arm, poses)
     return (
         *(replace(f, blocking=many) for f in excluded_poses(*left_out)),

@@ -23,6 +23,7 @@ from operator_app.calibration.error_model import (
     noise_model,
     stated_priors,
 )
+from operator_app.calibration.findings import unrelated_reading
 from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import WHOLE_MM
@@ -31,14 +32,8 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import PoseSet
+from solver.diagnostics import limits
 from solver.diagnostics.change_points import Suspect, steps
-from solver.diagnostics.limits import (
-    ALTERNATIVE_CLOSURE_M,
-    ALTERNATIVE_CLOSURE_RATIO,
-    ALTERNATIVE_FIXTURE_POSES,
-    STEP_EDGE_POSES,
-    STEP_RESIDUAL_SHARE,
-)
 from solver.diagnostics.whitened_residuals import fit_residuals
 from solver.errors import SolverError
 from solver.estimators.implicit import ImplicitFit, fit_implicit
@@ -46,10 +41,13 @@ from solver.estimators.layout import Layout
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import ClosureProblem
+from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
 
 _T = TypeVar("_T")
 
+NOTHING = Finding(kind=FindingKind.REPORTED)
+"""Finding of the stated model itself."""
 
 MODEL_ITERATIONS = 15
 """Iterations after which a correct alternative is near its solution."""
@@ -57,101 +55,96 @@ MODEL_ITERATIONS = 15
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlternativeModel:
-    """A possible mistake: poses, fixture and sensors without it."""
+    """A possible mistake (`finding`): arm, fixture, poses and ignored joints without it."""
 
-    finding: Finding
-    poses: PoseSet
+    finding: Finding = NOTHING
+    arm: ArmModel
     fixture: EndpointConstraint
+    poses: PoseSet
     unsensed: tuple[int, ...] = ()
-    arm: ArmModel | None = None
-    """Fixture to be used instead of the file's, if that is the mistake."""
+
+    def loop(self) -> ClosureModel:
+        """Its closed loops."""
+        return loop_of_poses(self.arm, self.fixture, self.poses, unsensed_joints=self.unsensed)
+
+    def without_reading(self, joint: int) -> AlternativeModel:
+        """The same without the readings of one more joint, which have nothing to do with the joint."""
+        unsensed = tuple(sorted((*self.unsensed, joint)))
+        return replace(self, finding=unrelated_reading(joint, self.arm), unsensed=unsensed)
 
 
-def start(arm: ArmModel, alternative: AlternativeModel) -> tuple[FloatArray, float]:
+def start(alternative: AlternativeModel) -> tuple[FloatArray, float]:
     """Start parameters of an alternative's loop and its mean square closure error."""
-    arm, q = alternative.arm or arm, alternative.poses.q_rad
-    if not alternative.unsensed:
-        model = loop_of_poses(arm, alternative.fixture, alternative.poses)
-        problem = ClosureProblem.of(model, q)
-        found = solve_damped(
-            problem, nominal_vector(model.parameters), max_iterations=MODEL_ITERATIONS
-        )
-        return found.x, 2.0 * found.cost / len(q)
-    fit = without_readings(arm, alternative)
-    return fit.x, float((fit.corrections**2).mean())
-
-
-def without_readings(arm: ArmModel, alternative: AlternativeModel) -> ImplicitFit:
-    """Closed loops of an alternative without some readings."""
-    q, unsensed = alternative.poses.q_rad, tuple(sorted(alternative.unsensed))
-    model = loop_of_poses(arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed)
-    noise = noise_model(
-        arm, alternative.fixture, alternative.poses, np.ones(len(q), dtype=np.bool_)
+    if alternative.unsensed:
+        fit = without_readings(alternative)
+        return fit.x, float((fit.corrections**2).mean())
+    model, q = alternative.loop(), alternative.poses.q_rad
+    found = solve_damped(
+        ClosureProblem.of(model, q),
+        nominal_vector(model.parameters),
+        max_iterations=MODEL_ITERATIONS,
     )
+    return found.x, 2.0 * found.cost / len(q)
+
+
+def without_readings(alternative: AlternativeModel) -> ImplicitFit:
+    """Closed loops of an alternative without some readings."""
+    arm, poses, model = alternative.arm, alternative.poses, alternative.loop()
+    noise = noise_model(arm, alternative.fixture, poses, np.arange(len(poses)))
     floor = np.maximum(noise.joint_variance, 1e-8)
     return fit_implicit(
         model,
-        q,
+        poses.q_rad,
         replace(noise, joint_variance=floor),
         nominal_vector(model.parameters),
         max_iterations=MODEL_ITERATIONS,
     )
 
 
-def is_near(arm: ArmModel, alternative: AlternativeModel) -> bool:
+def is_near(alternative: AlternativeModel) -> bool:
     """Whether an alternative's loop closes near its nominal values."""
 
     def near() -> bool:
-        unsensed = tuple(sorted(alternative.unsensed))
-        model = loop_of_poses(
-            alternative.arm or arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed
-        )
-        return not far_from_nominal(model.parameters, start(arm, alternative)[0])
+        return not far_from_nominal(alternative.loop().parameters, start(alternative)[0])
 
     return tried(near, otherwise=False)
 
 
-def closes(arm: ArmModel, alternative: AlternativeModel, *, far: float) -> bool:
+def closes(alternative: AlternativeModel, *, far: float) -> bool:
     """Whether a loop closes in another fixture much better than noise explains.
 
     `far` is the mean square closure error in the fixture of the file: with rotations included, noise leaves a few times
     more, a tilting tool a hundred times more.
     """
-    cost = cost_of(arm, alternative)
+    cost = cost_of(alternative)
     return (
-        len(alternative.poses) >= ALTERNATIVE_FIXTURE_POSES
-        and cost < ALTERNATIVE_CLOSURE_M**2
-        and cost * ALTERNATIVE_CLOSURE_RATIO**2 < far
+        len(alternative.poses) >= limits.ALTERNATIVE_FIXTURE_POSES
+        and cost < limits.ALTERNATIVE_CLOSURE_M**2
+        and cost * limits.ALTERNATIVE_CLOSURE_RATIO**2 < far
     )
 
 
-def cost_of(arm: ArmModel, alternative: AlternativeModel) -> float:
+def cost_of(alternative: AlternativeModel) -> float:
     """Mean square closure error of an alternative; infinite where it cannot be solved."""
-    return tried(lambda: start(arm, alternative)[1], np.inf)
+    return tried(lambda: start(alternative)[1], np.inf)
 
 
-def solved(arm: ArmModel, alternative: AlternativeModel) -> tuple[float, int]:
+def solved(alternative: AlternativeModel) -> tuple[float, int]:
     """chi2/dof of an alternative at stated variances, and its degrees of freedom."""
-    arm = alternative.arm or arm
+    arm, fixture, poses = alternative.arm, alternative.fixture, alternative.poses
 
     def solve() -> tuple[float, int]:
-        x, _ = start(arm, alternative)
-        kept = np.ones(len(alternative.poses), dtype=np.bool_)
-        unsensed = tuple(sorted(alternative.unsensed))
-        hard = loop_of_poses(arm, alternative.fixture, alternative.poses, unsensed_joints=unsensed)
+        x, _ = start(alternative)
+        hard = alternative.loop()
         model, tolerance = free_within_tolerance(hard, arm)
         errors = error_model(
-            arm, alternative.fixture, alternative.poses, kept, unsensed_joints=unsensed, tolerance=tolerance,
-            prior=stated_priors(hard, arm, alternative.fixture),
+            arm, fixture, poses, np.arange(len(poses)), unsensed_joints=alternative.unsensed,
+            tolerance=tolerance, prior=stated_priors(hard, arm, fixture),
         )  # fmt: skip
         fit = fit_mixed(
-            model,
-            alternative.poses.q_rad,
-            errors,
-            in_order(model, hard, x),
-            group=alternative.poses.placement,
-            variances=Layout.stated_variances,
-        ).fit
+            model, poses.q_rad, errors, in_order(model, hard, x),
+            group=poses.placement, variances=Layout.stated_variances,
+        ).fit  # fmt: skip
         return fit.chi2 / max(fit.dof, 1), fit.dof
 
     return tried(solve, (np.inf, 0))
@@ -183,7 +176,7 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | No
     Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
     """
     m = len(reading_rad)
-    if m < 2 * (STEP_EDGE_POSES + BENDS):
+    if m < 2 * (limits.STEP_EDGE_POSES + BENDS):
         return None
     off = wrap_angle(reading_rad - angle_rad)
     off = wrap_angle(off - off[0])
@@ -191,7 +184,7 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | No
     curve = np.linalg.qr(np.polynomial.polynomial.polyvander(x / np.abs(x).max(), BENDS))[0]
     left = fit_residuals(off[:, None], curve[:, None, :], np.ones((m, 1, 1)))
     for step in steps(left, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
-        if left.chi2 - step.chi2 <= STEP_RESIDUAL_SHARE * left.chi2:
+        if left.chi2 - step.chi2 <= limits.STEP_RESIDUAL_SHARE * left.chi2:
             return ReadingStep(first=step.pose, size_rad=float(step.size[0]))
     return None
 
@@ -200,26 +193,19 @@ TURNS_RAD = 0.5e-3
 """Deflection of an ordinary hinge under load where no hinge is stated."""
 
 
-class Other(NamedTuple):
-    """An alternative fixture, and its finding."""
-
-    finding: Finding
-    fixture: EndpointConstraint
-
-
-def instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Iterator[Other]:
-    """Return fixtures with fewer constraints than `fixture`, in which its open loops may close."""
-    if isinstance(fixture, Rigid):
-        yield hinge_instead(arm, fixture, poses)
-    if isinstance(fixture, Hinge | Rigid):
-        yield _ball_instead(arm, fixture, poses)
+def other_fixtures(stated: AlternativeModel) -> Iterator[AlternativeModel]:
+    """Return fixtures with fewer constraints than the stated one, in which its open loops may close."""
+    if isinstance(stated.fixture, Rigid):
+        yield hinge_instead(stated)
+    if isinstance(stated.fixture, Hinge | Rigid):
+        yield _ball_instead(stated)
 
 
-def hinge_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Other:
+def hinge_instead(stated: AlternativeModel) -> AlternativeModel:
     """Return a hinge if the tool turns about one line that is fixed in the tool and in the base."""
-    frames = _frames(arm, poses)
-    m = len(poses)
-    eye = np.broadcast_to(np.eye(3), (m, 3, 3))
+    arm, fixture = stated.arm, stated.fixture
+    frames = _frames(arm, stated.poses)
+    eye = np.broadcast_to(np.eye(3), frames[0].shape)
     # R_k a = b: the two directions are the weakest ones of these rows.
     both = np.linalg.svd(np.concatenate((frames[0], -eye), axis=-1).reshape(-1, 6))[2][-1]
     along = [d / np.linalg.norm(d) for d in (both[:3], both[3:])]
@@ -234,29 +220,25 @@ def hinge_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) ->
         ),
     )
     lines = f"{_points(tip, ground)} --hand-direction={_way(along[0])} --base-direction={_way(along[1])}"
-    return Other(
-        Finding(
-            kind=FindingKind.WRONG_FIXTURE_HINGE,
-            names=(fixture.kind, _new("hinge", arm, lines)),
-        ),
-        hinge,
-    )
+    names = (fixture.kind, _new("hinge", arm, lines))
+    finding = Finding(kind=FindingKind.WRONG_FIXTURE_HINGE, names=names)
+    return replace(stated, finding=finding, fixture=hinge)
 
 
-def _ball_instead(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Other:
+def _ball_instead(stated: AlternativeModel) -> AlternativeModel:
     """Return a ball at the nominal hinge, or at the tool point that moves least."""
-    R, p = frames = _frames(arm, poses)
+    fixture = stated.fixture
+    R, p = frames = _frames(stated.arm, stated.poses)
     if isinstance(fixture, Hinge):
         tip = np.array([fixture.a_n_m, 0.0, fixture.s_n_m])
         ground = np.median(p + R @ tip, axis=0)
     else:
         tip, ground = _where_it_meets(frames)
-    return Other(
-        Finding(
-            kind=FindingKind.WRONG_FIXTURE_BALL,
-            names=(fixture.kind, _new("ball", arm, _points(tip, ground))),
-        ),
-        Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance),
+    names = (fixture.kind, _new("ball", stated.arm, _points(tip, ground)))
+    return replace(
+        stated,
+        finding=Finding(kind=FindingKind.WRONG_FIXTURE_BALL, names=names),
+        fixture=Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance),
     )
 
 

@@ -13,37 +13,26 @@ from time import thread_time
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import EndpointConstraint
 from operator_app.calibration.alternative_model import (
     AlternativeModel,
     closes,
     cost_of,
     hinge_instead,
-    instead,
     is_near,
+    other_fixtures,
     shift_of,
     solved,
     tried,
     without_readings,
 )
 from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.findings import reading_step, unrelated_reading
+from operator_app.calibration.findings import reading_step
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
-from solver.chain.poses import PoseSet
+from solver.diagnostics import limits
 from solver.diagnostics.fault_models import constant_reading_runs
-from solver.diagnostics.limits import (
-    ALTERNATIVE_CHI2_RATIO,
-    ALTERNATIVE_FIXTURE_POSES,
-    CHI2_PER_DOF_ALTERNATIVE,
-    SMALLEST_NOISE_SCALE,
-)
 from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import makes_sense, mistakes
-
-NOTHING = Finding(kind=FindingKind.REPORTED)
-"""Prior log-weight of the fit without any mistake."""
 
 PROMISING = 0.3
 """An alternative is solved completely if it leaves less than this share of the squared closure error."""
@@ -65,18 +54,15 @@ LONGEST_S = 4.0
 
 
 def find_alternatives(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
+    stated: AlternativeModel,
     *,
-    unsensed: tuple[int, ...],
     scale: float,
     dof: int,
     near: bool = False,
     of_files: bool = False,
     sensors: bool = False,
 ) -> tuple[Finding, ...]:
-    """Return the mistakes that explain a gross misfit, the most probable first.
+    """Return the mistakes that explain a gross misfit of the stated model, the most probable first.
 
     Parameters
     ----------
@@ -91,35 +77,25 @@ def find_alternatives(
         With `near` also a sensor whose readings are useless in all poses.
     """
     deadline = thread_time() + LONGEST_S
-    as_it_is = np.inf
-    if not near and not unsensed:
-        plain = AlternativeModel(finding=NOTHING, poses=poses, fixture=fixture)
-        as_it_is = cost_of(arm, plain)
+    as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
     found: list[tuple[AlternativeModel, float]] = []
     families = (
-        (
-            _same_loop(fixture, poses, arm, unsensed),
-            *((_unread(arm, fixture, poses, unsensed),) if sensors else ()),
-        )
+        (_same_loop(stated), *((_unread(stated),) if sensors else ()))
         if near or of_files
-        else (
-            _frozen(arm, fixture, poses, unsensed),
-            _same_loop(fixture, poses, arm, unsensed),
-            _blind(arm, fixture, poses, unsensed),
-        )
+        else (_frozen(stated), _same_loop(stated), _blind(stated))
     )
     for family in families:
-        for alternative in _screened(arm, family, deadline, below=PROMISING * as_it_is):
-            if near and not is_near(arm, alternative):
+        for alternative in _screened(family, deadline, below=PROMISING * as_it_is):
+            if near and not is_near(alternative):
                 continue
             if thread_time() > deadline:
                 break
-            ratio, left = solved(arm, alternative)
-            if alternative.fixture is not fixture and closes(arm, alternative, far=as_it_is):
+            ratio, left = solved(alternative)
+            if alternative.fixture is not stated.fixture and closes(alternative, far=as_it_is):
                 # So few equations never close by chance, even with accurate files.
-                ratio = min(ratio, 0.99 * CHI2_PER_DOF_ALTERNATIVE)
-            if ratio < CHI2_PER_DOF_ALTERNATIVE and (
-                near or ALTERNATIVE_CHI2_RATIO * ratio < scale
+                ratio = min(ratio, 0.99 * limits.CHI2_PER_DOF_ALTERNATIVE)
+            if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
+                near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
             ):
                 found.append((alternative, _weight(ratio, left, dof)))
         if found:
@@ -127,62 +103,44 @@ def find_alternatives(
     for alternative, _ in tuple(found):
         found += [
             (shift, _weight(ratio, left, dof))
-            for shift, ratio, left in _shifted(arm, alternative, unsensed)
-            if ratio < CHI2_PER_DOF_ALTERNATIVE
+            for shift, ratio, left in _shifted(alternative, stated.unsensed)
+            if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
         ]
     return _named(found)
 
 
-def hinge_alternative(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, *, unsensed: tuple[int, ...]
-) -> tuple[Finding, ...]:
+def hinge_alternative(stated: AlternativeModel) -> tuple[Finding, ...]:
     """Return the finding that the fixture is a hinge, where the poses do not suffice for a ball but close in a hinge.
 
     A ball closes wherever a hinge does, with its centre anywhere along the axis.
     """
-    if not isinstance(fixture, Ball) or len(poses) < ALTERNATIVE_FIXTURE_POSES:
+    if not isinstance(stated.fixture, Ball) or len(stated.poses) < limits.ALTERNATIVE_FIXTURE_POSES:
         return ()
-    other = hinge_instead(arm, fixture, poses)
-    alternative = AlternativeModel(
-        finding=other.finding, poses=poses, fixture=other.fixture, unsensed=unsensed
-    )
-    ratio, left = solved(arm, alternative)
+    alternative = hinge_instead(stated)
+    ratio, left = solved(alternative)
     return (
         _named([(alternative, _weight(ratio, left, left))])
-        if ratio < CHI2_PER_DOF_ALTERNATIVE
+        if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
         else ()
     )
 
 
-def step_alternative(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed: tuple[int, ...],
-    joint: int,
-    scale: float,
-) -> tuple[Finding, ...]:
+def step_alternative(stated: AlternativeModel, joint: int, scale: float) -> tuple[Finding, ...]:
     """Return the step that explains a wrong reading of a joint, if one does; `scale` as above."""
-    blind = AlternativeModel(
-        finding=unrelated_reading(joint, arm),
-        poses=poses,
-        fixture=fixture,
-        unsensed=(*unsensed, joint),
-    )
-    found = _shifted(arm, blind, unsensed)
+    found = _shifted(stated.without_reading(joint), stated.unsensed)
     return _named(
         [
             (s, 0.0)
             for s, ratio, _ in found
-            if ratio < CHI2_PER_DOF_ALTERNATIVE and ALTERNATIVE_CHI2_RATIO * ratio < scale
+            if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
+            and limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
         ]
     )
 
 
 def _weight(ratio: float, left: int, dof: int) -> float:
     """Log-weight of an alternative with chi2/dof `ratio` for `left` degrees of freedom."""
-    fits = -0.5 * dof * np.log(max(ratio, SMALLEST_NOISE_SCALE))
+    fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - left))
 
 
@@ -198,12 +156,11 @@ def _named(found: list[tuple[AlternativeModel, float]]) -> tuple[Finding, ...]:
     )
 
 
-def _same_loop(
-    fixture: EndpointConstraint, poses: PoseSet, arm: ArmModel, unsensed: tuple[int, ...]
-) -> Iterator[AlternativeModel]:
+def _same_loop(stated: AlternativeModel) -> Iterator[AlternativeModel]:
     """Mistakes of the file: a unit, a sign, two columns exchanged."""
-    if unsensed:
+    if stated.unsensed:
         return
+    arm, poses = stated.arm, stated.poses
     for mistake in mistakes(arm, poses.q_rad):
         if makes_sense(arm, mistake.q_rad):
             finding = Finding(
@@ -211,13 +168,11 @@ def _same_loop(
                 names=(mistake.code,),
                 reported=(mistake.text, mistake.remedy),
             )
-            changed = replace(poses, q_rad=mistake.q_rad)
-            yield AlternativeModel(finding=finding, poses=changed, fixture=fixture)
+            yield replace(stated, finding=finding, poses=replace(poses, q_rad=mistake.q_rad))
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
-        finding = Finding(kind=FindingKind.OFFSETS_IN_RADIANS)
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
-        yield AlternativeModel(finding=finding, poses=poses, fixture=fixture, arm=meant)
+        yield replace(stated, finding=Finding(kind=FindingKind.OFFSETS_IN_RADIANS), arm=meant)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -227,57 +182,37 @@ def _same_loop(
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
                 finding = Finding(kind=FindingKind.ENTRIES_EXCHANGED, names=entries)
                 table = replace(arm.table, **{f"{kind}_m": lengths[order]})
-                yield AlternativeModel(
-                    finding=finding, poses=poses, fixture=fixture, arm=replace(arm, table=table)
-                )
+                yield replace(stated, finding=finding, arm=replace(arm, table=table))
 
 
-def _frozen(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
-) -> Iterator[AlternativeModel]:
+def _frozen(stated: AlternativeModel) -> Iterator[AlternativeModel]:
     """A sensor that is stuck in a run of poses: the loops close without that run."""
-    sigma = arm.sigma_rad()
+    poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
             rest = np.setdiff1d(np.arange(len(poses)), np.arange(first + 1, last))
-            if len(rest) >= 4 and j not in unsensed:
-                yield AlternativeModel(
-                    finding=Finding(
-                        kind=FindingKind.READING_FROZEN,
-                        joint=j,
-                        poses=poses.label[first:last],
-                    ),
-                    poses=pick(poses, rest),
-                    fixture=fixture,
-                    unsensed=unsensed,
+            if len(rest) >= 4 and j not in stated.unsensed:
+                finding = Finding(
+                    kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
                 )
+                yield replace(stated, finding=finding, poses=pick(poses, rest))
 
 
-def _blind(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
-) -> Iterator[AlternativeModel]:
+def _blind(stated: AlternativeModel) -> Iterator[AlternativeModel]:
     """Another fixture, or a sensor whose readings are useless in all poses."""
-    for other in instead(arm, fixture, poses):
-        yield AlternativeModel(finding=other.finding, poses=poses, fixture=other.fixture)
-    yield from _unread(arm, fixture, poses, unsensed)
+    yield from other_fixtures(replace(stated, unsensed=()))
+    yield from _unread(stated)
 
 
-def _unread(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
-) -> Iterator[AlternativeModel]:
+def _unread(stated: AlternativeModel) -> Iterator[AlternativeModel]:
     """A sensor that says nothing in any pose."""
-    for j in range(1, poses.joint_count + 1):
-        if j not in unsensed:
-            yield AlternativeModel(
-                finding=unrelated_reading(j, arm),
-                poses=poses,
-                fixture=fixture,
-                unsensed=(*unsensed, j),
-            )
+    for j in range(1, stated.poses.joint_count + 1):
+        if j not in stated.unsensed:
+            yield stated.without_reading(j)
 
 
 def _shifted(
-    arm: ArmModel, blind: AlternativeModel, unsensed: tuple[int, ...]
+    blind: AlternativeModel, unsensed: tuple[int, ...]
 ) -> list[tuple[AlternativeModel, float, int]]:
     """The joint that `blind` does not use, with a step removed from its readings: that alternative, solved."""
     more = [j for j in blind.unsensed if j not in unsensed]
@@ -287,9 +222,9 @@ def _shifted(
     q = blind.poses.q_rad
 
     def angle() -> FloatArray | None:
-        fit = without_readings(arm, blind)
+        fit = without_readings(blind)
         first = fit.unsensed.shape[-1] - len(blind.unsensed)
-        return fit.unsensed[:, first + sorted(blind.unsensed).index(joint)]
+        return fit.unsensed[:, first + blind.unsensed.index(joint)]
 
     measured = tried(angle, None)
     shift = None if measured is None else shift_of(q[:, joint - 1], measured)
@@ -297,24 +232,24 @@ def _shifted(
         return []
     back = q.copy()
     back[shift.first :, joint - 1] -= shift.size_rad
-    alternative = AlternativeModel(
-        finding=reading_step(joint, shift.size_rad, shift.first, arm, blind.poses.label),
+    alternative = replace(
+        blind,
+        finding=reading_step(joint, shift.size_rad, shift.first, blind.arm, blind.poses.label),
         poses=replace(blind.poses, q_rad=back),
-        fixture=blind.fixture,
         unsensed=unsensed,
     )
-    return [(alternative, *solved(arm, alternative))]
+    return [(alternative, *solved(alternative))]
 
 
 def _screened(
-    arm: ArmModel, alternatives: Iterator[AlternativeModel], deadline: float, *, below: float
+    alternatives: Iterator[AlternativeModel], deadline: float, *, below: float
 ) -> list[AlternativeModel]:
     """The most promising alternatives by their closure error with equal weights."""
     costs: list[tuple[float, int, AlternativeModel]] = []
     for number, alternative in enumerate(alternatives):
         if thread_time() > deadline:
             break
-        costs.append((cost_of(arm, alternative), number, alternative))
+        costs.append((cost_of(alternative), number, alternative))
     costs.sort(key=lambda cost: cost[:2])
     return [
         alternative for cost, _, alternative in costs[:TRIED] if np.isfinite(cost) and cost <= below

@@ -13,6 +13,7 @@ import numpy as np
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
+from operator_app.calibration.alternative_model import AlternativeModel
 from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.closed_loops import (
@@ -296,10 +297,7 @@ def screen(prepared: Prepared) -> Screened:
 def fit(screened: Screened) -> Fitted:
     """Fit by the implicit estimator from several starts; take the paper's estimate if that is chosen.
 
-    Raises
-    ------
-    PosesDoNotFitError
-        No start leads to a fit; the error lists the alternative models that fit.
+    Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit.
     """
     prepared, distinct = screened.before, screened.distinct
     task, loops = prepared.task, prepared.loops
@@ -526,14 +524,14 @@ def _alternatives(screened: Screened) -> tuple[Finding, ...]:
     prepared, distinct = screened.before, screened.distinct
     task = prepared.task
     unknowns = len(prepared.loops.identifiable.parameters)
-    return find_alternatives(
-        task.arm,
-        task.fixture,
-        pick(task.poses, distinct),
+    stated = AlternativeModel(
+        arm=task.arm,
+        fixture=task.fixture,
+        poses=pick(task.poses, distinct),
         unsensed=task.unsensed_joints,
-        scale=np.inf,
-        dof=len(distinct) * prepared.hard.equations_per_pose - unknowns,
     )
+    dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
+    return find_alternatives(stated, scale=np.inf, dof=dof)
 
 
 def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:

@@ -146,12 +146,8 @@ RANGE_SAMPLES = 300
 class HandErrors:
     """Tool position before and after calibration at poses over the ranges of all joints.
 
-    Attributes
-    ----------
-    tip_m
-        Tool position by the calibrated arm, in the arm's base, (m, 3).
-    before_m, after_m
-        Distance of the tool position before calibration, and one standard deviation of the remaining error, (m,).
+    `tip_m`: tool position by the calibrated arm, in the arm's base, (m, 3). `before_m`, `after_m`: distance of the tool
+    position before calibration, and one standard deviation of the remaining error, (m,).
     """
 
     tip_m: FloatArray
@@ -297,12 +293,8 @@ def with_held(
 ) -> HandAccuracy:
     """Return the accuracy including the uncertainty of fixed offsets, and the fixed offsets of unknown uncertainty.
 
-    Parameters
-    ----------
-    after_m
-        One standard deviation of the tool position (m,) at `even_poses` without these offsets.
-    fit
-        The calibration at its last linearisation.
+    `after_m`: one standard deviation of the tool position (m,) at `even_poses` without these offsets. `fit`: the
+    calibration at its last linearisation.
     """
     model = fit.design.model
     joints = offsets_not_sought(model, arm)

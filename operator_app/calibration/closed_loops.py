@@ -176,10 +176,7 @@ def loop_of_poses(
 ) -> ClosureModel:
     """Return the loops of all poses, bound to their placements and measurements.
 
-    Raises
-    ------
-    EndpointMissingError
-        The instrument's columns are missing from the pose set.
+    Raises `EndpointMissingError` if the instrument's columns are missing from the pose set.
     """
     model: ClosureModel
     if isinstance(fixture, Measured):
@@ -247,10 +244,7 @@ def require_identifiable(
 ) -> None:
     """Refuse unidentifiable directions of `model`, unless the arm's file states an uncertainty (`known`).
 
-    Raises
-    ------
-    UnidentifiableError
-        Some direction is unidentifiable.
+    Raises `UnidentifiableError` if some direction is unidentifiable.
     """
     blind = tuple(d for d in seen.directions if not set(d.parameters) & set(known))
     if blind:

@@ -134,17 +134,9 @@ def compare(
 ) -> CalibrationComparison:
     """Compare two calibrations.
 
-    Parameters
-    ----------
-    level
-        Probability of reporting a drift although nothing changed.
-    remounted
-        The fixture was taken off in between: only the arm's own parameters are compared.
-
-    Raises
-    ------
-    IncomparableError
-        They are not of the same arm, or have no parameter in common.
+    `level`: probability of reporting a drift although nothing changed. `remounted`: the fixture was taken off in
+    between: only the arm's own parameters are compared. Raises `IncomparableError` if they are not of the same arm, or
+    have no parameter in common.
     """
     if not 0.0 < level < 1.0:
         raise ValueError("a level lies between 0 and 1")

@@ -201,12 +201,8 @@ def free_within_tolerance(
 
     The same is done with offsets that the poses do not determine, if the arm's file states their uncertainty.
 
-    Parameters
-    ----------
-    length_tolerance_m
-        Standard deviation of all lengths, instead of that in the arm's file.
-    held
-        Entries to be fixed at their nominal values.
+    `length_tolerance_m`: standard deviation of all lengths, instead of that in the arm's file. `fixed`: entries to be
+    fixed at their nominal values.
 
     Returns
     -------

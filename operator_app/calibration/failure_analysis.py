@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fixtures.base import EndpointConstraint
+from operator_app.calibration.alternative_model import AlternativeModel
 from operator_app.calibration.alternatives import find_alternatives, hinge_alternative
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import noise_model
@@ -18,15 +19,8 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import close_loops
+from solver.diagnostics import limits
 from solver.diagnostics.identifiability import identifiability
-from solver.diagnostics.limits import (
-    NO_CLOSURE_M,
-    NO_CLOSURE_RAD,
-    STUCK_JOINT_CORRECTION_RAD,
-    STUCK_JOINT_CORRECTION_RATIO,
-    STUCK_JOINT_MOTION_SHARE,
-    STUCK_JOINT_TURN_RAD,
-)
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
@@ -49,18 +43,17 @@ def explain_unidentifiable(
         return stuck
     if saturated is not None:
         return saturated
-    if hinge := hinge_alternative(arm, fixture, used, unsensed=unsensed):
+    stated = AlternativeModel(arm=arm, fixture=fixture, poses=used, unsensed=unsensed)
+    if hinge := hinge_alternative(stated):
         return poses_do_not_fit(hinge)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
         # Too few poses, or an immobile joint: both can be seen without any parameter.
         return error
     if _closes(paper):
-        back = _led_away(arm, fixture, used, unsensed, paper)
+        back = _led_away(stated, paper)
         return poses_do_not_fit(back) if back else error
     # Where no loop closes the solution is arbitrary, and so is its identifiability.
-    alternatives = find_alternatives(
-        arm, fixture, used, unsensed=unsensed, scale=np.inf, dof=paper.dof
-    )
+    alternatives = find_alternatives(stated, scale=np.inf, dof=paper.dof)
     return (
         poses_do_not_fit(alternatives)
         if alternatives
@@ -68,28 +61,13 @@ def explain_unidentifiable(
     )
 
 
-def _led_away(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    used: PoseSet,
-    unsensed: tuple[int, ...],
-    paper: Estimate,
-) -> tuple[Finding, ...]:
+def _led_away(stated: AlternativeModel, paper: Estimate) -> tuple[Finding, ...]:
     """Return the cause of a solution at which the poses determine fewer parameters than at the nominal values."""
-    model, q = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed), used.q_rad
+    model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
-    if identifiability(model, nominal, q, sigma_rad=arm.sigma_rad()).directions:
+    if identifiability(model, nominal, q, sigma_rad=stated.arm.sigma_rad()).directions:
         return ()
-    return find_alternatives(
-        arm,
-        fixture,
-        used,
-        unsensed=unsensed,
-        scale=np.inf,
-        dof=paper.dof,
-        near=True,
-        sensors=True,
-    )
+    return find_alternatives(stated, scale=np.inf, dof=paper.dof, near=True, sensors=True)
 
 
 def saturated_readings(
@@ -102,7 +80,9 @@ def saturated_readings(
 
 def _closes(estimate: Estimate) -> bool:
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
-    return after.position_m.rms < NO_CLOSURE_M and (turned is None or turned.rms < NO_CLOSURE_RAD)
+    return after.position_m.rms < limits.NO_CLOSURE_M and (
+        turned is None or turned.rms < limits.NO_CLOSURE_RAD
+    )
 
 
 def _open_words(paper: Estimate) -> str:
@@ -167,8 +147,8 @@ def turned_unread(
             turn = float(found[joint - 1])
             found[joint - 1] = 0.0
             best = min(filter(None, (best, (float(np.linalg.norm(found)), joint, turn))))
-    least = STUCK_JOINT_MOTION_SHARE * float(np.linalg.norm(after_rad - before_rad))
-    if best is None or asked < max(STUCK_JOINT_CORRECTION_RATIO * best[0], least):
+    least = limits.STUCK_JOINT_MOTION_SHARE * float(np.linalg.norm(after_rad - before_rad))
+    if best is None or asked < max(limits.STUCK_JOINT_CORRECTION_RATIO * best[0], least):
         return None
     return best[1:]
 
@@ -188,7 +168,7 @@ def explained(
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         moved = _moved(arm, fixture, poses, joint)
-        if moved > STUCK_JOINT_TURN_RAD:
+        if moved > limits.STUCK_JOINT_TURN_RAD:
             return UnidentifiableError(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
@@ -217,7 +197,7 @@ def _moved(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, joint: in
         return 0.0
     if (
         not fit.converged
-        or float(np.sqrt(np.mean(fit.corrections**2))) > STUCK_JOINT_CORRECTION_RAD
+        or float(np.sqrt(np.mean(fit.corrections**2))) > limits.STUCK_JOINT_CORRECTION_RAD
     ):
         return 0.0
     first = fit.unsensed.shape[-1] - len(unsensed)

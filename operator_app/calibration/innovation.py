@@ -15,7 +15,8 @@ from fixtures.base import EndpointConstraint
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
-from operator_app.calibration.prior import StatedFit, noise_of, stated_fit
+from operator_app.calibration.prior import stated_fit
+from operator_app.calibration.verification import stated_noise
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import predicted_residuals, verify
@@ -64,13 +65,12 @@ def innovation(
     fixture: EndpointConstraint,
     before: PoseSet,
     reading: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
+    unsensed: tuple[int, ...] = (),
 ) -> Innovation | None:
     """Test a reading against the poses before it, all of one placement; None where these cannot be fitted."""
     away = np.abs(before.q_rad - reading.q_rad[0]).max(axis=1)
     before = pick(before, np.sort(np.argsort(away, kind="stable")[:NEAREST]))
-    by = stated_fit(arm, fixture, before, unsensed_joints=unsensed_joints)
+    by = stated_fit(arm, fixture, before, unsensed)
     if by is None:
         return None
     both, count = concatenated_poses(before, reading), len(before)
@@ -79,16 +79,13 @@ def innovation(
         fixture,
         both,
         np.arange(count + 1),
-        unsensed_joints=unsensed_joints,
-        tolerance=free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)[
-            1
-        ],
+        unsensed_joints=unsensed,
+        tolerance=free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed), arm)[1],
     )
     try:
         found = fit_as_stated(by.model, both, errors, by.fit.x, old=count)
-        old = np.arange(
-            count
-        )  # without the tested reading: a wrong one would change the linearisation
+        # Without the tested reading: a wrong one would change the linearisation.
+        old = np.arange(count)
         own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
         left = predicted_residuals(found.fit, np.arange(count + 1) == count)
         usual = [predicted_residuals(own, old == k).chi2 for k in range(count)]
@@ -109,50 +106,20 @@ LEAST, AT_MOST = 10, 60
 
 
 def is_unpredicted(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...] = ()
 ) -> bool:
     """Whether the last of these poses contradicts the prediction by those before it."""
     count = len(poses)
     if count <= LEAST or not fixture.holds_hand:
         return False
-    before, last = pick(poses, np.arange(count - 1)), pick(poses, np.array([count - 1]))
-    by = fit_recent_poses(arm, fixture, before, unsensed_joints=unsensed_joints)
-    return by is not None and contradicts(by, arm, fixture, last, unsensed_joints=unsensed_joints)
-
-
-def fit_recent_poses(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    before: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
-) -> StatedFit | None:
-    """Fit the last poses; None where they cannot be fitted."""
-    count = len(before)
-    recent = pick(before, np.arange(max(0, count - AT_MOST), count))
-    return stated_fit(arm, fixture, recent, unsensed_joints=unsensed_joints)
-
-
-def contradicts(
-    by: StatedFit,
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    last: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
-) -> bool:
-    """Whether one pose contradicts the prediction by those of `by`."""
-    found = verify(
-        by.model.at_poses(np.array([0])),
-        by.fit.x,
-        by.fit.covariance,
-        last.q_rad,
-        noise_of(arm, fixture, last, unsensed_joints),
-    )
+    recent = pick(poses, np.arange(max(0, count - 1 - AT_MOST), count - 1))
+    by = stated_fit(arm, fixture, recent, unsensed)
+    if by is None:
+        return False
+    last = pick(poses, np.array([count - 1]))
+    noise = stated_noise(arm, fixture, last)
+    model = by.model.at_poses(np.array([0]))
+    found = verify(model, by.fit.x, by.fit.covariance, last.q_rad, noise)
     return float(found.pose_chi2[0]) > max(
         POSE_CHI2_UNPREDICTED, POSE_CHI2_RATIO_UNPREDICTED * float(by.fit.pose_chi2.max())
     )

@@ -7,19 +7,11 @@ from itertools import islice
 
 import numpy as np
 
+from operator_app.calibration.closed_loops import in_order
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
-from solver.diagnostics.limits import (
-    CHI2_PER_DOF_REFUSED,
-    CHI2_PER_DOF_SECOND_START,
-    FAR_FROM_NOMINAL_M,
-    FAR_FROM_NOMINAL_RAD,
-    OTHER_SOLUTION_COST_SHARE,
-    OTHER_START_MISFIT_SHARE,
-    USELESS_SIGMA_M,
-    USELESS_SIGMA_RAD,
-)
+from solver.diagnostics import limits
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
@@ -44,15 +36,12 @@ def fit_from_starts(
 ) -> Calibrated:
     """Fit from each start until one explains the readings within the stated errors; return the best.
 
-    Raises
-    ------
-    PosesDoNotFitError
-        No start leads to a fit.
+    Raises `PosesDoNotFitError` if no start leads to a fit.
     """
     starts, several = iter(starts), len(q) > 2 * SCREENING_POSES
     first = islice(starts, 1) if several else starts
     found, least = _best_fit(model, q, errors, first, group=group, progress=progress)
-    if several and not least < CHI2_PER_DOF_SECOND_START:
+    if several and not least < limits.CHI2_PER_DOF_SECOND_START:
         some = evenly(len(q), SCREENING_POSES)
         few, misfit = _best_fit(
             model.at_poses(some),
@@ -62,7 +51,7 @@ def fit_from_starts(
             group=group[some],
             progress=None,
         )
-        if few is not None and misfit < OTHER_START_MISFIT_SHARE * least:
+        if few is not None and misfit < limits.OTHER_START_MISFIT_SHARE * least:
             again = (few.estimate.x,)
             other, left = _best_fit(model, q, errors, again, group=group, progress=progress)
             found = other if left < least else found
@@ -99,7 +88,7 @@ def _best_fit(
             continue
         if misfit < least:
             best, least = found, misfit
-        if least < CHI2_PER_DOF_SECOND_START:
+        if least < limits.CHI2_PER_DOF_SECOND_START:
             break
     return best, least
 
@@ -132,7 +121,8 @@ def far_from_nominal(
     return [
         (p, change)
         for (p, change), more in zip(changes, spread, strict=True)
-        if abs(change) > (FAR_FROM_NOMINAL_RAD if p.is_angle else FAR_FROM_NOMINAL_M) + more
+        if abs(change)
+        > (limits.FAR_FROM_NOMINAL_RAD if p.is_angle else limits.FAR_FROM_NOMINAL_M) + more
     ]
 
 
@@ -141,12 +131,7 @@ def local_minimum_causes(
 ) -> tuple[Finding, ...]:
     """Return a better solution than `estimate`, or the finding that it is far from the nominal values.
 
-    Parameters
-    ----------
-    q
-        Readings (m, n) of the used poses, rad.
-    judged
-        Names of the identified parameters.
+    `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
     # The fixture's file describes one of several placements: those of the others are not stated.
     looked_for = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
@@ -159,17 +144,17 @@ def local_minimum_causes(
         return ()
     hard = model.without([p.name for p in model.parameters if p.name not in judged])
     problem = ClosureProblem.of(hard, q)
-    known = {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
-    here = np.array([known[p.name] for p in hard.parameters])
+    here = in_order(hard, model, estimate.x)
     own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
     best = _best(hard, problem).cost
     p, change = max(
         far,
         key=lambda item: (
-            abs(item[1]) / (FAR_FROM_NOMINAL_RAD if item[0].is_angle else FAR_FROM_NOMINAL_M)
+            abs(item[1])
+            / (limits.FAR_FROM_NOMINAL_RAD if item[0].is_angle else limits.FAR_FROM_NOMINAL_M)
         ),
     )
-    better = best < OTHER_SOLUTION_COST_SHARE * own
+    better = best < limits.OTHER_SOLUTION_COST_SHARE * own
     if not better and p.name in SOCKET:
         # Its place follows from the poses: a note (`socket_elsewhere`).
         return ()
@@ -178,7 +163,7 @@ def local_minimum_causes(
             kind=FindingKind.OTHER_SOLUTION if better else FindingKind.FAR_FROM_NOMINAL,
             names=(p.name,),
             size=change,
-            unit="rad" if p.is_angle else "m",
+            unit=p.unit,
             figures={"times": float(np.sqrt(own / max(best, 1e-300)))},
             probability=1.0 if better else 0.5,
             blocking=True,
@@ -230,17 +215,12 @@ def has_diverged(
 ) -> bool:
     """Whether a gross cause blocks, and the solution is implausible or uselessly uncertain.
 
-    Parameters
-    ----------
-    scale
-        chi2/dof at stated variances.
-    judged
-        Names of the identified parameters.
+    `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters.
     """
     # A local optimum counts as diverged even if it fits well.
     if not any(
         c.blocking
-        and (c.kind is FindingKind.OTHER_SOLUTION or scale > CHI2_PER_DOF_REFUSED)
+        and (c.kind is FindingKind.OTHER_SOLUTION or scale > limits.CHI2_PER_DOF_REFUSED)
         and c.kind not in OF_THE_SOLUTION
         for c in causes
     ):
@@ -249,5 +229,7 @@ def has_diverged(
     here = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
     chosen = tuple(p for p, yes in zip(estimate.parameters, here, strict=True) if yes)
     sd: FloatArray = estimate.standard_deviation[here]
-    worthless = np.where([p.is_angle for p in chosen], USELESS_SIGMA_RAD, USELESS_SIGMA_M)
+    worthless = np.where(
+        [p.is_angle for p in chosen], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
+    )
     return bool((~(sd <= worthless)).any()) or bool(far_from_nominal(chosen, estimate.x[here], sd))

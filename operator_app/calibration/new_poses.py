@@ -40,17 +40,8 @@ def verify_new_poses(
 ) -> VerificationResult:
     """Test a calibration with poses that are not its own.
 
-    Parameters
-    ----------
-    made_from
-        The poses of `solution`.
-    new
-        Other poses, of one calibrated placement or of all of them.
-
-    Raises
-    ------
-    NoTestError
-        The new poses cannot test this calibration.
+    `made_from`: the poses of `solution`. `new`: other poses, of one calibrated placement or of all of them. Raises
+    `NoTestError` if the new poses cannot test this calibration.
     """
     require_new(new, made_from, fixture)
     if new.endpoint is not None and fixture.kind != "measured":
@@ -80,10 +71,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
     With an instrument, a pose measured again at the same reading is a new one.
 
-    Raises
-    ------
-    NoTestError
-        The text states how many and which.
+    Raises `NoTestError`, whose text states how many and which.
     """
     if new.joint_count != made_from.joint_count:
         return

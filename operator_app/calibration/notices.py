@@ -205,7 +205,7 @@ def _known_by_files(
 ) -> tuple[Finding, ...]:
     """Return the parameters determined more by the files than by the poses, with the files' uncertainty."""
     known = {
-        p.name: (float(sd), "rad" if p.is_angle else "m")
+        p.name: (float(sd), p.unit)
         for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True)
     }
     sizes = []
@@ -233,7 +233,7 @@ def _same_placement(found: IndistinguishablePlacements) -> Finding:
         joints=found.numbers,
         names=(found.parameter.name,),
         size=found.difference,
-        unit="rad" if found.parameter.is_angle else "m",
+        unit=found.parameter.unit,
         figures={"sigmas": found.sigmas},
     )
 

@@ -35,13 +35,8 @@ SINGULAR_DISTANCE = 1e-10
 class IndistinguishablePlacements:
     """Placements whose own parameters do not differ.
 
-    Attributes
-    ----------
-    numbers
-        Numbers of the placements, ascending.
-    parameter, difference, sigmas
-        Parameter with the largest difference in standard deviations, its difference (rad or m, absolute), and the same
-        in standard deviations.
+    `numbers`: numbers of the placements, ascending. `parameter`, `difference`, `sigmas`: parameter with the largest
+    difference in standard deviations, its difference (rad or m, absolute), and the same in standard deviations.
     """
 
     numbers: tuple[int, ...]

@@ -67,10 +67,7 @@ def shift_in_words(shift: CommonShift) -> str:
 class MadeFrom:
     """A calibration with its own poses.
 
-    Attributes
-    ----------
-    poses
-        All poses, including those on the flipped branch.
+    `poses`: all poses, including those on the flipped branch.
     """
 
     solution: Solution
@@ -98,10 +95,7 @@ def predict_new_poses(
 ) -> PredictedPoses | None:
     """Predict new poses by the calibration's own poses; None where no model fits both.
 
-    Parameters
-    ----------
-    start
-        Values (rad, m) of parameters that the calibration lacks, such as the place of another socket.
+    `start`: values (rad, m) of parameters that the calibration lacks, such as the place of another socket.
     """
     solution, old = made.solution, _used(made)
     both = concatenated_poses(old, new)

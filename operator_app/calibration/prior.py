@@ -22,9 +22,9 @@ import numpy as np
 
 from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
-from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.closed_loops import in_order, loop_of_poses
 from operator_app.calibration.error_model import free_within_tolerance
-from operator_app.calibration.verification import Fixed, stated_noise
+from operator_app.calibration.verification import stated_noise
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
@@ -32,7 +32,7 @@ from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 from solver.closing import reduced_equations, unsensed_step
 from solver.errors import SolverError
-from solver.estimators.implicit import ImplicitFit, NoiseModel, ParameterPrior, fit_implicit
+from solver.estimators.implicit import ImplicitFit, ParameterPrior, fit_implicit
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
 
@@ -123,22 +123,17 @@ class StatedFit:
 
 
 def stated_fit(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
 ) -> StatedFit | None:
     """Fit poses with the stated errors of their files; None where they cannot be fitted."""
     try:
-        given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed_joints)
+        given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
         model, stated = free_within_tolerance(given, arm)
         sd = np.maximum(_by_files(model, arm, fixture, stated), EXACT)
         nominal = nominal_vector(model.parameters)
         rough = estimate_paper(given, poses.q_rad)
-        start = dict(zip((p.name for p in rough.parameters), rough.x.tolist(), strict=True))
-        x0 = np.array([start.get(p.name, p.nominal) for p in model.parameters])
-        noise = noise_of(arm, fixture, poses, unsensed_joints)
+        x0 = in_order(model, given, rough.x)
+        noise = stated_noise(arm, fixture, poses)
         prior = ParameterPrior(mean=nominal, precision=sd**-2)
         found = fit_implicit(model, poses.q_rad, noise, x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):
@@ -148,29 +143,11 @@ def stated_fit(
     return StatedFit(model=model, nominal=nominal, sd=sd, fit=found)
 
 
-def noise_of(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed_joints: tuple[int, ...]
-) -> NoiseModel:
-    """Stated noise of these readings, before any estimate."""
-    nothing = Fixed(
-        values={},
-        covariance=np.zeros((0, 0)),
-        rvdt_sd_rad={},
-        fixture_variance=None,
-        unsensed_joints=unsensed_joints,
-    )
-    return stated_noise(arm, fixture, poses, nothing)
-
-
 def known_arm(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...] = ()
 ) -> KnownArm | None:
     """Return the information from poses of earlier placements; None where there is none yet."""
-    by = stated_fit(arm, fixture, poses, unsensed_joints=unsensed_joints)
+    by = stated_fit(arm, fixture, poses, unsensed)
     if by is None:
         return None
     model, found = by.model, by.fit
@@ -253,12 +230,8 @@ class ClosureFit:
 class LoopAtReading:
     """The loop at one reading, with the prior from its files.
 
-    Attributes
-    ----------
-    model, belief
-        The loop, and the prior of its unknowns.
-    reading_rad, reading_sd_rad
-        (n,) readings and their standard deviations.
+    `model`, `prior`: the loop, and the prior of its unknowns. `reading_rad`, `reading_sd_rad`: (n,) readings and their
+    standard deviations.
     """
 
     model: ClosureModel

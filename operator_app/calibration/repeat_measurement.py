@@ -30,12 +30,7 @@ SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 class Reread:
     """Two readings of one pose, and the number of poses captured before the second.
 
-    Attributes
-    ----------
-    label
-        Label of the pose.
-    first_rad, again_rad
-        (n,), each the mean of equally many samples.
+    `label`: label of the pose. `first_rad`, `again_rad`: (n,), each the mean of equally many samples.
     """
 
     label: str
@@ -93,12 +88,8 @@ def compare_readings(
 ) -> Repeat:
     """Compare two readings (n,) of one pose, each the mean of `samples`, under the stated errors.
 
-    Parameters
-    ----------
-    model, x
-        The loop of this pose and its calibrated parameters, from which the motions of the chain follow.
-    give
-        Stated deflection of the fixture, which may differ when friction is reversed.
+    `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
+    `compliance`: stated deflection of the fixture, which may differ when friction is reversed.
     """
     used, variances = [], []
     for j, joint in enumerate(arm.joints):

@@ -19,10 +19,7 @@ POSES_AT_ONCE = 2000
 class TipSigma:
     """Standard deviation of the tool's distance from its position by the parameters, m.
 
-    Attributes
-    ----------
-    rms, worst
-        Root mean square and largest value over the poses of the calibration.
+    `rms`, `worst`: root mean square and largest value over the poses of the calibration.
     """
 
     rms: float
@@ -42,10 +39,7 @@ class Spread:
 class HeldOffset:
     """A fixed offset of unknown uncertainty.
 
-    Attributes
-    ----------
-    rate_m_per_rad
-        Rate of the tool position with the offset's error, rms over the joints' ranges.
+    `rate_m_per_rad`: rate of the tool position with the offset's error, rms over the joints' ranges.
     """
 
     name: str
@@ -80,13 +74,9 @@ class HandAccuracy:
 class TrueErrors:
     """Errors of a calibration against the truth, which only the simulator of an arm knows.
 
-    Attributes
-    ----------
-    inside_95, of
-        Number of true values within the 95 % intervals of their entries, and number of entries.
-    tool_rms_m, predicted_rms_m
-        Tool position error against the truth, rms over the joints' ranges, and the same as predicted by the covariance
-        of the parameters.
+    `inside_95`, `of`: number of true values within the 95 % intervals of their entries, and number of entries.
+    `tool_rms_m`, `predicted_rms_m`: tool position error against the truth, rms over the joints' ranges, and the same as
+    predicted by the covariance of the parameters.
     """
 
     inside_95: int

@@ -107,10 +107,7 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the parameters of a calibration with its other results.
 
-    Parameters
-    ----------
-    placement
-        The calibrated placement of the new poses: its parameters, without its number. None: all placements.
+    `placement`: the calibrated placement of the new poses: its parameters, without its number. None: all placements.
     """
     estimate, components = solution.estimate, solution.components
     found = () if components is None else components.components
@@ -148,19 +145,11 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, at the same placement.
 
-    Parameters
-    ----------
-    made
-        The calibration with its own poses. Curves, sag and compliance are then known from these, and one common shift
-        is searched. None: all of that is independent in every pose.
-    calibrated
-        Numbers of the calibrated placements, if the new poses may be of others: the fixture's place there is found from
-        them, all other parameters are fixed. None: the same placements.
-
-    Raises
-    ------
-    ValueError
-        The parameters are not those of this loop: another fixture, or another number of placements.
+    `made`: the calibration with its own poses. Curves, sag and compliance are then known from these, and one common
+    shift is searched. None: all of that is independent in every pose. `calibrated`: numbers of the calibrated
+    placements, if the new poses may be of others: the fixture's place there is found from them, all other parameters
+    are fixed. None: the same placements. Raises `ValueError` if the parameters are not those of this loop: another
+    fixture, or another number of placements.
     """
     given = poses
     if made is not None and calibrated is None and len(poses.placements) == 1:
@@ -248,26 +237,26 @@ def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
 
 
 def stated_noise(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, fixed: Fixed
+    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, fixed: Fixed | None = None
 ) -> NoiseModel:
-    """Return the stated noise of new readings, or the estimated one where that is less.
+    """Return the stated noise of new readings, or the one estimated with `fixed` where that is less.
 
     Noise estimated larger than stated is not used: after a slip of the fixture during the calibration every later pose
     would look good.
     """
-    everything = np.ones(len(poses), dtype=np.bool_)
-    stated = noise_model(arm, fixture, poses, everything)
+    stated = noise_model(arm, fixture, poses, np.arange(len(poses)))
+    estimated = {} if fixed is None else fixed.rvdt_sd_rad
     variance = np.array(stated.joint_variance)
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
     for j, (linearity, gain) in enumerate(zip(arm.linearity_rad(), arm.gain_rad(), strict=True)):
         # At a new reading the curve is a further unknown error.
         whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
-        least = np.maximum(variance[:, j], fixed.rvdt_sd_rad.get(j + 1, np.inf) ** 2)
+        least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(whole, least) + gain**2
     give = np.repeat([fixture.compliance.orientation_rad**2, fixture.compliance.position_m**2], 3)
     if stated.fixture_variance is not None:
         give = give + stated.fixture_variance
-    if fixed.fixture_variance is not None:
+    if fixed is not None and fixed.fixture_variance is not None:
         give = np.minimum(give, fixed.fixture_variance)
     return NoiseModel(joint_variance=variance, fixture_variance=give)
 

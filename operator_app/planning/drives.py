@@ -91,10 +91,7 @@ def predict_drives(
 ) -> DrivePrediction:
     """Rank all drive sets at `q_rad` (n,) and over the region around it, for parameters `x` (P,).
 
-    Raises
-    ------
-    SessionError
-        The loop does not close near `q_rad`.
+    Raises `SessionError` if the loop does not close near `q_rad`.
     """
     try:
         manifold = candidate_poses(
@@ -147,10 +144,7 @@ def choose_drives(
     Without trials: of the sets usable at the present pose, the one that reaches most of the region. With trials: of
     the tried sets, the best by prediction and measurement.
 
-    Raises
-    ------
-    SessionError
-        No set is usable.
+    Raises `SessionError` if no set is usable.
     """
     usable = _usable(prediction, unsensed_joints)
     if not usable:

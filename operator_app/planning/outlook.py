@@ -130,10 +130,7 @@ def seen_by(
 ) -> Identifiability:
     """Return the identifiability by captured poses.
 
-    Raises
-    ------
-    SolverError
-        The poses do not fit the fixture.
+    Raises `SolverError` if the poses do not fit the fixture.
     """
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     fixture = with_registered_instrument(arm, fixture, poses)

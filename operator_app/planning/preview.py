@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck
+from operator_app.calibration.closed_loops import in_order
 from operator_app.errors import SessionError
 from operator_app.planning.drives import (
     DriveChoice,
@@ -23,19 +24,13 @@ from solver.design.paths import Route
 from solver.design.plan import PlanningTask, PosePlan, make_plan
 from solver.design.stop_rule import InterimEstimate, implicit_interim
 from solver.diagnostics.identifiability import Identifiability, identifiability
-from solver.loops.closure import ClosureModel
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningBasis:
     """Captured poses on which a plan is based.
 
-    Attributes
-    ----------
-    readings_rad
-        Captured poses (m, n).
-    start_rad
-        Present position (n,).
+    `readings_rad`: captured poses (m, n). `start_rad`: present position (n,).
     """
 
     readings_rad: FloatArray
@@ -176,7 +171,7 @@ def preview(
         estimate=estimate,
         captured=0 if known is None else len(known.readings_rad),
         checks=fixture.setup_checks(
-            arm, start, None if estimate is None else _in_whole(fixture.model(arm), task.model, x)
+            arm, start, None if estimate is None else in_order(fixture.model(arm), task.model, x)
         ),
         seen=plan.design
         if known is None
@@ -202,12 +197,6 @@ def named_drives(
         reasons=("named by the procedure", *of_it),
         prediction=prediction,
     )
-
-
-def _in_whole(whole: ClosureModel, model: ClosureModel, x: FloatArray) -> FloatArray:
-    """Return values (P,) of `whole`: those of `model` at `x`, the others nominal."""
-    values = {p.name: float(v) for p, v in zip(model.parameters, x, strict=True)}
-    return np.array([values.get(p.name, p.nominal) for p in whole.parameters])
 
 
 def _visited(

@@ -37,10 +37,8 @@ ROOM = 4
 class SimulatedPoses:
     """Readings and the truth behind them.
 
-    Attributes
-    ----------
-    parameters, x
-        Unknown parameters, with lengths and twists within tolerance, and their true values (P,), rad and m.
+    `parameters`, `x`: unknown parameters, with lengths and twists within tolerance, and their true values (P,), rad and
+    m.
     """
 
     poses: PoseSet
@@ -53,10 +51,7 @@ def simulated_poses(
 ) -> SimulatedPoses:
     """Draw an arm and a placement, and measure `poses` closed poses; reproducible by `seed`.
 
-    Raises
-    ------
-    SessionError
-        The chain is not closed, or no placement within tolerance allows that many poses.
+    Raises `SessionError` if the chain is not closed, or no placement within tolerance allows that many poses.
     """
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])

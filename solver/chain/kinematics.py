@@ -119,11 +119,8 @@ def forward(
 ) -> Frames:
     """Compute every frame of the chain (paper, eqs. 1 and 2).
 
-    Parameters
-    ----------
-    theta, s, a, alpha, beta
-        Actual joint angles theta' (rad), offsets (m), lengths (m) and twists (rad), shapes that
-        broadcast to (..., links).
+    `theta`, `s`, `a`, `alpha`, `beta`: actual joint angles theta' (rad), offsets (m), lengths (m) and twists (rad),
+    shapes that broadcast to (..., links).
     """
     if beta is not None and not np.any(beta):
         beta = None
@@ -173,12 +170,8 @@ are angles."""
 class Entries:
     """D-H entries whose screws are needed, in their order, sorted once by where they act.
 
-    Attributes
-    ----------
-    frame, axis
-        Frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves the links after it.
-    turning, sliding
-        Which of them are angles, and which are lengths.
+    `frame`, `axis`: frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves the links after it.
+    `turning`, `sliding`: which of them are angles, and which are lengths.
     """
 
     frame: IntArray

@@ -83,12 +83,8 @@ def path_watch(
 ) -> Callable[[FloatArray], str | None]:
     """Check readings (n,) during one move: a sentence when the move should end, else None.
 
-    Parameters
-    ----------
-    trace_rad
-        Predicted readings (t, n); None to watch the ranges only.
-    ranges
-        Joint ranges, narrowed by the stopping distance.
+    `trace_rad`: predicted readings (t, n); None to watch the ranges only. `ranges`: joint ranges, narrowed by the
+    stopping distance.
     """
     worst: list[FloatArray] = []
 

@@ -101,6 +101,8 @@ def pose_information(
 ) -> PoseInformation:
     """Information about the parameters of `model` that have no tolerance, under stated errors.
 
+    Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
+
     Parameters
     ----------
     x
@@ -109,11 +111,6 @@ def pose_information(
         Readings (m, n) of captured or planned poses.
     closed_q, closed_u
         Closed poses at `x` nearest to the readings: (m, n), (m, U).
-
-    Raises
-    ------
-    ValueError
-        If a closure component has no noise at all (exact joints and a stiff fixture).
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(
@@ -156,13 +153,8 @@ class TooFewCandidatesError(ValueError):
 class PoseSelection:
     """A chosen set of poses.
 
-    Attributes
-    ----------
-    chosen
-        Indices of the candidates, in the order of choice.
-    log_det
-        log det of the information of the fixed part and the chosen poses, in the parameters' own
-        units; -inf when they do not determine all parameters.
+    `chosen`: indices of the candidates, in the order of choice. `log_det`: log det of the information of the fixed part
+    and the chosen poses, in the parameters' own units; -inf when they do not determine all parameters.
     """
 
     chosen: tuple[int, ...]
@@ -211,6 +203,8 @@ def choose_poses(
 ) -> PoseSelection:
     """Choose `count` different candidates of largest log det, beside what is known already.
 
+    Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed, or are far enough apart.
+
     Parameters
     ----------
     root
@@ -224,11 +218,6 @@ def choose_poses(
     q, apart_rad
         Joint angles (m, n) of the candidates and the least distance (Euclidean, rad) between chosen ones. Without it
         the best set repeats a few poses, which averages sensor noise but not a sensor's linearity deviation.
-
-    Raises
-    ------
-    TooFewCandidatesError
-        If fewer than `count` candidates are allowed, or are far enough apart.
     """
     m, _, N = root.shape
     P = N if parameters is None else parameters

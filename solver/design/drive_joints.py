@@ -130,10 +130,7 @@ def rank_by_trial(
 ) -> tuple[RankedDrives, ...]:
     """Rank drive sets by the measured internal motion (paper, section 3), best first. Uses no model.
 
-    Raises
-    ------
-    ValueError
-        If a trial has too few motions to separate its drives.
+    Raises `ValueError` if a trial has too few motions to separate its drives.
     """
     limits = MotionLimits() if limits is None else limits
     return _sorted([_judge_trial(trial, limits) for trial in trials])

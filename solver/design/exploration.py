@@ -164,10 +164,7 @@ class Explorer:
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
         """Take the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
 
-        Raises
-        ------
-        ValueError
-            If no move was proposed.
+        Raises `ValueError` if no move was proposed.
         """
         if self._pending is None:
             raise ValueError("nothing was proposed")

@@ -96,6 +96,8 @@ def grow_manifold(
 ) -> Manifold:
     """Cover the manifold of the loops `x` (P,) from the closed pose nearest to `q_start` (n,), rad.
 
+    Raises `ValueError` if no closed pose is found near the start.
+
     Parameters
     ----------
     ranges
@@ -104,11 +106,6 @@ def grow_manifold(
         Growth stops at this many poses.
     seed
         Seed of the directions; the same seed gives the same result.
-
-    Raises
-    ------
-    ValueError
-        If no closed pose is found near the start.
     """
     start = close_loops(model, x, np.asarray(q_start, dtype=np.float64)[None, :])
     if not bool(start.closed[0]):

@@ -141,12 +141,7 @@ def drive_straight(
 ) -> DriveTraces:
     """Follow b moves from closed poses `q` (b, n), `u` (b, U) to drive angles `targets_rad` (b, d).
 
-    Parameters
-    ----------
-    drives
-        Joints (1-based) in position mode; the rest is free.
-    steps
-        Points each line is divided into.
+    `drives`: joints (1-based) in position mode; the rest is free. `steps`: points each line is divided into.
     """
     columns = [j - 1 for j in drives]
     held = held_still(drives, q.shape[-1])

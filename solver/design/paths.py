@@ -36,12 +36,8 @@ LINE_STEP_RAD = 0.03
 class MotionLimits:
     """Limits of a path.
 
-    Attributes
-    ----------
-    least_leverage
-        Least leverage of the drive joints, anywhere on the path.
-    most_rate
-        Largest speed of a passive joint over that of the faster drive joint.
+    `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest speed of a passive
+    joint over that of the faster drive joint.
     """
 
     least_leverage: float = 0.2

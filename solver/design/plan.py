@@ -153,6 +153,8 @@ def make_plan(
 ) -> PosePlan:
     """Plan `count` poses from readings `q_start` (n,) with the estimate `x` (P,).
 
+    Raises `ValueError` if the loop does not close near the start, or fewer than `count` poses can be reached.
+
     Parameters
     ----------
     captured
@@ -161,11 +163,6 @@ def make_plan(
         (P, P) of `x`; None trusts it everywhere.
     avoid_rad
         Readings (b, n) where a move had to be stopped: nothing is planned near them.
-
-    Raises
-    ------
-    ValueError
-        The loop does not close near the start, or fewer than `count` poses can be reached.
     """
     manifold = candidate_poses(
         task.model,
@@ -333,10 +330,7 @@ MOST_ROUNDS = 50
 def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     """Short open tour through all points from point 0, by nearest neighbour and 2-opt.
 
-    Parameters
-    ----------
-    distances
-        (k, k), symmetric; inf where there is no way.
+    `distances`: (k, k), symmetric; inf where there is no way.
 
     Returns
     -------

@@ -82,12 +82,8 @@ class ControlChart:
 def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
     """Test sessions one after the other.
 
-    Parameters
-    ----------
-    values
-        (sessions, quantities), in the order of time.
-    within
-        Stated repeatability of each (type A), of the same shape.
+    `values`: (sessions, quantities), in the order of time. `within`: stated repeatability of each (type A), of the same
+    shape.
     """
     from scipy.special import stdtrit
 

@@ -102,10 +102,7 @@ def verify(
     For the misclosure w_i of the adjusted pose, ``w_i' (V_i + A_i C A_i')^-1 w_i`` is chi2 with as many degrees of
     freedom as a pose has equations. Together the poses share the error of `x`, so the common test is not their sum.
 
-    Raises
-    ------
-    ValueError
-        There is no pose.
+    Raises `ValueError` if there is no pose.
     """
     from scipy.special import chdtrc
 
@@ -137,10 +134,7 @@ def verify(
 def fold_poses(q: FloatArray, folds: int) -> tuple[IntArray, ...]:
     """Split poses (m, n) into `folds` similar parts, independent of the order of the poses.
 
-    Raises
-    ------
-    ValueError
-        There are fewer than two folds, or fewer poses than folds.
+    Raises `ValueError` if there are fewer than two folds, or fewer poses than folds.
     """
     if not 2 <= folds <= len(q):
         raise ValueError(f"{len(q)} poses cannot be split into {folds} folds")
@@ -154,10 +148,7 @@ def far_block(q: FloatArray, share: float = 0.2) -> IntArray:
     The pose farthest from the middle of the set, in units of each joint's spread, and its nearest
     neighbours.
 
-    Raises
-    ------
-    ValueError
-        `share` leaves no pose on one side.
+    Raises `ValueError` if `share` leaves no pose on one side.
     """
     count = round(share * len(q))
     if not 0 < count < len(q):
@@ -179,10 +170,7 @@ def hold_out(
 ) -> HoldOut:
     """Estimate without each part in turn and verify the part with that estimate.
 
-    Raises
-    ------
-    TooFewPosesError
-        The rest is too small for an estimate.
+    Raises `TooFewPosesError` if the rest is too small for an estimate.
     """
     everything = np.arange(len(q))
     variance = np.broadcast_to(noise.joint_variance, q.shape)
@@ -250,10 +238,7 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (m,), predicted from the other poses of `fit`.
 
-    Parameters
-    ----------
-    given
-        Fixed parameters, tested as they are instead of by their poses.
+    `given`: fixed parameters, tested as they are instead of by their poses.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)

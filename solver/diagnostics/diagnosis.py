@@ -14,6 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
+from solver.diagnostics import limits
 from solver.diagnostics.change_points import ChangePoint, steps
 from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, PeakDeviation
 from solver.diagnostics.fault_models import FaultModels
@@ -27,13 +28,6 @@ from solver.diagnostics.hypothesis_tests import (
     scale_tests,
     variance_tests,
     without_curves_in_specification,
-)
-from solver.diagnostics.limits import (
-    CHI2_PER_DOF_EXPLAINED,
-    CHI2_PER_DOF_GROSS,
-    ENTRY_SUSPICION_PROBABILITY,
-    LEAST_REPORTED_CAUSE_PROBABILITY,
-    MOST_CAUSES_FITTED,
 )
 from solver.diagnostics.model_selection import (
     Evidence,
@@ -155,7 +149,7 @@ def diagnose(
     tests += scale_tests(scene, left)
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(
-        test.fires for test in pull_tests(stated, ENTRY_SUSPICION_PROBABILITY)
+        test.fires for test in pull_tests(stated, limits.ENTRY_SUSPICION_PROBABILITY)
     )
     return Diagnosis(
         tests=tuple(tests),
@@ -207,13 +201,13 @@ def _explanations(
 ) -> Iterable[tuple[Explanation, ...]]:
     """Fit the best explanation of the residuals, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults(measured))
-    for _ in range(MOST_CAUSES_FITTED):
+    for _ in range(limits.MOST_CAUSES_FITTED):
         found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))
         yield found
         best = found[0]
         if best.candidate is None or best.evidence is None:
             return
-        if best.evidence.chi2 > CHI2_PER_DOF_GROSS * max(best.evidence.dof, 1):
+        if best.evidence.chi2 > limits.CHI2_PER_DOF_GROSS * max(best.evidence.dof, 1):
             # No linear cause explains this.
             return
         size = best.evidence.size * best.candidate.natural
@@ -293,7 +287,7 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[E
         + np.log(PRIORS[c.cause] / counts[c.cause])
         - log(c.places)
         # A cause that leaves the rest larger than stated needs a second, unknown one.
-        + (np.log(UNNAMED) if e.chi2 > CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
+        + (np.log(UNNAMED) if e.chi2 > limits.CHI2_PER_DOF_EXPLAINED * max(e.dof, 1) else 0.0)
         for c, e in listed
     ]
     weights += [
@@ -310,7 +304,7 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[E
     return tuple(
         x
         for k, x in enumerate(found)
-        if k == 0 or x.probability >= LEAST_REPORTED_CAUSE_PROBABILITY
+        if k == 0 or x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
     )
 
 

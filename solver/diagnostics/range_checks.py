@@ -13,14 +13,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor, Rvdt
-from solver.diagnostics.limits import (
-    FAR_OUT_OF_RANGE_SHARE,
-    RADIANS_SPAN_RAD,
-    RANGE_SLACK_RAD,
-    RANGE_SLACK_SIGMAS,
-    SATURATED_POSES,
-    SATURATED_SIGMAS,
-)
+from solver.diagnostics import limits
 from solver.errors import SolverError
 
 
@@ -169,7 +162,7 @@ def _like_radians(arm: ArmModel, q: FloatArray) -> list[int]:
     as_degrees = np.rad2deg(q)
     inside = 10 * (_outside(arm, as_degrees) > 0.0).sum(axis=0) <= len(q)
     small = (np.abs(q) < np.deg2rad(2.0 * np.pi)).all(axis=0)
-    moved = np.ptp(as_degrees, axis=0) > RADIANS_SPAN_RAD
+    moved = np.ptp(as_degrees, axis=0) > limits.RADIANS_SPAN_RAD
     return [int(j) for j in np.flatnonzero(inside & small & moved)]
 
 
@@ -193,10 +186,7 @@ def range_findings(
 
     Readings of `unsensed_joints` are not checked.
 
-    Raises
-    ------
-    ReadingsOutOfRangeError
-        A joint is far outside in at least half of the poses, which rules out this arm.
+    Raises `ReadingsOutOfRangeError` if a joint is far outside in at least half of the poses, which rules out this arm.
     """
     q = poses.q_rad
     outside = _outside(arm, q)
@@ -240,7 +230,9 @@ def range_findings(
 
 def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
     """Excess of each reading (m, n) over its range and the error of its sensor, rad."""
-    slack = RANGE_SLACK_RAD + RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
+    slack = (
+        limits.RANGE_SLACK_RAD + limits.RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
+    )
     beyond = np.maximum(arm.lower_rad - q, q - arm.upper_rad) - slack
     for j in arm.unsensed_joints:
         beyond[:, j - 1] = 0.0
@@ -261,10 +253,10 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, ...]:
     """Poses in which an RVDT sits at an end of full scale: more than one reading is identical there."""
     end = 0.5 * sensor.full_scale_rad
-    near = SATURATED_SIGMAS * sensor.sigma_rad
+    near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):
         there = np.flatnonzero(np.abs(reading - (middle_rad + side * end)) <= near)
-        if len(there) >= SATURATED_POSES:
+        if len(there) >= limits.SATURATED_POSES:
             return tuple(int(k) for k in there)
     return ()
 
@@ -276,7 +268,7 @@ def _refuse(
     if not refused:
         return
     turned = [f.joint - 1 for f in findings if f.fault is ReadingFault.WHOLE_TURN]
-    far = outside > FAR_OUT_OF_RANGE_SHARE * (arm.upper_rad - arm.lower_rad)
+    far = outside > limits.FAR_OUT_OF_RANGE_SHARE * (arm.upper_rad - arm.lower_rad)
     far[:, turned] = False
     if 2 * int(far.any(axis=1).sum()) < len(poses):
         return

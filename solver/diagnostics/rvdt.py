@@ -13,14 +13,8 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.poses import back_to_caller
 from solver.chain.sensors import Rvdt
+from solver.diagnostics import limits
 from solver.diagnostics.fault_candidate import PeakDeviation
-from solver.diagnostics.limits import (
-    CURVATURE_FALSE_ALARM_PROBABILITY,
-    RVDT_HARMFUL_RATIO,
-    RVDT_LEAST_POSES,
-    RVDT_LEAST_SPAN,
-    RVDT_NOISE_RATIO,
-)
 from solver.diagnostics.pose_adjustment import loop_angles
 from solver.diagnostics.rvdt_response import RvdtFigures, SingleNoise, measure, sensor_angle
 from solver.diagnostics.smooth_curve import Scatter
@@ -181,13 +175,13 @@ def _without_compliance(
 
 def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
     """Reason why these poses cannot decide; empty when they can."""
-    if len(reading) < RVDT_LEAST_POSES:
-        return f"{len(reading)} poses are too few, {RVDT_LEAST_POSES} are needed"
+    if len(reading) < limits.RVDT_LEAST_POSES:
+        return f"{len(reading)} poses are too few, {limits.RVDT_LEAST_POSES} are needed"
     span = float(np.ptp(reading) / sensor.full_scale_rad)
-    if span < RVDT_LEAST_SPAN:
+    if span < limits.RVDT_LEAST_SPAN:
         return (
             f"the joint turned through {100.0 * span:.0f} % of full scale only, "
-            f"{100.0 * RVDT_LEAST_SPAN:.0f} % are needed"
+            f"{100.0 * limits.RVDT_LEAST_SPAN:.0f} % are needed"
         )
     sd = float(np.sqrt(np.mean(of_loops.variance)))
     if sd > 0.5 * sensor.linearity_rad:
@@ -218,7 +212,7 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
 
 def _too_noisy(noise: SingleNoise, sensor: Rvdt) -> bool:
     """Whether the noise of a single reading certainly exceeds its specification."""
-    return noise.low > RVDT_NOISE_RATIO * sensor.noise_lsb
+    return noise.low > limits.RVDT_NOISE_RATIO * sensor.noise_lsb
 
 
 def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
@@ -230,12 +224,12 @@ def linearity_deviation(figures: RvdtFigures, sensor: Rvdt) -> PeakDeviation:
 
 
 def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> RvdtVerdict:
-    curved = figures.line_probability < CURVATURE_FALSE_ALARM_PROBABILITY
+    curved = figures.line_probability < limits.CURVATURE_FALSE_ALARM_PROBABILITY
     too_curved = linearity_deviation(figures, sensor).beyond(sensor.linearity_rad)
     too_noisy = _too_noisy(figures.noise, sensor)
     rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
     # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
-    harmful = (curved or too_noisy) and rms > RVDT_HARMFUL_RATIO * max(
+    harmful = (curved or too_noisy) and rms > limits.RVDT_HARMFUL_RATIO * max(
         sensor.sigma_rad, figures.loop_sd_rad
     )
     if too_curved or too_noisy:
@@ -296,7 +290,7 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
     most = f"below {noise.high:.1f} LSB ({allowed})"
     words = f"noise of a single reading: cannot be told from these poses, {most}"
     remedy = "record several samples a pose with their sd to measure it"
-    return [words, remedy] if noise.high > RVDT_NOISE_RATIO * sensor.noise_lsb else [words]
+    return [words, remedy] if noise.high > limits.RVDT_NOISE_RATIO * sensor.noise_lsb else [words]
 
 
 def _share(

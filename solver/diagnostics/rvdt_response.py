@@ -93,6 +93,8 @@ def measure(
 ) -> RvdtFigures:
     """Split the deviations of readings (m,) from the measured angles.
 
+    Raises `ValueError` if there are too few poses to fit any curve.
+
     Parameters
     ----------
     of_loops
@@ -102,11 +104,6 @@ def measure(
         includes the loop's slow errors.
     samples
         Readings in each pose's mean.
-
-    Raises
-    ------
-    ValueError
-        There are too few poses to fit any curve.
     """
     from scipy.special import chdtri
 
@@ -192,12 +189,8 @@ TERMS = 200
 class SingleNoise:
     """Noise of a single reading, without what rounding to whole LSB adds.
 
-    Attributes
-    ----------
-    lsb, low, high
-        Value and 95 % interval, LSB.
-    from_spread
-        Whether it follows from the spread inside the poses; otherwise from the scatter of the loops.
+    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether it follows from the spread inside the
+    poses; otherwise from the scatter of the loops.
     """
 
     lsb: float

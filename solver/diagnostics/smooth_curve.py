@@ -18,12 +18,7 @@ POINTS_PER_TERM = 4
 class Scatter:
     """Covariance of points, ``diag(own) + common common'``: the full matrix is never formed.
 
-    Attributes
-    ----------
-    own
-        Variance (m,) that is each point's own.
-    common
-        (m, c): part common to all points.
+    `own`: variance (m,) that is each point's own. `common`: (m, c): part common to all points.
     """
 
     own: FloatArray
@@ -96,10 +91,7 @@ def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -
     A higher degree must better the best lower one by more than its standard error, so that noise
     is not fitted; and against a straight line the chosen curve is tested as a whole.
 
-    Raises
-    ------
-    ValueError
-        There are fewer than eight points, or they cover no range.
+    Raises `ValueError` if there are fewer than eight points, or they cover no range.
     """
     from scipy.special import fdtrc
 

@@ -28,12 +28,8 @@ class Interval:
 class Chi2Test:
     """chi2/dof against the band in which it lies when the noise model is right.
 
-    Attributes
-    ----------
-    per_dof, dof
-        chi2 over degrees of freedom, and the degrees of freedom.
-    low, high
-        Central 99 % band of chi2/dof.
+    `per_dof`, `dof`: chi2 over degrees of freedom, and the degrees of freedom. `low`, `high`: central 99 % band of
+    chi2/dof.
     """
 
     per_dof: float
@@ -93,10 +89,7 @@ def sigmas_at(false_alarm: float, count: int = 1) -> float:
 def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> Chi2Test:
     """Test a weighted sum of squares by its degrees of freedom.
 
-    Raises
-    ------
-    ValueError
-        No degree of freedom is left.
+    Raises `ValueError` if no degree of freedom is left.
     """
     from scipy.special import chdtri
 
@@ -118,10 +111,7 @@ def jackknife(fit: LinearFit) -> FloatArray:
     Valid where errors within a pose are correlated or the noise model is wrong, but blind to errors common to all
     poses. Variances are not estimated again.
 
-    Raises
-    ------
-    TooFewPosesError
-        One pose fewer leaves no degree of freedom.
+    Raises `TooFewPosesError` if one pose fewer leaves no degree of freedom.
     """
     design = fit.design
     m = len(design.q)

@@ -37,13 +37,9 @@ WISHART_DOF = 6.0
 class Pulled:
     """A fixture loaded at m poses.
 
-    Attributes
-    ----------
-    pull
-        (m, k, a): wrenches S W for a unit of each of the a uncertain coefficients, in the frame of the deflection.
-    halves
-        For each half its share of the compliance, and its axes (m, k, k) in that frame; None where they are the same.
-        They rotate angles and positions separately, and S with them.
+    `pull`: (m, k, a): wrenches S W for a unit of each of the a uncertain coefficients, in the frame of the deflection.
+    `halves`: for each half its share of the compliance, and its axes (m, k, k) in that frame; None where they are the
+    same. They rotate angles and positions separately, and S with them.
     """
 
     pull: FloatArray
@@ -191,12 +187,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """Smooth columns.
 
-    Attributes
-    ----------
-    phi
-        (m, k).
-    missed
-        (m,): share of the variance at each pose that so few columns leave out.
+    `phi`: (m, k). `missed`: (m,): share of the variance at each pose that so few columns leave out.
     """
 
     phi: FloatArray

@@ -115,10 +115,7 @@ class Whitened:
 class LinearModel(Layout):
     """Noise and columns of a closure model with stated errors, for parts of the poses.
 
-    Attributes
-    ----------
-    along_joints
-        Shapes of the effects that act along a joint.
+    `along_joints`: shapes of the effects that act along a joint.
     """
 
     def __init__(

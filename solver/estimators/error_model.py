@@ -128,10 +128,7 @@ def stated_errors(
 ) -> ErrorModel:
     """Return the errors stated in the arm's file for readings that are means of `samples` (m,).
 
-    Parameters
-    ----------
-    sd_rad
-        Spread of the samples of each pose (m, n), where recorded.
+    `sd_rad`: spread of the samples of each pose (m, n), where recorded.
     """
     n = arm.joint_count
     variance = np.zeros((len(samples), n))

@@ -51,13 +51,9 @@ MAX_ITERATIONS = 60
 class NoiseModel:
     """Noise of a pose.
 
-    Attributes
-    ----------
-    joint_variance
-        Variance of each joint reading, (n,) or (m, n), rad^2.
-    fixture_variance
-        Variance of the fixture's deflection along the closure components, (6,), rad^2 then m^2; a model
-        without rotations (ball) uses the last three.
+    `joint_variance`: variance of each joint reading, (n,) or (m, n), rad^2. `fixture_variance`: variance of the
+    fixture's deflection along the closure components, (6,), rad^2 then m^2; a model without rotations (ball) uses the
+    last three.
     """
 
     joint_variance: FloatArray
@@ -68,12 +64,7 @@ class NoiseModel:
 class ParameterPrior:
     """Prior knowledge of parameters, e.g. lengths from the maker's table with a tolerance.
 
-    Attributes
-    ----------
-    mean
-        (P,), rad and m.
-    precision
-        One over the prior variance (P,); 0 where nothing is known.
+    `mean`: (P,), rad and m. `precision`: one over the prior variance (P,); 0 where nothing is known.
     """
 
     mean: FloatArray
@@ -84,13 +75,8 @@ class ParameterPrior:
 class LinearisedPoses:
     """The reduced linear system of all poses at one iterate (see the module's derivation).
 
-    Attributes
-    ----------
-    w, A, B, V
-        (m, r), (m, r, P), (m, r, n), (m, r, r): misclosure, parameter and joint Jacobians, and the
-        covariance ``B S B' + F`` of the misclosure.
-    E
-        (m, k, r): left null space of the unsensed columns.
+    `w`, `A`, `B`, `V`: (m, r), (m, r, P), (m, r, n), (m, r, r): misclosure, parameter and joint Jacobians, and the
+    covariance ``B S B' + F`` of the misclosure. `E`: (m, k, r): left null space of the unsensed columns.
     """
 
     w: FloatArray
@@ -199,10 +185,7 @@ def estimate_implicit(
 ) -> Estimate:
     """Fit `model` to joint angles `q` (m, n), rad; starts from the paper's estimator by default.
 
-    Raises
-    ------
-    TooFewPosesError
-        No degree of freedom would be left.
+    Raises `TooFewPosesError` if no degree of freedom would be left.
     """
     order = canonical_order(q)
     back = back_to_caller(order)
@@ -263,10 +246,7 @@ def linearise(
 def whitener(V: FloatArray) -> FloatArray:
     """``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
 
-    Raises
-    ------
-    PosesDoNotFitError
-        There is none: these poses are far from closing.
+    Raises `PosesDoNotFitError` if there is none: these poses are far from closing.
     """
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))

@@ -27,10 +27,7 @@ class JointPoses:
 class JointShapes:
     """Shapes of the effects of `layout` that act along a joint.
 
-    Attributes
-    ----------
-    joint_of
-        0-based joint (c,) along which each shape acts.
+    `joint_of`: 0-based joint (c,) along which each shape acts.
     """
 
     def __init__(self, layout: Layout, at: JointPoses | None = None) -> None:

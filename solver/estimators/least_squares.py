@@ -181,12 +181,8 @@ def solve_damped(
 ) -> Fit:
     """Iterate from `x0` until the steps vanish.
 
-    Parameters
-    ----------
-    problem
-        Residuals and their exact Jacobian, as a triangle.
-    step_tolerance
-        Largest component of a step (rad, m) that counts as converged.
+    `problem`: residuals and their exact Jacobian, as a triangle. `step_tolerance`: largest component of a step (rad, m)
+    that counts as converged.
     """
     x = np.array(x0, dtype=np.float64)
     here, damping, iteration, before = problem(x), 0.0, 0, 0.0

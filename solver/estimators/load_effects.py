@@ -178,13 +178,8 @@ def load_basis(
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
 
-    Parameters
-    ----------
-    x
-        Parameters (P,), near the truth.
-    give
-        Stated deflections (rad, m); their ratio is that of the effects of moments and forces. Each of several
-        placements has its own `give_columns` columns.
+    `x`: parameters (P,), near the truth. `give`: stated deflections (rad, m); their ratio is that of the effects of
+    moments and forces. Each of several placements has its own `give_columns` columns.
     """
     m, k = len(q), model.components
     parts = model.parts()
@@ -368,12 +363,7 @@ def wrench_of(
 ) -> FloatArray:
     """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
-    Parameters
-    ----------
-    J
-        Columns of the free joints (..., k, f).
-    E
-        Left null space (..., k, r) of the fixture's own freedoms.
+    `J`: columns of the free joints (..., k, f). `E`: left null space (..., k, r) of the fixture's own freedoms.
     """
     K = np.swapaxes(E, -1, -2) @ J
     held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])

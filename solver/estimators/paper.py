@@ -35,15 +35,7 @@ def estimate_paper(
 ) -> Estimate:
     """Fit the parameters of `model` to measured joint angles `q` (m, n), rad.
 
-    Parameters
-    ----------
-    x0
-        Start (P,); the nominal values by default.
-
-    Raises
-    ------
-    TooFewPosesError
-        No degree of freedom would be left.
+    `x0`: start (P,); the nominal values by default. Raises `TooFewPosesError` if no degree of freedom would be left.
     """
     dof = require_enough_poses(model, len(q))
     nominal = nominal_vector(model.parameters)
@@ -78,10 +70,7 @@ def estimate_paper(
 class ClosureProblem:
     """The closure errors of all poses as a least-squares `Problem`, a block of poses at a time.
 
-    Attributes
-    ----------
-    blocks
-        Loops of some poses and their joint angles (m_k, n), rad.
+    `blocks`: loops of some poses and their joint angles (m_k, n), rad.
     """
 
     blocks: tuple[tuple[ClosureModel, FloatArray], ...]

@@ -173,11 +173,8 @@ class Ascent:
     a step's end, known anyway, locates the maximum along the step, so nothing is computed twice: the next round starts
     there.
 
-    Attributes
-    ----------
-    fast
-        Whether the last proposed step was so much smaller than the one before that little remains after it; after a
-        change of the likelihood, until two steps can be compared, the earlier value.
+    `fast`: whether the last proposed step was so much smaller than the one before that little remains after it; after a
+    change of the likelihood, until two steps can be compared, the earlier value.
     """
 
     def __init__(self, *, fast: bool = False) -> None:

@@ -49,7 +49,7 @@ class VarianceComponents:
     ----------
     components
         Every component with its interval.
-    flexure
+    compliance
         Test whether the fixture is more compliant than stated; None where it was not made.
     noise
         Remaining noise of each pose at the estimated variances, rows in the order of the poses.

@@ -29,14 +29,9 @@ Which = IntArray | slice
 class LoopError:
     """Closure error of every pose with the unsensed freedoms as explicit angles.
 
-    Attributes
-    ----------
-    residual
-        c (..., m, k): rotation vector (rad), then position (m), of the end point in the frame on the fixture. Zero when
-        the loop closes.
-    jac_x, jac_q, jac_u
-        Its exact derivatives for the parameters, the paper's C = dc/dphi (..., m, k, P), for the joint
-        angles (..., m, k, n) and for the unsensed angles (..., m, k, U).
+    `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the frame on the fixture.
+    Zero when the loop closes. `jac_x`, `jac_q`, `jac_u`: its exact derivatives for the parameters, the paper's C =
+    dc/dphi (..., m, k, P), for the joint angles (..., m, k, n) and for the unsensed angles (..., m, k, U).
     """
 
     residual: FloatArray
@@ -182,10 +177,7 @@ class ClosureModel(ABC):
 
         Without `rates` its Jacobian has no columns.
 
-        Raises
-        ------
-        ValueError
-            Arm joints are unsensed and have to be solved for (`loop`).
+        Raises `ValueError` if arm joints are unsensed and have to be solved for (`loop`).
         """
         if self.unsensed_joints:
             raise ValueError(

@@ -29,10 +29,7 @@ class DhLoop(ArmLoop):
 
     ``A_0(theta_0) A_1 ... A_n = I``: frame n is frame -1, and z_n = z_-1 is the fixture's axis.
 
-    Attributes
-    ----------
-    hinge
-        Whether theta_0 is an unsensed joint (hinge) or a constant (rigid).
+    `hinge`: whether theta_0 is an unsensed joint (hinge) or a constant (rigid).
     """
 
     FIRST_LINK: ClassVar[int] = 0
@@ -74,10 +71,7 @@ class DhLoop(ArmLoop):
         eq. 12's ``dx = -R23``, ``dy = R13``; unlike those they do not vanish again when the tool is upside down, so a
         pose on the flipped branch does not look closed.
 
-        Raises
-        ------
-        ValueError
-            Arm joints are unsensed; eqs. 10-13 eliminate the hinge only.
+        Raises `ValueError` if arm joints are unsensed; eqs. 10-13 eliminate the hinge only.
         """
         if not self.hinge or self.unsensed_joints:
             return ClosureModel.reduced(self, x, q, rates=rates)
@@ -203,12 +197,7 @@ def _swing(
 
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
 
-    Parameters
-    ----------
-    n, nz
-        The vector (...): complex across z, and along it.
-    w, wz
-        Angular increments (C, ...) likewise, rad.
+    `n`, `nz`: the vector (...): complex across z, and along it. `w`, `wz`: angular increments (C, ...) likewise, rad.
 
     Returns
     -------

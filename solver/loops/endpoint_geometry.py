@@ -27,13 +27,9 @@ class Line:
 class HeldAxis:
     """A line through the tool and the line in the table with which it coincides.
 
-    Attributes
-    ----------
-    ground_direction, ground_point_m
-        In the base frame turned and shifted so that theta_off_1 and s_1 are zero, (3,).
-    hand_direction, hand_point_m
-        In the frame that turns with joint n, with theta_off_n zero: ``R_1 .. R_{n-1} Rz(theta_n)``,
-        origin of frame n-1, (3,).
+    `ground_direction`, `ground_point_m`: in the base frame turned and shifted so that theta_off_1 and s_1 are zero,
+    (3,). `hand_direction`, `hand_point_m`: in the frame that turns with joint n, with theta_off_n zero: ``R_1 ..
+    R_{n-1} Rz(theta_n)``, origin of frame n-1, (3,).
     """
 
     ground_direction: FloatArray

@@ -24,10 +24,7 @@ GROUND = ("ground_x", "ground_y", "ground_z")
 class PointClosure(ArmLoop):
     """An arm of links 1..n with a ball on the tool, in a socket; `own` lists the unknowns of tip_x .. ground_z.
 
-    Attributes
-    ----------
-    tip_m, ground_m
-        Nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
+    `tip_m`, `ground_m`: nominal centre of the ball in the flange frame, and of the socket in the base frame, (3,).
     """
 
     OWN: ClassVar[tuple[str, ...]] = TIP + GROUND
@@ -120,9 +117,6 @@ class PointClosure(ArmLoop):
     def tip_position(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Centre of the ball in the base frame for every pose (..., m, 3), m.
 
-        Raises
-        ------
-        ValueError
-            Arm joints are unsensed, so the readings do not determine it.
+        Raises `ValueError` if arm joints are unsensed, so the readings do not determine it.
         """
         return np.asarray(self.reduced(x, q).residual + self.own_values(x)[..., 3:])

@@ -66,12 +66,8 @@ class ReadingCorrection:
 class Corrections:
     """All corrections of an arm.
 
-    Attributes
-    ----------
-    each
-        The single corrections.
-    rows
-        D-H rows 1..n (5, n), rad and m, for gravity's levers: those of the arm file.
+    `each`: the single corrections. `rows`: D-H rows 1..n (5, n), rad and m, for gravity's levers: those of the arm
+    file.
     """
 
     each: tuple[ReadingCorrection, ...]
@@ -213,12 +209,8 @@ class JointsThere:
 class JointCorrections:
     """Effects along the joints of a fit.
 
-    Attributes
-    ----------
-    fit
-        The linear fit, at its solution.
-    first, end
-        Columns of the fit (of its whole width) that act along a joint.
+    `fit`: the linear fit, at its solution. `first`, `end`: columns of the fit (of its whole width) that act along a
+    joint.
     """
 
     fit: LinearFit

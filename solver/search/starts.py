@@ -34,10 +34,7 @@ SAME_MINIMUM = 0.02
 class StartSearch:
     """Starts after minimisation.
 
-    Attributes
-    ----------
-    poses
-        Number of poses the search used.
+    `poses`: number of poses the search used.
     """
 
     def __init__(
@@ -162,13 +159,9 @@ def minimise_batch(
 ) -> BatchFit:
     """Minimise the sum of squares from every row of `x0` (S, K).
 
-    Parameters
-    ----------
-    max_step
-        Longest component of one step: beyond it a linearised rotation is invalid.
-    halt_after, survivors
-        After this many iterations only this many of the starts continue, those of least cost; the others stop. Starts
-        that will reach the solution nearly always lead by then.
+    `max_step`: longest component of one step: beyond it a linearised rotation is invalid. `halt_after`, `survivors`:
+    after this many iterations only this many of the starts continue, those of least cost; the others stop. Starts that
+    will reach the solution nearly always lead by then.
     """
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)

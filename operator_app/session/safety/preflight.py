@@ -91,12 +91,8 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
     earlier = tuple(p for p in state.used_poses if p.placement != state.placement)
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
-    return known_arm(
-        procedure.arm,
-        procedure.fixture.fixture,
-        replace(state, poses=earlier).pose_set(),
-        unsensed_joints=procedure.unsensed_joints,
-    )
+    poses, fixture = replace(state, poses=earlier).pose_set(), procedure.fixture.fixture
+    return known_arm(procedure.arm, fixture, poses, procedure.unsensed_joints)
 
 
 LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12

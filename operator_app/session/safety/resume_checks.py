@@ -7,7 +7,7 @@ hydraulic valves leak, so that the arm, and the counter, may sag until the next 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -202,13 +202,8 @@ def check_closure_by_poses(
     arm, fixture = procedure.arm, fixture_in_place(state, procedure)
     near, unresolved, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
     if fixture.holds_hand:
-        near = innovation(
-            arm,
-            fixture,
-            state.pose_set(),
-            pose_set_of([here]),
-            unsensed_joints=procedure.unsensed_joints,
-        )
+        taken, reading_set = state.pose_set(), pose_set_of([here])
+        near = innovation(arm, fixture, taken, reading_set, procedure.unsensed_joints)
     if near is not None:
         limit = max(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
@@ -304,17 +299,16 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
     poses, unsensed = state.pose_set(), procedure.unsensed_joints
     try:
         model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
-        nothing = Fixed(
-            values={},
-            covariance=np.zeros((0, 0)),
-            rvdt_sd_rad={},
-            fixture_variance=None,
-            unsensed_joints=unsensed,
-        )
-        found = estimate_implicit(model, poses.q_rad, stated_noise(arm, fixture, poses, nothing))
+        found = estimate_implicit(model, poses.q_rad, stated_noise(arm, fixture, poses))
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
     if not found.converged or not np.isfinite(found.covariance).all():
         return None
     values = {p.name: float(v) for p, v in zip(found.parameters, found.x, strict=True)}
-    return replace(nothing, values=values, covariance=found.covariance)
+    return Fixed(
+        values=values,
+        covariance=found.covariance,
+        rvdt_sd_rad={},
+        fixture_variance=None,
+        unsensed_joints=unsensed,
+    )

@@ -184,7 +184,7 @@ def outlier_warning(session: Session) -> str:
     if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
         return ""
     poses = state.here.pose_set()
-    if not is_unpredicted(session.model, session.fixture, poses, unsensed_joints=unsensed):
+    if not is_unpredicted(session.model, session.fixture, poses, unsensed):
         return ""
     return (
         f"Pose {state.poses_here[-1].number} does not fit the poses before it: a joint or the fixture may have "

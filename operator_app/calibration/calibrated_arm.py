@@ -5,6 +5,7 @@ Parameters of the mounting (`ground_side`, `hand_side`) are replaced when the fi
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -112,6 +113,20 @@ class CalibratedArm:
         """
         if self.best is not None:
             return self.best.tool(q_rad)
+        tip, rates = self._rates(q_rad)
+        return tip, np.sqrt(spread_along(rates, self._covariance))
+
+    def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
+        """Part of `tip_sigma_m` that would vanish if the parameters `names` were known exactly (m,), m."""
+        known = [k for k, name in enumerate(self.free) if name in names]
+        if not known:
+            return np.zeros(len(q_rad))
+        C = self._covariance
+        part = C[:, known] @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ C[known]
+        return np.sqrt(spread_along(self._rates(q_rad)[1], part))
+
+    def _rates(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Tip by the identified entries (m, 3), m, and its rates with `free` (m, 3, P)."""
         own = tuple(name for name in self.free if name in TIP_NAMES)
         point = PointClosure(
             table=self.hand,
@@ -123,8 +138,7 @@ class CalibratedArm:
         order = [p.name for p in point.parameters]
         # From a socket at the base's origin.
         tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
-        rates = tip.jac_x[..., [order.index(name) for name in self.free]]
-        return tip.residual, np.sqrt(spread_along(rates, self._covariance))
+        return tip.residual, tip.jac_x[..., [order.index(name) for name in self.free]]
 
 
 def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
@@ -137,6 +151,9 @@ def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
 
 MOST_POSES_SAMPLED = 100
 """Poses of a session, evenly among all, for which a best table is computed."""
+
+NOTEWORTHY_SHARE = 0.9
+"""Share of the tool's sigma above which what the files alone state is not shown apart."""
 
 RANGE_SAMPLES = 300
 """Poses over the joints' ranges: their rms is known to some 4 %."""
@@ -155,11 +172,22 @@ class HandErrors:
     after_m: FloatArray
 
 
-def hand_accuracy(errors: HandErrors) -> HandAccuracy:
-    """Summarise the tool position error before and after calibration."""
-    return HandAccuracy(
+def hand_accuracy(
+    errors: HandErrors, found: CalibratedArm, arm: ArmModel, as_stated: Collection[str]
+) -> HandAccuracy:
+    """Summarise the tool position error before and after calibration.
+
+    `as_stated` are parameters known from the files rather than from the poses.
+    """
+    by_files = found.stated_part_m(even_poses(arm), as_stated)
+    left = np.sqrt(np.maximum(errors.after_m**2 - by_files**2, 0.0))
+    accuracy = HandAccuracy(
         before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=RANGE_SAMPLES
     )
+    if spread_of(left).rms > NOTEWORTHY_SHARE * accuracy.after.rms:
+        return accuracy
+    stated = tuple(name for name in found.free if name in as_stated)
+    return replace(accuracy, stated=stated, after_by_poses=spread_of(left))
 
 
 def even_poses(arm: ArmModel) -> FloatArray:

@@ -67,8 +67,9 @@ def with_notices(
     found_arm = calibrated_arm(solution, arm)
     errors_there = hand_errors(found_arm, arm)
     accuracy = with_held(
-        hand_accuracy(errors_there), errors_there.after_m, found_arm, arm, judged.linear
-    )
+        hand_accuracy(errors_there, found_arm, arm, as_stated),
+        errors_there.after_m, found_arm, arm, judged.linear,
+    )  # fmt: skip
     # Parameters dropped on request have their own notice.
     not_sought = tuple(
         j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held

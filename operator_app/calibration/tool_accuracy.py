@@ -62,12 +62,17 @@ class HandAccuracy:
         Number of poses, evenly over all joints' ranges.
     holds_for
         Fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
+    stated, after_by_poses
+        Parameters known from the files rather than from the poses, and what is left of `after` if they are right; ()
+        and None where they matter little.
     """
 
     before: Spread
     after: Spread
     poses: int
     holds_for: tuple[HeldOffset, ...] = ()
+    stated: tuple[str, ...] = ()
+    after_by_poses: Spread | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

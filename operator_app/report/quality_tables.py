@@ -18,6 +18,7 @@ from operator_app.units import (
     SIGMA_POS,
     Figure,
     Key,
+    names,
     plural,
     significant,
 )
@@ -128,31 +129,48 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     found = solution.accuracy
     if found is None:
         return None
-    rows = (
-        ("rms", "rms", found.before.rms, found.after.rms),
-        ("95 % stay below", "p95", found.before.most, found.after.most),
-        ("worst pose", "worst", found.before.worst, found.after.worst),
+    columns = [("before", found.before), ("after", found.after)]
+    note = (
+        f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
+        "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
+        "belongs to the mounting has no part in it. After: by the best D-H table, corrections not applied"
+        f"{fixed_briefly(tuple(h.name for h in found.holds_for))}."
     )
+    if found.after.rms > found.before.rms:
+        note += (
+            " Before is a distance and after an uncertainty: these poses do not show that the arm file's entries "
+            "are wrong."
+        )
+    if found.after_by_poses is not None:
+        columns.append(("after_by_poses", found.after_by_poses))
+        note += (
+            f" If stated: what remains if {names(found.stated)} {'is' if len(found.stated) == 1 else 'are'} as the "
+            "files state, which these poses do not tell."
+        )
     return FactTable(
         ident="accuracy",
         title="What it brings: how far off the hand is [mm]",
         columns=(
             *words("over the ranges of all joints"),
-            *figures("before"),
-            *figures("after, one sigma"),
+            *figures(*("before", "after, one sigma", "if stated")[: len(columns)]),
         ),
         rows=tuple(
             (
                 name,
-                Figure(before, CLOSURE_LENGTH, key=("hand_accuracy_mm", "before", key)),
-                Figure(after, CLOSURE_LENGTH, key=("hand_accuracy_mm", "after", key)),
+                *(
+                    Figure(
+                        getattr(spread, field), CLOSURE_LENGTH, key=("hand_accuracy_mm", when, key)
+                    )
+                    for when, spread in columns
+                ),
             )
-            for name, key, before, after in rows
+            for name, key, field in (
+                ("rms", "rms", "rms"),
+                ("95 % stay below", "p95", "most"),
+                ("worst pose", "worst", "worst"),
+            )
         ),
-        note=f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
-        "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
-        "belongs to the mounting has no part in it. After: by the best D-H table, corrections not applied"
-        f"{fixed_briefly(tuple(h.name for h in found.holds_for))}.",
+        note=note,
     )
 
 

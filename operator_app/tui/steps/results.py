@@ -22,7 +22,7 @@ from operator_app.tui.lines import Lines
 from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import TablePanel
 from operator_app.tui.widgets.pictures import plot
-from operator_app.units import CLOSURE_LENGTH, Figure, plural
+from operator_app.units import CLOSURE_LENGTH, Figure, names, plural
 from solver.diagnostics.rvdt import RvdtVerdict
 
 TABLES = ("causes", "dh", "hand", "accuracy", "budget", "halving", "closure")
@@ -87,6 +87,9 @@ def _hand(found: Solution, width: int) -> list[Line]:
         for spread in (found.accuracy.before, found.accuracy.after)
     )
     said = f"   hand off by {before} before, {after} after (1 sigma)"
+    if (left := found.accuracy.after_by_poses) is not None:
+        by_poses = Figure(left.rms, CLOSURE_LENGTH).with_unit
+        said += f", {by_poses} if {names(found.accuracy.stated)} are as stated"
     if held := found.accuracy.holds_for:
         said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as held"
     more = ", rms over the ranges of all joints"

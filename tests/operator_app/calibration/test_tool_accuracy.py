@@ -46,6 +46,36 @@ def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
     assert 0.2 < said["rms"] <= said["worst"] < 10.0
 
 
+def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arms() -> None:
+    """A ball does not see the zeros of the first and the last joint: a degree of these is most of the sigma."""
+    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
+    arm = load_arm("franka_panda")
+    solution = calibrate(arm, load_fixture("ball").fixture, pick_placements(poses, (1, 2)))
+    found, estimate, model = solution.accuracy, solution.estimate, solution.model
+    assert found is not None
+    assert found.stated == ("theta_off_1", "theta_off_7")
+    part, columns, _ = model.parts()[0]
+    assert isinstance(part, PointClosure)
+    drawn = np.random.default_rng(1).multivariate_normal(
+        estimate.x, estimate.covariance, size=600, method="eigh"
+    )
+    q = np.random.default_rng(2).uniform(arm.lower_rad, arm.upper_rad, size=(40, 7))
+    hands = np.array([part.tip_position(x[columns], q).ravel() for x in drawn])
+    names = [p.name for p in estimate.parameters]
+    by = drawn[:, [names.index(name) for name in found.stated]]
+    by, hands = by - by.mean(0), hands - hands.mean(0)
+    left = hands - by @ np.linalg.lstsq(by, hands, rcond=None)[0]
+    whole, rest = (float(np.sqrt(3.0 * np.mean(h**2))) for h in (hands, left))
+    assert found.after.rms == pytest.approx(whole, rel=0.1)
+    assert found.after_by_poses is not None
+    assert found.after_by_poses.rms == pytest.approx(rest, rel=0.25)
+    assert rest < 0.3 * whole
+    document = facts_of(solution).json["hand_accuracy_mm"]
+    assert document["after_by_poses"]["rms"] == pytest.approx(1e3 * found.after_by_poses.rms)
+    told = " ".join(facts_text(facts_of(solution)).split())
+    assert "what remains if theta_off_1 and theta_off_7 are as the files state" in told
+
+
 def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None:
     """Before: offsets planted and found again move the hand as an independent chain says; after: less."""
     made = simulated_poses(load_arm("sarcos_dextrous"), load_fixture("hinge"), poses=40, seed=5)

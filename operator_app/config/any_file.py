@@ -199,13 +199,8 @@ class _Reader:
         # The error that prevents reading it is reported instead.
         load_strict(data, file)
         kinds = ", ".join(FILES)
-        raise only(
-            file,
-            1,
-            None,
-            "nobody can tell what kind of file this is",
-            f"begin it with `schema: sarcal/KIND/1`, of {kinds}; poses are a CSV file",
-        )
+        remedy = f"begin it with `schema: sarcal/KIND/1`, of {kinds}; poses are a CSV file"
+        raise only(file, "nobody can tell what kind of file this is", remedy, line=1)
 
     def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
         """Refuse poses whose number of joints no arm has."""
@@ -213,7 +208,7 @@ class _Reader:
         if self.joints and count not in self.joints:
             known = " and ".join(map(str, sorted(self.joints)))
             text = f"poses of {count} joint{'s' if count != 1 else ''}, the arms have {known}"
-            raise only(file, 1, None, text, "is it the right arm?")
+            raise only(file, text, "is it the right arm?", line=1)
         return loaded
 
 

@@ -48,11 +48,11 @@ def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:
-        raise only(file, None, None, "is empty", example)
+        raise only(file, "is empty", example)
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if mark in first and "," not in first:
             remedy = "save the file with commas between columns and points as decimal marks"
-            raise only(file, 1, None, f"the columns are separated by {name}", remedy)
+            raise only(file, f"the columns are separated by {name}", remedy, line=1)
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     start, empty = 1, True
     try:
@@ -63,9 +63,9 @@ def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
             start = reader.line_num + 1
     except csv.Error as error:
         remedy = "check the quotes in this line"
-        raise only(file, start, None, f"is not CSV: {error}", remedy) from error
+        raise only(file, f"is not CSV: {error}", remedy, line=start) from error
     if empty:
-        raise only(file, None, None, "is empty", example)
+        raise only(file, "is empty", example)
 
 
 def read_columns(

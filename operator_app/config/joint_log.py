@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -32,7 +34,7 @@ from solver.chain.poses import PoseSet
 Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_LOGGED_PLACEMENTS = 100
-JOINT_NAME = re.compile(r"(.*?)(\d{1,3})(\D*)")
+NUMBERED = re.compile(r"(.*\D|)(\d+)(\D*)")
 OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
 """Names of columns in a log that are not joints."""
 
@@ -76,7 +78,7 @@ def load_joint_log(
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
     if not rows:
-        raise only(file, None, None, "is empty", "a row of joint angles for each pose is wanted")
+        raise only(file, "is empty", "a row of joint angles for each pose is wanted")
     first = rows[0].cells
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
@@ -85,18 +87,18 @@ def load_joint_log(
             remedy = (
                 "leave --rad out, or name the columns with --columns if it is the header that errs"
             )
-            raise only(file, rows[0].line, None, "its header says degrees", remedy)
+            raise only(file, "its header says degrees", remedy, line=rows[0].line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
-            raise only(file, rows[0].line, None, "is a poses file", remedy)
+            raise only(file, "is a poses file", remedy, line=rows[0].line)
         return parse_poses(data, file, joint_count=joint_count)
     body = rows[1:] if header else rows
     if not body:
-        raise only(file, None, None, "has a header and no poses", "capture poses first")
+        raise only(file, "has a header and no poses", "capture poses first")
     there = range(len(body[0].cells))
     if header and len(header) != len(there):
         text = f"its header has {len(header)} cells, and the first row of angles {len(there)}"
-        raise only(file, rows[0].line, None, text, "name each column, or remove the header")
+        raise only(file, text, "name each column, or remove the header", line=rows[0].line)
     by = find_column("--placement", placement, header, len(there), file) if placement else None
     left = [k for k in there if k != by]
     where = find_columns(columns, header, left, joint_count, file)
@@ -105,7 +107,7 @@ def load_joint_log(
         text = (
             f"does not say its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
         )
-        raise only(file, None, None, text, "say --rad, or --deg if these are degrees")
+        raise only(file, text, "say --rad, or --deg if these are degrees")
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     return LoadedPoses(
         poses=PoseSet(
@@ -124,14 +126,14 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
     for row, name in zip(body, names, strict=True):
         if not name:
             remedy = "give the placement a number or a name"
-            raise only(file, row.line, None, f"column {by + 1} is empty", remedy)
+            raise only(file, f"column {by + 1} is empty", remedy, line=row.line)
     if all(WHOLE.fullmatch(name) for name in names):
         return [int(name) for name in names], None
     order = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
     if len(order) > MOST_LOGGED_PLACEMENTS:
         text = f"column {by + 1} has {len(order)} different entries"
         remedy = "--placement wants the column with the same entry in every pose of a placement"
-        raise only(file, None, None, text, remedy)
+        raise only(file, text, remedy)
     return [order[name] for name in names], tuple(f"placement {name}" for name in names)
 
 
@@ -160,11 +162,9 @@ def find_column(option: str, word: str, header: list[str], there: int, file: str
         return header.index(word)
     if not re.fullmatch(r"[1-9]\d{0,3}", word):
         known = f"the header has {', '.join(header)}" if header else "the file has no header"
-        raise only(file, None, None, f"{option}: there is no column {word!r}", known)
+        raise only(file, f"{option}: there is no column {word!r}", known)
     if int(word) > there:
-        raise only(
-            file, None, None, f"{option}: there is no column {word}", f"the file has {there}"
-        )
+        raise only(file, f"{option}: there is no column {word}", f"the file has {there}")
     return int(word) - 1
 
 
@@ -178,8 +178,8 @@ def find_columns(
             return tuple(left)
         names = f" ({', '.join(header[k] for k in left)})" if header else ""
         text = f"{len(left)} columns{names} for an arm of {joint_count} joints"
-        if named := _numbered_run(header, left, joint_count):
-            return named
+        if header and (named := numbered_series([header[k] for k in left], joint_count)):
+            return tuple(left[k] for k in named)
         # Other columns of a log, mostly times, come before the joints.
         first = max(1, there - joint_count + 1)
         example = f"{first}-{first + joint_count - 1}"
@@ -189,11 +189,7 @@ def find_columns(
             ]
             example = ",".join(likely) if len(likely) == joint_count else example
         raise only(
-            file,
-            None,
-            None,
-            text,
-            f"say which are its joints, e.g. --columns {example}; or {HEADER_EXAMPLE}",
+            file, text, f"say which are its joints, e.g. --columns {example}; or {HEADER_EXAMPLE}"
         )
     found: list[int] = []
     for word in (part.strip() for part in wanted.split(",")):
@@ -203,25 +199,22 @@ def find_columns(
             found.append(find_column("--columns", word, header, there, file))
     if over := [k for k in found if k >= there]:
         text = f"--columns: there is no column {over[0] + 1}"
-        raise only(file, None, None, text, f"the file has {there}")
+        raise only(file, text, f"the file has {there}")
     if len(found) != joint_count or len(set(found)) != len(found):
         text = f"--columns names {len(set(found))} columns for an arm of {joint_count} joints"
-        raise only(file, None, None, text, "name one for each joint, in the order of the joints")
+        raise only(file, text, "name one for each joint, in the order of the joints")
     return tuple(found)
 
 
-def _numbered_run(header: list[str], left: list[int], joint_count: int) -> tuple[int, ...]:
-    """Return the columns whose names differ only in their number, 1 to n (q1, q2, ...); empty if none do."""
-    found: dict[str, dict[int, int]] = {}
-    for k in left:
-        if header and (match := JOINT_NAME.fullmatch(header[k])):
-            found.setdefault(f"{match[1]}#{match[3]}".casefold(), {})[int(match[2])] = k
-    runs = [
-        by
-        for by in found.values()
-        if sorted(by) in ([*range(1, joint_count + 1)], [*range(joint_count)])
-    ]
-    return tuple(runs[0][k] for k in sorted(runs[0])) if len(runs) == 1 else ()
+def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
+    """Return where names stand that differ only in a number, 0 or 1 to n; empty unless one series does."""
+    found: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
+    for k, name in enumerate(names):
+        if match := NUMBERED.fullmatch(name.casefold()):
+            found[match[1], match[3]].append((int(match[2]), k))
+    wanted = [*range(count)], [*range(1, count + 1)]
+    whole = [series for series in found.values() if sorted(n for n, _ in series) in wanted]
+    return tuple(k for _, k in sorted(whole[0])) if len(whole) == 1 else ()
 
 
 def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:

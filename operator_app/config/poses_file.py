@@ -81,7 +81,7 @@ class LoadedPoses:
 def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPoses:
     """Read a poses file; raises as `parse_poses`."""
     if str(path).endswith((".mcap", ".db3")):
-        raise only(str(path), None, None, "is a ROS 2 bag", "sarcal import makes poses of it")
+        raise only(str(path), "is a ROS 2 bag", "sarcal import makes poses of it")
     data = read_limited(expanded(path), str(path), limit=LIMIT_BYTES)
     return parse_poses(data, str(path), joint_count=joint_count)
 
@@ -104,7 +104,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
         remedy = f"{HEADER_EXAMPLE}; a raw log is imported by: sarcal import {file}"
-        raise only(file, line, None, "this line is not the header of a poses file", remedy)
+        raise only(file, "this line is not the header of a poses file", remedy, line=line)
     problems = [
         Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
         for column, key, text, remedy in _complaints(names, joint_count)
@@ -120,12 +120,12 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
         unique_remedy="give every pose of a placement its own name",
     )
     if not columns["pose"]:
-        raise only(file, None, None, "has a header and no poses", "capture poses first")
+        raise only(file, "has a header and no poses", "capture poses first")
     try:
         poses = _pose_set(_as_numbered(columns))
     except ValueError as error:
         remedy = "correct the endpoint's columns, or measure that pose again"
-        raise only(file, None, None, str(error), remedy) from error
+        raise only(file, str(error), remedy) from error
     return LoadedPoses(poses=poses, warnings=(*_warnings(poses), *_times_suspected(poses, file)))
 
 

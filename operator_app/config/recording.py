@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from array import array
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,7 +12,14 @@ from typing import Any
 import numpy as np
 
 from operator_app.config.errors import ConfigError, decode_text, only
-from operator_app.config.joint_log import Unit, find_column, find_columns, is_number, read_rows
+from operator_app.config.joint_log import (
+    Unit,
+    find_column,
+    find_columns,
+    is_number,
+    numbered_series,
+    read_rows,
+)
 from operator_app.config.resources import expanded, read_limited
 from solver.arrays import FloatArray
 
@@ -22,7 +27,6 @@ RECORDING_LIMIT_BYTES = 1024 * 1024 * 1024
 """A CSV log of seven joints at 1 kHz over an hour is some 500 MB."""
 
 LARGEST_ANGLE_RAD = 20.0 * np.pi
-NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
 PER_SECOND = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (0.0, 1.0))
 """Least times since 1970 in nanoseconds, microseconds, milliseconds and seconds."""
 
@@ -87,8 +91,7 @@ def load_timed_log(
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
     lines = read_rows(text)
     if len(lines) < 2:
-        remedy = "a line of time and angles for each sample is wanted"
-        raise only(file, None, None, "has no samples", remedy)
+        raise only(file, "has no samples", "a line of time and angles for each sample is wanted")
     header = [] if any(map(is_number, lines[0].cells)) else lines[0].cells
     lines, width = lines[1:] if header else lines, len(lines[1].cells)
     by = find_column("--time", time, header, width, file)
@@ -107,13 +110,13 @@ def load_timed_log(
         elif row is not lines[-1]:
             # The last line of a killed recorder is incomplete.
             text = f"{len(row.cells)} cells where the lines before have {width}"
-            raise only(file, row.line, None, text, "mend this line")
+            raise only(file, text, "mend this line", line=row.line)
     table = np.array(cells).reshape(-1, 1 + len(where))
     time_s, q = table[:, 0], table[:, 1:]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
     if unit is None and largest < 2.0 * np.pi:
         text = f"does not say its unit, and no angle of {len(q)} lines exceeds {largest:.3g}"
-        raise only(file, None, None, text, "say --rad, or --deg if these are degrees")
+        raise only(file, text, "say --rad, or --deg if these are degrees")
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     return recording_of(
@@ -135,7 +138,8 @@ def _time_s(cell: str, file: str, line: int, column: int) -> float:
         found = datetime.fromisoformat(cell)
     except ValueError as error:
         remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
-        raise only(file, line, column + 1, f"{cell[:40]!r} is no time", remedy) from error
+        text = f"{cell[:40]!r} is no time"
+        raise only(file, text, remedy, line=line, column=column + 1) from error
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
 
@@ -145,7 +149,7 @@ def _angle(cell: str, file: str, line: int, column: int) -> float:
         return float(cell or "nan")
     except ValueError as error:
         text = f"{cell[:40]!r} is not a number"
-        raise only(file, line, column + 1, text, "correct the cell") from error
+        raise only(file, text, "correct the cell", line=line, column=column + 1) from error
 
 
 def recording_of(
@@ -161,13 +165,13 @@ def recording_of(
     whole = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(whole):
         text = f"no sample has an angle of every joint ({', '.join(joints)})"
-        raise only(file, None, None, text, "record all joints at once")
+        raise only(file, text, "record all joints at once")
     rising, kept = np.unique(time_s[whole], return_index=True)
     found = q_rad[whole][kept]
     joint = int(np.argmax(np.abs(found).max(axis=0)))
     if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_ANGLE_RAD:
         text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
-        raise only(file, None, None, text, "degrees where radians belong, or no revolute joint?")
+        raise only(file, text, "degrees where radians belong, or no revolute joint?")
     return JointRecording(
         file=file,
         time_s=rising,
@@ -190,26 +194,17 @@ def find_joints(
         given = tuple(part.strip() for part in columns.split(","))
         if missing := [name for name in given if name not in names]:
             text = f"--columns: there is no joint {missing[0]!r}"
-            raise only(file, None, None, text, f"there is {', '.join(names)}")
+            raise only(file, text, f"there is {', '.join(names)}")
         if len(given) != count or len(set(given)) != count:
             text = f"--columns names {len(set(given))} joints of an arm of {count}"
-            raise only(
-                file, None, None, text, "name one for each joint, in the order of the joints"
-            )
+            raise only(file, text, "name one for each joint, in the order of the joints")
         return given
     if set(joints) <= set(names) and len(set(joints)) == count:
         return tuple(joints)
-    families: dict[tuple[str, str], dict[int, str]] = defaultdict(dict)
-    for name in names:
-        if match := NUMBERED_JOINT.fullmatch(name):
-            families[match[1], match[3]][int(match[2])] = name
-    whole = [
-        f for f in families.values() if sorted(f) in (list(range(count)), list(range(1, count + 1)))
-    ]
-    if len(whole) != 1:
+    if not (found := numbered_series(names, count)):
         text = f"which of its columns are joints 1 to {count} is not clear: {', '.join(names[:40])}"
-        raise only(file, None, None, text, "name them in order: --columns NAME,NAME,...")
-    return tuple(whole[0][k] for k in sorted(whole[0]))
+        raise only(file, text, "name them in order: --columns NAME,NAME,...")
+    return tuple(names[k] for k in found)
 
 
 BAG_SUFFIXES = (".mcap", ".db3")
@@ -251,12 +246,12 @@ def load_bag(
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         text = "is a ROS 2 bag, which needs the extra [ros]"
-        raise only(file, None, None, text, "pip install 'sarcal[ros]'") from error
+        raise only(file, text, "pip install 'sarcal[ros]'") from error
     messages = get_typestore(Stores.ROS2_HUMBLE)
     states: list[tuple[int, int, dict[str, float]]] = []
     where = expanded(path)
     if not where.exists():
-        raise only(file, None, None, "there is no such file", "give the path of a bag")
+        raise only(file, "there is no such file", "give the path of a bag")
     try:
         with Reader(where) as bag:
             wanted = [c for c in bag.connections if c.msgtype == JOINT_STATE]
@@ -274,7 +269,7 @@ def load_bag(
         # A damaged bag may raise anything inside the library.
         text = f"cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}"
         remedy = "record it again, or repair it (mcap recover, ros2 bag reindex)"
-        raise only(file, None, None, text, remedy) from error
+        raise only(file, text, remedy) from error
     names = sorted({name for _, _, at in states for name in at})
     order = find_joints(names, joints, file=file, columns=columns)
     # A gripper may send separate messages on the same topic.
@@ -293,11 +288,11 @@ def load_bag(
 def _topic(there: list[str], wanted: str, file: str) -> str:
     if not there:
         text = f"has no topic of type {JOINT_STATE}"
-        raise only(file, None, None, text, f"record {TOPIC} (ros2 bag record {TOPIC})")
+        raise only(file, text, f"record {TOPIC} (ros2 bag record {TOPIC})")
     if wanted and wanted not in there:
         text = f"--topic: there is no {wanted} of type {JOINT_STATE}"
-        raise only(file, None, None, text, f"there is {', '.join(there)}")
+        raise only(file, text, f"there is {', '.join(there)}")
     if not wanted and TOPIC not in there and there[1:]:
         text = f"has {len(there)} topics of joint states: {', '.join(there)}"
-        raise only(file, None, None, text, f"name one, e.g. --topic {there[0]}")
+        raise only(file, text, f"name one, e.g. --topic {there[0]}")
     return wanted or (TOPIC if TOPIC in there else there[0])

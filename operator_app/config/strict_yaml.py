@@ -46,38 +46,28 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     """
     text = _decode(data, file)
     if text.lstrip().startswith("<"):
-        raise only(
-            file,
-            1,
-            None,
-            "is XML and not YAML",
-            "of a URDF an arm file is made first: sarcal new arm --urdf FILE",
-        )
+        remedy = "of a URDF an arm file is made first: sarcal new arm --urdf FILE"
+        raise only(file, "is XML and not YAML", remedy, line=1)
     try:
         node = _composed(text, file)
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        raise only(
-            file, line, None, "holds a character that is not text", "is this the right file?"
-        ) from error
+        what = "holds a character that is not text"
+        raise only(file, what, "is this the right file?", line=line) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line, column = (mark.line + 1, mark.column + 1) if mark is not None else (1, 1)
         what, remedy = _syntax(error, text, line)
-        raise only(file, line, column, what, remedy) from error
+        raise only(file, what, remedy, line=line, column=column) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         # PyYAML passes on the errors of chr() and int() for absurd escapes and directives.
-        raise only(file, None, None, "is not YAML that can be read", "check the file") from error
+        raise only(file, "is not YAML that can be read", "check the file") from error
     if node is None:
-        raise only(file, None, None, "is empty", "start from a packaged file")
+        raise only(file, "is empty", "start from a packaged file")
     if not isinstance(node, MappingNode):
-        raise only(
-            file,
-            node.start_mark.line + 1,
-            node.start_mark.column + 1,
-            "is not a list of `key: value` lines",
-            "start from a packaged file",
-        )
+        what, mark = "is not a list of `key: value` lines", node.start_mark
+        remedy = "start from a packaged file"
+        raise only(file, what, remedy, line=mark.line + 1, column=mark.column + 1)
     builder = _Builder()
     bare = YamlDocument(
         file=file,
@@ -233,11 +223,7 @@ def _placed(document: YamlDocument, found: _Found) -> Problem:
 def _decode(data: bytes, file: str) -> str:
     if len(data) > YAML_LIMIT_BYTES:
         raise only(
-            file,
-            None,
-            None,
-            f"is larger than {YAML_LIMIT_BYTES // 1024} KiB",
-            "this is not the file you mean",
+            file, f"is larger than {YAML_LIMIT_BYTES // 1024} KiB", "this is not the file you mean"
         )
     return decode_text(data, file)
 

@@ -186,7 +186,7 @@ def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChai
     for chain in chains:
         if len(chain.joints) != n:
             text = f"has {len(chain.joints)} turning joints from {chain.base} to {chain.tip}"
-            raise only(file, None, None, text, f"{arm.name} has {n}: is this its URDF?")
+            raise only(file, text, f"{arm.name} has {n}: is this its URDF?")
         off = chain.table.stacked() - arm.table.stacked()
         angles = [kind for kind in DhKind if kind.is_angle]
         off[angles] = wrap_angle(off[angles]) / OTHER_ARM_RAD
@@ -197,7 +197,7 @@ def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChai
     size, entry_name, nearest = min(found, key=lambda item: item[0])
     if size > 1.0:
         text = f"its {entry_name} is {size:.0f} times further from {arm.name}'s than an arm of that model can be"
-        raise only(file, None, None, text, "is this the file that the arm's was made of?")
+        raise only(file, text, "is this the file that the arm's was made of?")
     return nearest
 
 
@@ -283,7 +283,7 @@ def _ur_chain(data: bytes, file: str) -> UrdfChain:
     for link, key in product(UR_LINKS, UR_KEYS):
         if (link, key) not in found:
             remedy = f"write {', '.join(UR_KEYS)} below every link, a number on a line of its own"
-            raise only(file, None, None, f"{link} has no {key}", remedy)
+            raise only(file, f"{link} has no {key}", remedy)
     origins = [
         "".join(
             f' {word}="{" ".join(found[link, key] for key in keys)}"'

@@ -128,14 +128,14 @@ class UrdfTree:
         robot = _robot(data, file)
         joints = [e for e in robot.iter("joint") if e.get("type")]
         if not joints:
-            raise only(file, None, None, "has no joint", "is it a xacro or a part of a URDF?")
+            raise only(file, "has no joint", "is it a xacro or a part of a URDF?")
         elements: dict[str, ET.Element] = {}
         for element in joints:
             link = _links(element)[1]
             if link in elements:
                 both = f"{elements[link].get('name')!r} and {element.get('name')!r}"
                 text = f"link {link!r} is the child of two joints, {both}"
-                raise only(file, None, None, text, "a link has one parent: take one joint out")
+                raise only(file, text, "a link has one parent: take one joint out")
             elements[link] = element
         return cls(name=robot.get("name", "arm"), file=file, elements=elements)
 
@@ -146,18 +146,18 @@ class UrdfTree:
         for option, name in (("base", base), ("tip", tip)):
             if name and name not in links:
                 remedy = f"--{option}: {_some(sorted(links))}"
-                raise only(file, None, None, f"there is no link {name!r}", remedy)
+                raise only(file, f"there is no link {name!r}", remedy)
         tip = tip or _only_end(elements, base, file)
         way = _way_to(tip, elements, file)
         before = [_links(e)[0] for e in way]
         if base and base not in before:
             remedy = f"links on that way: {_some(before)}"
-            raise only(file, None, None, f"link {base!r} is not on the way to {tip!r}", remedy)
+            raise only(file, f"link {base!r} is not on the way to {tip!r}", remedy)
         first = before.index(base) if base else 0
         named = Counter(e.get("name", "") for e in way[first:])
         if twice := [name for name, count in named.items() if count > 1]:
             text = f"has several joints named {twice[0]!r} on the way to {tip!r}"
-            raise only(file, None, None, text, "give every joint a name of its own")
+            raise only(file, text, "give every joint a name of its own")
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
@@ -178,7 +178,7 @@ def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> Urd
     """Return the chain of these joints in D-H terms; ConfigError if none is revolute."""
     joints = tuple(step.joint for step in steps if step.joint)
     if not joints:
-        raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
+        raise only(file, "no joint turns on the way to that link", "name another --tip")
     T, axes = np.eye(4), []
     for step in steps:
         T = T @ step.T
@@ -201,15 +201,15 @@ def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> Urd
 def _robot(data: bytes, file: str) -> ET.Element:
     text = decode_text(data, file)
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise only(file, None, None, "declares entities", "a URDF needs none: take them out")
+        raise only(file, "declares entities", "a URDF needs none: take them out")
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused, and there are no others
     except ET.ParseError as error:
         line = error.position[0]
-        raise only(file, line, None, f"is not XML: {error}", "is this the URDF?") from error
+        raise only(file, f"is not XML: {error}", "is this the URDF?", line=line) from error
     if robot.tag != "robot":
         remedy = "give the URDF itself; xacro: `xacro arm.urdf.xacro > arm.urdf` first"
-        raise only(file, None, None, f"holds a <{robot.tag}>, not a <robot>", remedy)
+        raise only(file, f"holds a <{robot.tag}>, not a <robot>", remedy)
     return robot
 
 
@@ -225,7 +225,7 @@ def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET
     way: list[ET.Element] = []
     while link in elements:
         if len(way) > len(elements):
-            raise only(file, None, None, "its links go round in a circle", "mend the parents")
+            raise only(file, "its links go round in a circle", "mend the parents")
         way.insert(0, elements[link])
         link = _links(elements[link])[0]
     return way
@@ -256,10 +256,10 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     if len(ends) == 1 or usual:
         return (usual or list(ends))[0]
     if not ends:
-        raise only(file, None, None, "no joint turns on the way to that link", "name another --tip")
+        raise only(file, "no joint turns on the way to that link", "name another --tip")
     most = sorted(ends, key=lambda end: -ends[end])
     names = _some([f"{end} ({ends[end]} turning joints)" for end in most])
-    raise only(file, None, None, f"has {len(ends)} ends", f"say which with --tip: {names}")
+    raise only(file, f"has {len(ends)} ends", f"say which with --tip: {names}")
 
 
 def _moves_a_tool(element: ET.Element) -> bool:
@@ -278,7 +278,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
     parent, child = _links(element)
 
     def refuse(text: str, remedy: str) -> Exception:
-        return only(file, None, None, f"joint {name!r}: {text}", remedy)
+        return only(file, f"joint {name!r}: {text}", remedy)
 
     def words(of: ET.Element | None, key: str, default: str, count: int) -> list[str]:
         written = (default if of is None else of.get(key, default)).split()

@@ -144,13 +144,11 @@ def changed(words: Mapping[str, str]) -> UserSettings:
         before = document.data
     for key, text in words.items():
         if key not in KEYS and (text or key not in before):
-            raise only("settings", None, None, f"{key!r} is none", f"one of {', '.join(KEYS)}")
+            raise only("settings", f"{key!r} is none", f"one of {', '.join(KEYS)}")
     interface = words.get("interface")
     if interface and interface not in known_interfaces():
         known = ", ".join(known_interfaces())
-        raise only(
-            "settings", None, None, f"there is no interface {interface!r}", f"one of {known}"
-        )
+        raise only("settings", f"there is no interface {interface!r}", f"one of {known}")
     typed = {k: int(v) if k == "bitrate" and _is_rate(v) else v for k, v in words.items() if v}
     parse_settings(dump_strict({"schema": SETTINGS_SCHEMA, **typed}), "settings")
     kept = {k: v for k, v in before.items() if k not in words and k != "schema"}

@@ -8,12 +8,11 @@ from collections.abc import Callable, Iterable, Mapping
 from operator_app.calibration.result import Solution
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import (
-    ANGLE,
-    LENGTH,
     NOT_AVAILABLE,
     Figure,
     Key,
     Quantity,
+    Valued,
     places_needed,
     places_to_show,
     quantity_of,
@@ -34,14 +33,19 @@ SEVERAL_SIGMAS = 3.0
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
     """Decimal places for angles and for lengths: two significant digits of the smallest sigma of each."""
+    sigmas = estimate.standard_deviation.tolist()
+    return precision_of(zip(estimate.parameters, sigmas, strict=True), most=MOST_PLACES)
+
+
+def precision_of(
+    sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
+) -> Callable[[Quantity], int]:
+    """Return the same for parameters with their sigmas."""
+    listed = tuple(sigmas)
 
     def places(quantity: Quantity) -> int:
-        finest = [
-            quantity.per_si * float(sd)
-            for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True)
-            if quantity_of(p) is quantity
-        ]
-        return places_to_show(finest, least=3, most=MOST_PLACES)
+        own = (quantity.per_si * sd for p, sd in listed if quantity_of(p) is quantity)
+        return places_to_show(own, least=3, most=most)
 
     return places
 
@@ -206,9 +210,10 @@ def dh_table(solution: Solution) -> FactTable | None:
     if before is None or after is None:
         return None
     nominal, found = before.stacked(), after.stacked()
-    free, kinds = set(model.entries), [DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.THETA_OFF]
-    if any(e.kind is DhKind.BETA for e in free) or before.beta_rad.any():
-        kinds.insert(3, DhKind.BETA)
+    free = set(model.entries)
+    kinds = shown_kinds(
+        with_beta=any(e.kind is DhKind.BETA for e in free) or bool(before.beta_rad.any())
+    )
     every = [
         Parameter(name="", is_angle=kind.is_angle, nominal=float(value))
         for kind in kinds
@@ -217,12 +222,12 @@ def dh_table(solution: Solution) -> FactTable | None:
     round_places, places = nominal_places(every), precision(solution.identified)
     columns = [*words("link")]
     for kind in kinds:
-        columns += figures("nominal", "found", group=f"{kind.symbol} [{_of(kind).unit}]")
+        columns += figures("nominal", "found", group=f"{kind.symbol} [{quantity_of(kind).unit}]")
     rows = []
     for row in range(before.links):
         cells: list[Cell] = [str(row)]
         for kind in kinds:
-            quantity = _of(kind)
+            quantity = quantity_of(kind)
             if kind is DhKind.THETA_OFF and (row == 0 or row in model.unsensed_joints):
                 cells += [NOT_AVAILABLE, ""]
                 continue
@@ -243,8 +248,10 @@ def dh_table(solution: Solution) -> FactTable | None:
     )
 
 
-def _of(kind: DhKind) -> Quantity:
-    return ANGLE if kind.is_angle else LENGTH
+def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:
+    """Return the columns of a D-H table; beta only where an entry of it counts."""
+    beta = (DhKind.BETA,) if with_beta else ()
+    return (DhKind.A, DhKind.S, DhKind.ALPHA, *beta, DhKind.THETA_OFF)
 
 
 def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable | None:

@@ -63,7 +63,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
             (
                 f"{j} {joint.name}",
                 sensor_words(joint.sensor, used=j in used),
-                subject.modes[j - 1] if subject.modes else NOT_AVAILABLE,
+                subject.state.modes[j - 1] if subject.state.modes else NOT_AVAILABLE,
                 Figure(noise, CLOSURE_ANGLE, digits=2),
                 Figure(float(stated[j - 1]) or None, CLOSURE_ANGLE, digits=2),
                 Figure(rms, CLOSURE_ANGLE, digits=2),

@@ -65,19 +65,9 @@ class Subject:
     software_version: str = field(default_factory=lambda: version("sarcal"))
 
     @property
-    def serial_number(self) -> str:
-        """Serial number of the arm; empty if none was connected."""
-        return self.state.serial_number
-
-    @property
     def poses(self) -> tuple[CapturedPose, ...]:
         """All captured poses, including excluded ones."""
         return self.state.poses
-
-    @property
-    def modes(self) -> tuple[str, ...]:
-        """Modes of the joints, as last confirmed."""
-        return self.state.modes
 
     @property
     def facts(self) -> Facts | None:

@@ -10,9 +10,9 @@ import numpy as np
 from operator_app.calibration.placements import Distance
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import source_sensitivities
+from operator_app.report.parameter_tables import shown_kinds
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.units import (
-    ANGLE,
     CLOSURE_ANGLE,
     CLOSURE_LENGTH,
     LENGTH,
@@ -212,25 +212,22 @@ def best_table_table(solution: Solution) -> FactTable | None:
     best = solution.best
     if best is None:
         return None
-    kinds = [DhKind.A, DhKind.S, DhKind.ALPHA, DhKind.THETA_OFF]
-    if best.rows[DhKind.BETA].any():
-        kinds.insert(3, DhKind.BETA)
-    rows: list[tuple[Cell, ...]] = []
-    for link in range(best.rows.shape[1]):
-        cells: list[Cell] = [str(link + 1)]
-        for kind in kinds:
-            value = float(best.rows[kind, link])
-            angle = kind.is_angle
-            cells.append(Figure(value, ANGLE if angle else LENGTH, places=4 if angle else 3))
-        rows.append(tuple(cells))
+    kinds = shown_kinds(with_beta=bool(best.rows[DhKind.BETA].any()))
+
+    def cell(kind: DhKind, value: float) -> Figure:
+        return Figure(value, quantity_of(kind), places=4 if kind.is_angle else 3)
+
     return FactTable(
         ident="best_table",
         title="Best D-H table without corrections",
         columns=(
             *words("link"),
-            *figures(*(f"{k.symbol} [{(ANGLE if k.is_angle else LENGTH).unit}]" for k in kinds)),
+            *figures(*(f"{k.symbol} [{quantity_of(k).unit}]" for k in kinds)),
         ),
-        rows=tuple(rows),
+        rows=tuple(
+            (str(link), *map(cell, kinds, entries))
+            for link, entries in enumerate(best.rows[list(kinds)].T.tolist(), 1)
+        ),
         note="These are not the physical entries: they include the corrections of the readings as far as a "
         "table can. For URDF files, fk and controllers that apply no corrections.",
         detail=True,
@@ -242,9 +239,7 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
     best = solution.best
     found: dict[str, Any] = {
         "shares": dict(solution.shares),
-        "scales": {
-            s.family: {"value": s.value, "interval_95": [s.low, s.high]} for s in solution.scales
-        },
+        "scales": {},
         "distances": [
             {
                 "between": list(d.between),

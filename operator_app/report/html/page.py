@@ -60,7 +60,7 @@ def report_html(subject: Subject) -> bytes:
     """Return the page, UTF-8. The same journal gives the same bytes."""
     sections = sections_of(subject)
     title = (
-        f"{subject.procedure.arm.name} {subject.serial_number}: "
+        f"{subject.procedure.arm.name} {subject.state.serial_number}: "
         f"{verdict_words(subject).lower()} ({subject.name})"
     )
     body = element(
@@ -74,7 +74,7 @@ def report_html(subject: Subject) -> bytes:
             f"{subject.software_version}. ",
             element("code", "sarcal report"),
             " makes this page again. ",
-            *_history(subject.serial_number),
+            *_history(subject.state.serial_number),
         ),
     )
     return document(title, body, generator=f"sarcal {subject.software_version}")
@@ -208,7 +208,7 @@ def verdict(subject: Subject) -> Html:
         element(
             "p",
             f"Calibration of {subject.procedure.arm.name}, serial "
-            f"{subject.serial_number or 'not known'}, in fixture {subject.procedure.fixture.name}, "
+            f"{subject.state.serial_number or 'not known'}, in fixture {subject.procedure.fixture.name}, "
             f"{when} UTC.",
             " The limits of the procedure are met." if good else "",
         ),

@@ -258,7 +258,7 @@ def _what(subject: Subject) -> Section:
     """Arm, fixture, time, software and pose set."""
     procedure = subject.procedure
     fixture = procedure.fixture
-    position = [j for j, mode in enumerate(subject.modes, 1) if mode == "position"]
+    position = [j for j, mode in enumerate(subject.state.modes, 1) if mode == "position"]
     chosen = ", ".join(
         f"{key.replace('_', ' ')} {names(v) if isinstance(v, list | tuple) else v}"
         for key, v in subject.state.settings.items()
@@ -269,7 +269,7 @@ def _what(subject: Subject) -> Section:
     )
     rows: list[tuple[str, str]] = [
         ("Arm", f"{procedure.arm.name}, {plural(procedure.arm.joint_count, 'joint')}"),
-        ("Serial number", subject.serial_number or "not known"),
+        ("Serial number", subject.state.serial_number or "not known"),
         ("Fixture", f"{fixture.name} ({fixture.kind})"),
         ("Procedure", procedure.name),
         *([("Chosen beside it", chosen)] if chosen else []),

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from operator_app.calibration.result import Solution
 from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 from operator_app.errors import SessionError
@@ -178,7 +179,7 @@ def drawing(subject: Subject, name: str) -> Panels:
     KeyError
         The calibration has no such figure; the message lists those that it has.
     """
-    found = FIGURES[name][1](subject) if name in FIGURES else None
+    found = _made(subject, name) if name in FIGURES else None
     if found is None:
         raise KeyError(f"no figure {name!r}; there are {', '.join(drawings(subject))}")
     return found
@@ -186,14 +187,16 @@ def drawing(subject: Subject, name: str) -> Panels:
 
 def drawings(subject: Subject) -> Mapping[str, Panels]:
     """Return all figures of a calibration, by name."""
-    found = {name: make(subject) for name, (_, make) in FIGURES.items()}
+    found = {name: _made(subject, name) for name in FIGURES}
     return {name: shown for name, shown in found.items() if shown is not None}
 
 
-def _residuals(subject: Subject) -> Panels | None:
-    if subject.solution is None:
-        return None
-    estimate = subject.solution.identified
+def _made(subject: Subject, name: str) -> Panels | None:
+    return None if subject.solution is None else FIGURES[name](subject, subject.solution)
+
+
+def _residuals(subject: Subject, solution: Solution) -> Panels:
+    estimate = solution.identified
     shown = (
         *calibration_plots.closure_by_pose(subject, estimate),
         calibration_plots.misses(subject, estimate),
@@ -201,7 +204,7 @@ def _residuals(subject: Subject) -> Panels | None:
     return Panels(pictures=shown)
 
 
-def _parameters(subject: Subject) -> Panels | None:
+def _parameters(subject: Subject, _: Solution) -> Panels | None:
     table = _table(subject, "parameters")
     if table is None:
         return None
@@ -251,7 +254,7 @@ def _stated(subject: Subject, side: str, unit: str) -> float:
     return float("nan") if stated is None else quantity.per_si * stated
 
 
-def _budget(subject: Subject) -> Panels | None:
+def _budget(subject: Subject, _: Solution) -> Panels | None:
     table = _table(subject, "budget")
     if table is None:
         return None
@@ -284,53 +287,48 @@ def _budget(subject: Subject) -> Panels | None:
     )
 
 
-def _rvdt(subject: Subject) -> Panels | None:
-    verdicts = () if subject.solution is None else subject.solution.rvdt
+def _rvdt(subject: Subject, solution: Solution) -> Panels | None:
     shown = tuple(
         calibration_plots.rvdt_deviations(subject, v.joint, v.figures)
-        for v in verdicts
+        for v in solution.rvdt
         if v.figures is not None
     )
     return Panels(pictures=shown, columns=2) if shown else None
 
 
-def _condition(subject: Subject) -> Panels | None:
-    if subject.solution is None or len(subject.solution.seen.trend) < 2:
+def _condition(subject: Subject, solution: Solution) -> Panels | None:
+    trend = solution.seen.trend
+    if len(trend) < 2:
         return None
     limit = subject.procedure.acceptance.scaled_condition_number
-    return Panels(pictures=(calibration_plots.condition_trend(subject.solution.seen.trend, limit),))
+    return Panels(pictures=(calibration_plots.condition_trend(trend, limit),))
 
 
-def _workspace(subject: Subject) -> Panels | None:
-    if subject.solution is None:
-        return None
-    return _pair(before_after.hand_pair(subject.solution, subject.procedure.arm))
+def _workspace(subject: Subject, solution: Solution) -> Panels | None:
+    return _pair(before_after.hand_pair(solution, subject.procedure.arm))
 
 
-def _arm(subject: Subject) -> Panels | None:
+def _arm(subject: Subject, _: Solution) -> Panels | None:
     return _pair(before_after.arm_pair(subject))
 
 
 def _pair(pair: before_after.Pair | None) -> Panels | None:
-    return (
-        None
-        if pair is None
-        else Panels(pictures=(pair.before, pair.after), columns=2, words=("before", "after"))
-    )
+    if pair is None:
+        return None
+    return Panels(pictures=(pair.before, pair.after), columns=2, words=("before", "after"))
 
 
-FIGURES: Mapping[str, tuple[str, Callable[[Subject], Panels | None]]] = MappingProxyType(
+FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingProxyType(
     {
-        "parameters": ("change of every parameter with its 95 % interval, and sigmas", _parameters),
-        "residuals": ("closure of every pose at the joints as read", _residuals),
-        "budget": ("what each source of error brings to each variance", _budget),
-        "rvdt": ("deviation of the RVDTs with the strip that it is known to", _rvdt),
-        "workspace": ("how far off the hand is before and after, over the workspace", _workspace),
-        "arm": ("arm and fixture in one pose, before and after", _arm),
-        "condition": ("scaled condition number as the poses came", _condition),
+        "parameters": _parameters,
+        "residuals": _residuals,
+        "budget": _budget,
+        "rvdt": _rvdt,
+        "workspace": _workspace,
+        "arm": _arm,
+        "condition": _condition,
     }
 )
-"""Figures by name: caption and source of each."""
 
 
 def _table(subject: Subject, ident: str) -> FactTable | None:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import CalibrationComparison, Drift, Side
 from operator_app.report.json_schema import notices_data
+from operator_app.report.parameter_tables import precision_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.report.text import paragraph, table_lines, warnings_text
-from operator_app.units import ANGLE, LENGTH, Figure, in_json, places_to_show, quantity_of
+from operator_app.units import Figure, in_json, quantity_of
 
 if TYPE_CHECKING:
     from operator_app.config.parameters import ParametersDocument
@@ -117,16 +118,11 @@ def _whose(name: str, document: ParametersDocument) -> str:
 
 
 def _table(found: CalibrationComparison) -> FactTable:
-    places = {
-        q: places_to_show(
-            (q.per_si * d.sigma for d in found.drifts if quantity_of(d) is q), least=3
-        )
-        for q in (ANGLE, LENGTH)
-    }
+    places = precision_of((d, d.sigma) for d in found.drifts)
     titles = ("A", "B", "change", "sigma", "sigmas")
     rows: list[tuple[Cell, ...]] = []
     for d in found.drifts:
-        quantity, n = quantity_of(d), places[quantity_of(d)]
+        quantity, n = quantity_of(d), places(quantity_of(d))
         shown_there = (
             Figure(value, quantity, places=n, signed=value is d.change)
             for value in (d.before, d.after, d.change, d.sigma)

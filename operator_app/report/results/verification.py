@@ -8,18 +8,17 @@ import numpy as np
 
 from operator_app.calibration.open_loop import OpenLoopCheck
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
+from operator_app.report.parameter_tables import precision_of
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.units import (
     ANGLE,
     CHI2,
-    LENGTH,
     SIGMA_ORI,
     SIGMA_POS,
     Figure,
     in_json,
-    places_to_show,
     quantity_of,
     significant,
 )
@@ -208,17 +207,12 @@ def _verdict(found: OpenLoopCheck) -> str:
 
 
 def _table(found: OpenLoopCheck) -> FactTable:
-    places = {
-        q: places_to_show(
-            (q.per_si * d.sigma for d in found.differences if quantity_of(d) is q), least=3
-        )
-        for q in (ANGLE, LENGTH)
-    }
+    places = precision_of((d, d.sigma) for d in found.differences)
     rows = []
     for d in found.differences:
         quantity = quantity_of(d)
         shown = (
-            Figure(value, quantity, places=places[quantity], signed=value is d.change)
+            Figure(value, quantity, places=places(quantity), signed=value is d.change)
             for value in (d.closed, d.open, d.change, d.sigma)
         )
         rows.append((d.name, quantity.unit, *shown, "*" if d.significant else ""))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_name, option, options
+from operator_app.commands.options import option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -16,12 +16,10 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "files",
-        type=a_name,
-        nargs="*",
-        metavar="FILE",
-        help="arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: recognised "
+    option(
+        parser,
+        "files* FILE",
+        "arm, fixture, procedure, bus profile, parameters (YAML) and poses (CSV), in any order: recognised "
         "by their contents",
     )
     for kind in ("arm", "fixture", "procedure"):

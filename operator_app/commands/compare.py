@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import a_name, option, options
+from operator_app.commands.options import option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -12,12 +12,8 @@ from operator_app.safe_output import as_json, say
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     for name, words in (("a", "earlier"), ("b", "later")):
-        parser.add_argument(
-            name,
-            type=a_name,
-            metavar=name.upper(),
-            help=f"{words} parameters file, session folder, session name or latest",
-        )
+        what = f"{words} parameters file, session folder, session name or latest"
+        option(parser, f"{name} {name.upper()}", what)
     option(
         parser,
         "--level P",

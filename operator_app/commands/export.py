@@ -15,7 +15,6 @@ from operator_app.commands.options import (
     options,
     recording,
     scenario_options,
-    session_argument,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -28,7 +27,7 @@ FORMATS = ("yaml", "json", "csv", "urdf", "mat")
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    session_argument(parser)
+    options(parser, "session SESSION")
     option(
         parser,
         "--format",

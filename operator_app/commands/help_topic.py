@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from operator_app.commands.options import a_name, a_path, option
+from operator_app.commands.options import a_path, option
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.manual.pages import SECTIONS, Manual, reference, table
@@ -23,13 +23,7 @@ APP_SUMMARY = "open the terminal app"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "topic",
-        type=a_name,
-        nargs="?",
-        metavar="TOPIC",
-        help="page or command; without it, all topics",
-    )
+    option(parser, "topic? TOPIC", "page or command; without it, all topics")
     option(parser, "--markdown", "print the page as Markdown")
     option(
         parser,

@@ -6,7 +6,7 @@ import argparse
 import math
 from pathlib import Path
 
-from operator_app.commands.options import a_name, a_path, option, options
+from operator_app.commands.options import a_path, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -15,12 +15,10 @@ LONGEST_DAYS = 36500.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "serial",
-        type=a_name,
-        nargs="?",
-        metavar="SERIAL",
-        help="serial number of the arm, e.g. SDA-0001; may be left out where all sessions are of one",
+    option(
+        parser,
+        "serial? SERIAL",
+        "serial number of the arm, e.g. SDA-0001; may be left out where all sessions are of one",
     )
     option(
         parser,

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from operator_app.commands.options import (
-    a_name,
     arm_and_fixture_options,
     option,
     options,
@@ -26,12 +25,10 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "poses",
-        type=a_name,
-        nargs="+",
-        metavar="POSES.csv",
-        help="a poses file; a log with a row of joint angles for each pose; or a recording: a ROS 2 bag "
+    option(
+        parser,
+        "poses+ POSES.csv",
+        "a poses file; a log with a row of joint angles for each pose; or a recording: a ROS 2 bag "
         "(.mcap, .db3, its folder) or, with --time, a log over time; of several files each is a placement "
         "of the fixture, in this order",
     )

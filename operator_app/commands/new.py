@@ -63,7 +63,7 @@ OF_WHAT = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument("what", choices=tuple(OF_WHAT), help="what to make")
+    option(parser, "what", "what to make", choices=tuple(OF_WHAT))
     option(
         parser,
         "--from NAME",

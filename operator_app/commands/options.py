@@ -49,6 +49,7 @@ def a_path(text: str) -> Path:
 
 
 SHARED = {
+    "session SESSION": "session folder, its name or latest",
     "--json": "print one JSON object on stdout",
     "--estimator": "implicit weights every joint by its sensor (default); paper is the published unweighted least "
     "squares",
@@ -67,7 +68,7 @@ SHARED = {
     "--record": "record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)",
     "--record FILE": "record the bus (.blf, .asc, .log)",
 }
-"""Help of options that several commands have, by usage."""
+"""Help of arguments and options that several commands have, by usage."""
 ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "--estimator": {"choices": ("implicit", "paper")},
     "--length-tolerance MM": {"type": float},
@@ -79,12 +80,16 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 
 
 def option(parser: argparse._ActionsContainer, usage: str, words: str, **more: Any) -> None:
-    """Declare an option by its usage, such as ``-o --output FILE``.
+    """Declare an option by its usage, such as ``-o --output FILE``, or an argument: ``poses+ FILE``, ``poses``.
 
-    Without a metavar (and without `choices`) it is a switch, else by default a text that must not be empty.
+    An option without a metavar (and without `choices`) is a switch, else by default a text that must not be empty.
     """
     names = usage.split()
-    if not names[-1].startswith("-"):
+    if not usage.startswith("-"):
+        metavar, name = names[1:], names[0].rstrip("?*+")
+        more = {"type": a_name, "nargs": names[0][len(name) :] or None} | more
+        names, more = [name], more | ({"metavar": metavar[0]} if metavar else {})
+    elif not names[-1].startswith("-"):
         more = {"type": a_name, "metavar": names.pop()} | more
     elif "choices" not in more:
         more["action"] = "store_true"
@@ -148,13 +153,6 @@ def placement_count(text: str) -> int:
     return found
 
 
-def session_argument(parser: argparse.ArgumentParser) -> None:
-    """SESSION: the session of a command about one."""
-    parser.add_argument(
-        "session", type=a_name, metavar="SESSION", help="session folder, its name or latest"
-    )
-
-
 def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
     """``--arm``, ``--fixture`` and ``--drop-unidentifiable`` of a command with a file of poses."""
     option(parser, "--arm ARM", "arm file or built-in name", default="sarcos_dextrous")
@@ -168,12 +166,10 @@ def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
 
 def arm_options(parser: argparse.ArgumentParser) -> None:
     """SESSION or ``--arm``: the arm of a command without poses."""
-    parser.add_argument(
-        "session",
-        type=a_name,
-        nargs="?",
-        metavar="SESSION",
-        help="a session on the arm: its arm file and its bus (folder, name or latest)",
+    option(
+        parser,
+        "session? SESSION",
+        "a session on the arm: its arm file and its bus (folder, name or latest)",
     )
     option(
         parser,

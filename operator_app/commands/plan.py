@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    a_name,
     given_joints,
     option,
     options,
@@ -31,9 +30,7 @@ TRIES = 24
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "procedure", type=a_name, nargs="?", help="procedure file or built-in name (default hinge)"
-    )
+    option(parser, "procedure?", "procedure file or built-in name (default hinge)")
     option(parser, "--arm ARM", "another arm file or built-in name than the procedure's")
     option(
         parser, "--fixture FIXTURE", "another fixture file or built-in name than the procedure's"

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, given_joints, option, options, session_argument
+from operator_app.commands.options import a_path, given_joints, option, options
 from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import as_json, say
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    session_argument(parser)
+    options(parser, "session SESSION")
     option(
         parser,
         "-o --output FILE",

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    a_name,
     bus_options,
     choices_from,
     option,
@@ -30,13 +29,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "procedure",
-        type=a_name,
-        nargs="?",
-        default="hinge",
-        help="procedure file or built-in name (hinge)",
-    )
+    option(parser, "procedure?", "procedure file or built-in name (hinge)", default="hinge")
     option(parser, "--poses N", "how many poses to capture", type=pose_count)
     option(
         parser,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from operator_app.commands.options import a_name, options
+from operator_app.commands.options import option, options
 from operator_app.config.errors import ConfigError
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -16,20 +16,15 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "action",
-        choices=("list", "show", "repair"),
-        nargs="?",
-        default="list",
-        help="list all (the default); show one; or repair a damaged journal: lines with a matching checksum are "
+    option(
+        parser,
+        "action?",
+        "list all (the default); show one; or repair a damaged journal: lines with a matching checksum are "
         "kept, the others are reported, the damaged file is kept beside it",
+        choices=("list", "show", "repair"),
+        default="list",
     )
-    parser.add_argument(
-        "name",
-        type=a_name,
-        nargs="?",
-        help="folder, name or latest (the default, but not to repair)",
-    )
+    option(parser, "name?", "folder, name or latest (the default, but not to repair)")
     options(parser, "--sessions DIR, --json")
 
 

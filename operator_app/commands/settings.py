@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from operator_app.commands.options import a_name, options
+from operator_app.commands.options import option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -19,12 +19,10 @@ SETTINGS_MEANING = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "settings",
-        type=a_name,
-        nargs="*",
-        metavar="KEY=VALUE",
-        help="set it; KEY= removes it. Keys: " + ", ".join(SETTINGS_MEANING),
+    option(
+        parser,
+        "settings* KEY=VALUE",
+        "set it; KEY= removes it. Keys: " + ", ".join(SETTINGS_MEANING),
     )
     options(parser, "--json")
 

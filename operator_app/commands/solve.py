@@ -6,7 +6,6 @@ import argparse
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    a_name,
     arm_and_fixture_options,
     option,
     options,
@@ -27,9 +26,7 @@ if TYPE_CHECKING:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    parser.add_argument(
-        "poses", type=a_name, metavar="POSES.csv", help="captured poses, angles in deg"
-    )
+    option(parser, "poses POSES.csv", "captured poses, angles in deg")
     arm_and_fixture_options(parser)
     option(parser, "--placements NUMBERS", "use these placements only, e.g. 1,2")
     option(parser, "--global-start", "search globally instead of starting from the nominal values")

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    a_name,
     bus_options,
     choices_from,
     option,
@@ -17,7 +16,6 @@ from operator_app.commands.options import (
     print_warnings,
     recording,
     scenario_options,
-    session_argument,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -38,13 +36,11 @@ OPEN_POSES = 24
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
-    session_argument(parser)
-    parser.add_argument(
-        "csv",
-        type=a_name,
-        nargs="?",
-        metavar="POSES.csv",
-        help="new poses; without it the arm captures new ones at other positions",
+    options(parser, "session SESSION")
+    option(
+        parser,
+        "csv? POSES.csv",
+        "new poses; without it the arm captures new ones at other positions",
     )
     option(
         parser,

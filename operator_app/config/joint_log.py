@@ -34,7 +34,7 @@ from solver.chain.poses import PoseSet
 Unit = Literal["rad", "deg"]
 WHOLE = re.compile(r"[1-9]\d{0,3}")
 MOST_LOGGED_PLACEMENTS = 100
-NUMBERED = re.compile(r"(.*\D|)(\d+)(\D*)")
+NUMBERED_JOINT = re.compile(r"(.*\D|)(\d+)(\D*)")
 OTHER_COLUMNS = re.compile(r"t|time.*|.*stamp.*|n?secs?|index|row|pose|label", re.IGNORECASE)
 """Names of columns in a log that are not joints."""
 
@@ -210,7 +210,7 @@ def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
     """Return where names stand that differ only in a number, 0 or 1 to n; empty unless one series does."""
     found: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
     for k, name in enumerate(names):
-        if match := NUMBERED.fullmatch(name.casefold()):
+        if match := NUMBERED_JOINT.fullmatch(name.casefold()):
             found[match[1], match[3]].append((int(match[2]), k))
     wanted = [*range(count)], [*range(1, count + 1)]
     whole = [series for series in found.values() if sorted(n for n, _ in series) in wanted]

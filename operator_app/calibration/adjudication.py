@@ -17,7 +17,10 @@ from operator_app.calibration.acceptance import (
     causes_of,
     fit_causes,
     little_motion,
+    not_yet_named,
     paper_test,
+    proven_by_return,
+    return_tests,
     too_few_poses,
 )
 from operator_app.calibration.alternative_model import AlternativeModel
@@ -35,7 +38,6 @@ from operator_app.calibration.findings import (
     range_finding,
 )
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes
-from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return, return_tests
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source

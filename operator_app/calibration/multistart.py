@@ -133,13 +133,7 @@ def local_minimum_causes(
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
-    # The fixture's file describes one of several placements: those of the others are not stated.
-    looked_for = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
-    far = far_from_nominal(
-        tuple(p for p, yes in zip(estimate.parameters, looked_for, strict=True) if yes),
-        estimate.x[looked_for],
-        estimate.standard_deviation[looked_for],
-    )
+    far = _far(_described(estimate, judged))
     if not far:
         return ()
     hard = model.without([p.name for p in model.parameters if p.name not in judged])
@@ -173,12 +167,7 @@ def local_minimum_causes(
 
 def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
     """Return the note that a ball's socket is not where its file states, on which no verdict depends."""
-    here = [p.name in SOCKET for p in estimate.parameters]
-    far = far_from_nominal(
-        tuple(p for p in estimate.parameters if p.name in SOCKET),
-        estimate.x[here],
-        estimate.standard_deviation[here],
-    )
+    far = _far(estimate.without({p.name for p in estimate.parameters} - SOCKET))
     if not far:
         return ()
     p, change = max(far, key=lambda item: abs(item[1]))
@@ -225,11 +214,18 @@ def has_diverged(
         for c in causes
     ):
         return False
-    # The fixture's file describes one of several placements.
-    here = [p.name in judged and not p.name.endswith("]") for p in estimate.parameters]
-    chosen = tuple(p for p, yes in zip(estimate.parameters, here, strict=True) if yes)
-    sd: FloatArray = estimate.standard_deviation[here]
+    found = _described(estimate, judged)
     worthless = np.where(
-        [p.is_angle for p in chosen], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
+        [p.is_angle for p in found.parameters], limits.USELESS_SIGMA_RAD, limits.USELESS_SIGMA_M
     )
-    return bool((~(sd <= worthless)).any()) or bool(far_from_nominal(chosen, estimate.x[here], sd))
+    return bool((~(found.standard_deviation <= worthless)).any()) or bool(_far(found))
+
+
+def _far(estimate: Estimate) -> list[tuple[Parameter, float]]:
+    return far_from_nominal(estimate.parameters, estimate.x, estimate.standard_deviation)
+
+
+def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
+    """Return the identified parameters only, the fixture's in the one of several placements that its file describes."""
+    names = [p.name for p in estimate.parameters]
+    return estimate.without([n for n in names if n not in judged or n.endswith("]")])

@@ -147,7 +147,7 @@ def execute(args: argparse.Namespace) -> int:
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
     """Return the poses of ``--test``; UsageError if they are no independent test."""
     from operator_app.calibration.closed_loops import pick_placements
-    from operator_app.calibration.new_poses import NoTestError, require_new
+    from operator_app.calibration.verification import NoTestError, require_new
     from operator_app.config.poses_file import load_poses
 
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses

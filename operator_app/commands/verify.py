@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Verify and report."""
-    from operator_app.calibration.new_poses import NoTestError, verify_new_poses
+    from operator_app.calibration.verification import NoTestError, verify_new_poses
     from operator_app.effective_procedure import effective_procedure
     from operator_app.report.results.verification import verification_json, verification_text
     from operator_app.session.store.folders import read_session

@@ -59,6 +59,11 @@ class NoiseModel:
     joint_variance: FloatArray
     fixture_variance: FloatArray | None = None
 
+    @property
+    def give(self) -> FloatArray:
+        """The fixture's variance (6,), zeros without one."""
+        return np.zeros(6) if self.fixture_variance is None else self.fixture_variance
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterPrior:
@@ -135,14 +140,13 @@ def fit_implicit(
     known = 0 if prior is None else int(np.count_nonzero(prior.precision))
     dof = require_enough_poses(model, len(q), known=known)
     variance = np.broadcast_to(noise.joint_variance, q.shape)
-    give = np.zeros(6) if noise.fixture_variance is None else noise.fixture_variance
     x = np.array(x0, dtype=np.float64)
     u, e = unsensed_at_readings(model, x, q), np.zeros_like(q)
     if model.unsensed_joints:
         # The initial angles are mere readings: take them from loops closed as well as `x0` allows.
         sigma = np.sqrt(variance.mean(axis=0))
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
-    loops = _Loops(model, q, variance, give)
+    loops = _Loops(model, q, variance, noise.give)
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
         triangle = loops.linearised(x, e, u, prior)
@@ -285,7 +289,7 @@ class _Loops:
 
         def blocks() -> Iterator[tuple[FloatArray, FloatArray]]:
             for k, (part, here) in enumerate(self._parts):
-                # # Overwrites the last round's, so that no memory is allocated again.
+                # Overwrites the last round's, so that no memory is allocated again.
                 self._blocks[k] = block = self._block(part, here, x, e[here], u[here])
                 yield block.w, block.A
             if prior is not None:

@@ -1,4 +1,4 @@
-"""Lists the effects of a loop with stated errors, which of them share a variance, and its bounds.
+"""Lists the effects of a loop with stated errors, the variance components that groups of them share, and their bounds.
 
 Every source of error that the files state is a group of columns, a variance component, or both. Knows a closure model's
 parameters and how smooth a fixture's deflection is; no derivative, no column's values.
@@ -6,7 +6,8 @@ parameters and how smooth a fixture's deflection is; no derivative, no column's 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
 
@@ -24,7 +25,6 @@ from solver.estimators.load_shapes import (
     shapes_of_sag,
     sides_of_play,
 )
-from solver.estimators.variance_groups import Group, VarianceComponent
 from solver.loops.closure import ClosureModel
 
 LEAST_NOISE_SHARE = 1e-3
@@ -68,6 +68,59 @@ SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 """Smooth functions of the pose for the twist under load (of a joint) and the deflection (of a placement)."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class VarianceComponent:
+    """One variance to be estimated, with its start value, floor and upper limit.
+
+    `stated` is the value in the files. With `scaled` the logarithm of its size over the stated one has a normal prior
+    (method, section 10): the poses determine it where they can, otherwise the stated value does. `soft` and `wall`
+    bound an amplitude by its specification: a prior of that mean variance, and a value it never exceeds. ``inf`` where
+    there is none. `leap` may be reached in one step from any value. `spread_variance` is its estimate from `spread_dof`
+    differences inside poses, or from a specification of the same weight.
+    """
+
+    name: str
+    start: float
+    floor: float
+    stated: float
+    scaled: bool = False
+    soft: float = np.inf
+    wall: float = np.inf
+    leap: float = 0.0
+    spread_variance: float = 0.0
+    spread_dof: int = 0
+
+    @property
+    def source(self) -> str:
+        """Its name in an uncertainty budget: that of the groups it scales, if any."""
+        kind, _, which = self.name.partition("_")
+        if kind in _OF_RVDTS:
+            return f"rvdt_{_OF_RVDTS[kind]}_{which}"
+        return "fixture_give" if kind == "fixture" else self.name
+
+
+_OF_RVDTS = {"rvdt": "noise", "curve": "curve", "gain": "gain"}
+"""Sources that are components of an RVDT."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Group:
+    """Columns that share a variance ``fixed + sum of rates * components``.
+
+    `source` is its name in an uncertainty budget, `names` are those of the columns; `rates` are pairs of a component
+    and its factor.
+    """
+
+    source: str
+    names: tuple[str, ...]
+    rates: tuple[tuple[int, float], ...] = ()
+    fixed: float = 0.0
+
+    def variance(self, v: FloatArray) -> float:
+        """Variance of these columns' coefficients under the components (K,)."""
+        return self.fixed + sum(rate * float(v[c]) for c, rate in self.rates)
+
+
 class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
@@ -106,9 +159,12 @@ class Layout:
         )
         self.soft_sd = np.array([known[names[k]] for k in self.soft_index])
         self.hard_index = np.flatnonzero(~self.soft)
-        used = [j for j in range(model.joint_count) if j + 1 not in model.unsensed_joints]
+        read = ~np.isin(np.arange(1, model.joint_count + 1), model.unsensed_joints)
         self.rows = model.components
-        self._joint_errors(used)
+        self.accuracy, self.backlash, self.sag = (
+            np.zeros(model.joint_count) if values is None else np.where(read, values, 0.0)
+            for values in (errors.accuracy_rad, errors.backlash_rad, errors.sag_rad)
+        )
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
         self._lay_out(names, group, like)
@@ -119,7 +175,7 @@ class Layout:
         self.quietest = np.array([c.start if c.scaled else c.floor for c in self.components])
         self.scaled = np.array([c.scaled for c in self.components], dtype=bool)
         self.hard = len(self.hard_index)
-        wide = [g.width for g in self.groups]
+        wide = [len(g.names) for g in self.groups]
         ends = np.cumsum([self.hard, *wide])
         self.slices = [slice(int(a), int(b)) for a, b in pairwise(ends)]
         self.width = int(ends[-1])
@@ -130,19 +186,6 @@ class Layout:
             for c, rate in g.rates:
                 row[c] = rate
         self.variance_rates = np.repeat(rates, wide, axis=0)
-
-    def _joint_errors(self, used: list[int]) -> None:
-        n = self.model.joint_count
-
-        def stated(values: FloatArray | None) -> FloatArray:
-            out = np.zeros(n)
-            if values is not None:
-                out[used] = np.asarray(values)[used]
-            return out
-
-        self.accuracy = stated(self.errors.accuracy_rad)
-        self.backlash = stated(self.errors.backlash_rad)
-        self.sag = stated(self.errors.sag_rad)
 
     def _component(self, component: VarianceComponent) -> int:
         self.components.append(component)
@@ -195,49 +238,35 @@ class Layout:
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
                 # These are the parameters sought: their prior uncertainty is stated and not estimated.
-                self.groups.append(Group(source=source, width=len(listed), fixed=1.0, names=listed))
+                self.groups.append(Group(source=source, names=listed, fixed=1.0))
             elif listed and source == PLACEMENT:
                 # The fixture's distance from its nominal placement implies nothing about the arm.
-                self.groups.append(
-                    Group(source=source, width=len(listed), names=listed,
-                          rates=((self._placement_scale(), 1.0),))
-                )  # fmt: skip
+                self._group(source, listed, self._placement_scale())
             elif listed:
-                self._stated_group(source, listed)
+                self._group(source, listed, self._scale(source))
         turning = np.flatnonzero(self.accuracy)
         if len(turning):
-            self._stated_group(
-                "encoder_accuracy",
-                tuple(
-                    f"{shape}{turns}_{j + 1}"
-                    for j in turning
-                    for turns in ("", "2")
-                    for shape in ("sin", "cos")
-                ),
-            )
+            waves = ("sin", "cos", "sin2", "cos2")
+            names = [f"{wave}_{j + 1}" for j in turning for wave in waves]
+            self._group("encoder_accuracy", names, self._scale("encoder_accuracy"))
         self._lay_out_curves()
         self._lay_out_joints(process, like)
         # Deflection: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
         sizes = dict(gives)
-        for rows, key in zip(misfit[::-1], ("fixture_m", "fixture_rad"), strict=False):
-            stated = sizes.get(key, 0.0)
+        turn_rad, shift_m = (sizes.get(key, 0.0) for key in ("fixture_rad", "fixture_m"))
+        for rows, stated in zip(misfit[::-1], (shift_m, turn_rad), strict=False):
             if stated > 0.0 or errors.discrepancy:
                 self.gives.append((rows, stated))
         self.give_basis = _NOTHING
-        along = [sizes.get("fixture_rad", 0.0)] * (self.rows - 3) + [
-            sizes.get("fixture_m", 0.0)
-        ] * 3
-        self.loaded = loaded_give(errors, np.array(along))
+        along = np.repeat((turn_rad, shift_m), (self.rows - 3, 3))
+        self.loaded = loaded_give(errors, along)
         if self.gives:
             self._smooth_give(group, process, like)
         if self.loaded is not None:
-            self.groups.append(
-                Group(source="fixture_give", width=self.loaded.width,
-                      rates=((self._scale("compliance"), 1.0),),
-                      names=tuple(f"load{i}" for i in range(self.loaded.width)))
-            )  # fmt: skip
+            names = [f"load{i}" for i in range(self.loaded.width)]
+            self._group("fixture_give", names, self._scale("compliance"))
 
     def _lay_out_curves(self) -> None:
         """Gain and curve of every analogue sensor."""
@@ -251,10 +280,7 @@ class Layout:
                     name=f"gain_{joint}", start=1.0, floor=SMALLEST_SCALE**2, stated=1.0, scaled=True,
                     spread_variance=1.0, spread_dof=SPECIFICATION_DOF,
                 )  # fmt: skip
-                self.groups.append(
-                    Group(source=f"rvdt_gain_{joint}", width=1,
-                          rates=((self._component(gain), 1.0),), names=(gain.name,))
-                )  # fmt: skip
+                self._group(f"rvdt_gain_{joint}", [gain.name], self._component(gain))
             if not curve.bent:
                 continue
             bend = VarianceComponent(
@@ -266,11 +292,8 @@ class Layout:
                 spread_variance=stated,
                 spread_dof=SPECIFICATION_DOF,
             )
-            names = tuple(f"curve{k}_{joint}" for k in range(LOWEST, LOWEST + curve.bends))
-            self.groups.append(
-                Group(source=f"rvdt_curve_{joint}", width=curve.bends,
-                      rates=((self._component(bend), 1.0),), names=names)
-            )  # fmt: skip
+            names = [f"curve{k}_{joint}" for k in range(LOWEST, LOWEST + curve.bends)]
+            self._group(f"rvdt_curve_{joint}", names, self._component(bend))
 
     def _lay_out_joints(self, process: Callable[[], PoseProcess], like: Layout | None) -> None:
         """Play and sag of every joint; `expected` (m, n), rad, is their expected value."""
@@ -281,11 +304,8 @@ class Layout:
             self.expected += self.backlash * self.play.expected
             # Play taken up to the same side in every pose is no noise: it looks like an offset.
             sides = ("play", "approach")[: self.play.width]
-            self.groups.append(
-                Group(source="joint_play", width=len(self.play_joints) * len(sides),
-                      rates=((self._scale("play_sides"), 1.0),),
-                      names=tuple(f"{side}_{j + 1}" for j in self.play_joints for side in sides))
-            )  # fmt: skip
+            names = [f"{side}_{j + 1}" for j in self.play_joints for side in sides]
+            self._group("joint_play", names, self._scale("play_sides"))
         self.sag_joints = np.flatnonzero(self.sag)
         self.sag_basis = _NOTHING
         self.sags = NO_SHAPES
@@ -293,10 +313,8 @@ class Layout:
             self.sag_basis = process().leading(SAG_COLUMNS) if like is None else like.sag_basis
             self.sags = shapes_of_sag(self.q, self.errors, self.sag_basis)
             self.expected += self.sag * self.sags.expected
-            k = self.sags.width
-            self._stated_group(
-                "sag", tuple(f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(k))
-            )
+            names = [f"sag{i}_{j + 1}" for j in self.sag_joints for i in range(self.sags.width)]
+            self._group("sag", names, self._scale("sag"))
 
     def _smooth_give(
         self, group: IntArray | None, alike: Callable[[], PoseProcess], like: Layout | None
@@ -309,6 +327,7 @@ class Layout:
             self.give_basis = like.give_basis
         c = None
         if self.errors.discrepancy:
+            largest = LARGEST_DISCREPANCY**2
             c = self._component(
                 VarianceComponent(
                     name="discrepancy",
@@ -317,7 +336,7 @@ class Layout:
                     stated=1e-8,
                     leap=0.04,
                     soft=1.0,
-                    wall=LARGEST_DISCREPANCY**2,
+                    wall=largest,
                 )
             )
         k = self.give_basis.phi.shape[1]
@@ -332,19 +351,11 @@ class Layout:
                 rates.append((smooth, self.free_give * stated**2))
             names = [f"give{i}_{row}" for row in range(rows.start, rows.stop) for i in range(k)]
             self.groups.append(
-                Group(
-                    source="fixture_give",
-                    width=3 * k,
-                    fixed=1e-18,
-                    rates=tuple(rates),
-                    names=tuple(names),
-                )
+                Group(source="fixture_give", names=tuple(names), rates=tuple(rates), fixed=1e-18)
             )
 
-    def _stated_group(self, source: str, names: tuple[str, ...]) -> None:
-        self.groups.append(
-            Group(source=source, width=len(names), rates=((self._scale(source), 1.0),), names=names)
-        )
+    def _group(self, source: str, names: Iterable[str], component: int) -> None:
+        self.groups.append(Group(source=source, names=tuple(names), rates=((component, 1.0),)))
 
     def _scale(self, name: str) -> int:
         """Return the component of a source that is as large as stated unless the poses show otherwise."""

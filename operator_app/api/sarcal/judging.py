@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.comparison import CalibrationComparison as Found
 from operator_app.calibration.comparison import compare as compared
-from operator_app.calibration.new_poses import verify_new_poses
+from operator_app.calibration.verification import verify_new_poses
 from operator_app.documents import parameters_at
 from operator_app.report.results.comparison import comparison_json, comparison_text
 from operator_app.report.results.verification import verification_json, verification_text

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.calibrated_arm import with_truth
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.serialization import to_dict
-from operator_app.calibration.truth import with_truth
 from operator_app.config.poses_file import save_poses
 from operator_app.errors import GuardError
 from operator_app.session.store.folders import POSES_NAME
@@ -27,8 +27,8 @@ from operator_app.session.store.stored_calibration import (
 
 if TYPE_CHECKING:
     from fixtures.base import EndpointConstraint
+    from operator_app.calibration.calibrated_arm import Truths
     from operator_app.calibration.result import Solution
-    from operator_app.calibration.truth import Truths
     from operator_app.config.parameters import ParametersDocument
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.journal import Clock, Journal

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
-from operator_app.calibration.acceptance import Verdict
-from operator_app.calibration.repeat_diagnosis import not_yet_named, proven_by_return
+from operator_app.calibration.acceptance import Verdict, not_yet_named, proven_by_return
 from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.calibration.result import Solution
 from operator_app.errors import Cancelled

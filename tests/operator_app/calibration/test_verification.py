@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.new_poses import NoTestError, require_new, verify_new_poses
+from operator_app.calibration.verification import NoTestError, require_new, verify_new_poses
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses

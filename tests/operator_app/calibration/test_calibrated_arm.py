@@ -5,8 +5,8 @@ import math
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.calibrated_arm import with_truth
 from operator_app.calibration.tool_accuracy import TrueErrors
-from operator_app.calibration.truth import with_truth
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.simulated import simulated_poses

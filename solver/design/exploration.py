@@ -182,7 +182,10 @@ class Explorer:
             here.rates = here.rates + np.outer(moved - here.rates @ by, by) / length**2
             fastest = int(np.argmax(np.abs(moved)))
             rate = float(np.abs(moved[fastest])) / float(np.abs(by).max())
-            here.growth = max(1.0, rate / here.rate) if here.rate > 0.0 else 1.0
+            # Per step. The rate before a first step is that at its start, half a step from its mean.
+            before = here.rate if here.on_ray > 1 else self._start_rate(ray.direction)
+            ratio = rate / before if before > 0.0 else 1.0
+            here.growth = max(1.0, ratio if here.on_ray > 1 else ratio**2)
             here.rate = rate
             if rate > self._most_rate(ray.direction):
                 ray.ended = f"joint {fastest + 1} moved {rate:.1f} times as far as the drives"
@@ -225,17 +228,21 @@ class Explorer:
         if np.any(outward):
             joint = int(np.flatnonzero(outward)[0]) + 1
             return f"joint {joint} would come close to the end of its range"
-        # Towards a fold rates grow faster and faster: the last growth is expected for the next step too.
-        rate = np.abs(change) / np.abs(move).max() * here.growth
+        # Towards a fold rates grow faster and faster: the last growth is expected for the next step too, and half of
+        # it again until its end, since the learnt rates are means over a step.
+        rate = np.abs(change) / np.abs(move).max() * here.growth**1.5
         if trusted and float(rate.max()) > self._most_rate(move):
             return f"joint {int(np.argmax(rate)) + 1} would run ahead: a fold is near"
         return ""
 
     def _most_rate(self, direction: FloatArray) -> float:
         """Largest rate allowed along a ray with the given rate at its start."""
-        there = np.abs(self._start_rates @ direction).max() / np.abs(direction).max()
         least = self.limits.most_rate
-        return float(np.clip(1.3 * there, least, 2.0 * least))
+        return float(np.clip(1.3 * self._start_rate(direction), least, 2.0 * least))
+
+    def _start_rate(self, direction: FloatArray) -> float:
+        """Rate at the start along a ray."""
+        return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _return(self, ray: _Ray) -> ExplorationStep:
         self._here.returning += 1

@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver.chain.kinematics import DhTable
+from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.exploration import ExplorationLimits, Explorer
 from solver.design.manifold import Ranges
@@ -14,11 +16,11 @@ DRIVES = (1, 5)
 class ClosedChain:
     """The true loop with two joints driven: what an arm would read. The explorer never sees it."""
 
-    def __init__(self, loop, x, drives: tuple[int, ...] = DRIVES) -> None:
+    def __init__(self, loop, x, drives: tuple[int, ...] = DRIVES, home=HOME) -> None:
         self.loop, self.x = loop, x
         self.held = np.ones(7)
         self.held[[j - 1 for j in drives]] = 0.0
-        pose = close_loops(loop, x, HOME[None, :])
+        pose = close_loops(loop, x, home[None, :])
         self.q, self.u = pose.q, pose.u
 
     def move(self, targets: dict[int, float]) -> np.ndarray:
@@ -98,6 +100,25 @@ def test_turns_back_before_a_fold(loop, x) -> None:
     assert any("fold" in reason or "times" in reason for reason in explorer.ended.values())
     assert not explorer.failure
     assert len(captured) > 5
+
+
+def test_turns_back_before_a_fold_two_steps_away(loop) -> None:
+    """A hinge tilted by 7 deg: joint 2 moves 1.8, then 2.1 times as far as joint 1; the loop ends in the third step.
+
+    The virtual arm had tripped there for excess torque: the mean rate over the step, 2.4, was within its limit.
+    """
+    table = loop.table.stacked().copy()
+    table[0, 1:] = np.deg2rad([0.8787, -120.0, -20.0, -10.0, 30.0, 120.0, 85.1972])
+    table[1:4, 0] = 0.102222, 0.245211, -0.743580
+    table[1, 1] = 0.198779
+    table[1:4, 7] = 0.080925, -0.059452, 1.825203
+    tilted = replace(loop, table=DhTable.from_stacked(table))
+    home = np.deg2rad([42.3937, 243.4333, 142.4172, -117.1043, -189.0265, -217.2961, 45.7875])
+    chain = ClosedChain(tilted, nominal_vector(tilted.parameters), home=home)
+    explorer = Explorer(start_rad=chain.q[0].copy(), drives=DRIVES, ranges=paper_ranges())
+    _, captured = explore(explorer, chain)
+    assert any("fold" in reason for reason in explorer.ended.values())
+    assert len(captured) >= 8
 
 
 def test_a_stop_ends_the_ray_and_it_goes_back(loop, x) -> None:

@@ -6,10 +6,14 @@ import pytest
 from fixtures.base import CheckKind, SetupCheck, Severity
 from fixtures.hinge import Hinge, moved_hinge
 from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
+from operator_app.config.fixture_file import HingePlacement, load_fixture
+from operator_app.config.quantities import in_si
 from operator_app.errors import SessionError
-from operator_app.planning.advice import advise, assess_placement
+from operator_app.planning.advice import RankedPlacement, advise, assess_placement
+from operator_app.report.results.plan import advice_json, advice_text
 from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import nominal_vector
+from solver.closing import close_loops
 
 
 @pytest.fixture(scope="module")
@@ -78,3 +82,20 @@ def test_search_is_deterministic_and_knows_its_parameters(arm, hinge) -> None:
     assert [p.text for p in first] == [p.text for p in again]
     with pytest.raises(SessionError, match="a_9"):
         advise(arm, hinge, tries=0, poses=5, parameters=("a_9",))
+
+
+def test_the_placement_that_is_printed_closes_where_it_was_planned(arm, hinge) -> None:
+    """Without the offsets of the first and last joint a fixture file of it was another hinge."""
+    mounted = moved_hinge(arm, hinge, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
+    report = assess_placement(mounted, poses=5, candidates=150)
+    ranked = RankedPlacement(report=report, gain=1.0, text="")
+    parameters = {p.name: p for p in mounted.hinge.model(mounted.arm).parameters}
+    shown = advice_json((ranked,), parameters)[0]["placement"]
+    read = replace(hinge, **in_si(HingePlacement(**shown).model_dump()))
+    loop = read.model(arm)
+    pose = close_loops(loop, nominal_vector(loop.parameters), mounted.arm.home_rad[None, :])
+    assert pose.q[0] == pytest.approx(mounted.arm.home_rad, abs=1e-9)
+    words = advice_text((ranked,), parameters, arm.joint_count)
+    for name in ("theta_off_1", "theta_off_7"):
+        offset = np.rad2deg(mounted.arm.table.theta_off_rad[0 if name[-1] == "1" else -1])
+        assert f"{name} {offset:.1f}" in " ".join(words.split())

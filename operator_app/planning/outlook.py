@@ -78,7 +78,6 @@ def outlook(
     *,
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
-    seed: int = 0,
 ) -> Outlook:
     """Return the outlook of `arm` in `fixture`; `position_joints` are named by a procedure."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
@@ -98,7 +97,7 @@ def outlook(
     x = nominal_vector(whole.parameters)
     mobility, choice, refusal, seen = None, None, None, None
     try:
-        prediction = predict_drives(arm, whole, x, arm.home_rad, seed=seed)
+        prediction = predict_drives(arm, whole, x, arm.home_rad)
         mobility = prediction.manifold.motion.degrees
         q = prediction.manifold.q
         spread = q[np.linspace(0, len(q) - 1, min(SPREAD, len(q))).astype(int)]

@@ -16,7 +16,7 @@ from operator_app.planning.drives import (
     modes_problem,
     predict_drives,
 )
-from operator_app.planning.task import CANDIDATES, STOP_MARGIN_RAD, planning_task
+from operator_app.planning.task import STOP_MARGIN_RAD, planning_task
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
@@ -112,7 +112,6 @@ def preview(
     samples: int = 1,
     seed: int = 0,
     known: PlanningBasis | None = None,
-    candidates: int = CANDIDATES,
 ) -> Preview:
     """Plan `poses` poses, from home or from the poses of a session.
 
@@ -130,7 +129,6 @@ def preview(
         unsensed_joints=unsensed_joints,
         samples=samples,
         seed=seed,
-        candidates=candidates,
     )
     x, start, estimate = nominal_vector(task.model.parameters), arm.home_rad, None
     if known is not None:

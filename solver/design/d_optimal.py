@@ -141,6 +141,8 @@ MOST_RESTARTS = 24
 RESTART_WORK = 400_000
 """Small problems have bad local optima and are cheap: they are started again, up to this many
 candidates times poses times unknowns altogether. Among thousands of candidates one start is within a percent."""
+MAX_SWEEPS = 10
+"""Most rounds of exchanges."""
 WORTHWHILE = 1e-9
 """An exchange that gains less log det than this is rounding."""
 
@@ -198,7 +200,6 @@ def choose_poses(
     allowed: BoolArray | None = None,
     q: FloatArray | None = None,
     apart_rad: float = 0.0,
-    max_sweeps: int = 10,
     seed: int = 0,
 ) -> PoseSelection:
     """Choose `count` different candidates of largest log det, beside what is known already.
@@ -237,7 +238,7 @@ def choose_poses(
             chosen = search.random_start(count // 2, rng)
             current += search.information(chosen)
         search.fill(current, chosen, count)
-        search.exchange(current, chosen, max_sweeps)
+        search.exchange(current, chosen)
         value = log_det(current) - log_det(current[P:, P:])
         if start == 0 or value > best[0] + WORTHWHILE:
             best = value, chosen
@@ -302,9 +303,9 @@ class _Search:
             M += self.information([best])
             chosen.append(best)
 
-    def exchange(self, M: FloatArray, chosen: list[int], max_sweeps: int) -> None:
+    def exchange(self, M: FloatArray, chosen: list[int]) -> None:
         """Take out one pose at a time and put in the best, until a whole sweep changes nothing."""
-        for _ in range(max_sweeps):
+        for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):
                 without = M - self.information([old])

@@ -28,6 +28,8 @@ BETWEEN = 0.8
 """The same share applies on a straight line between two good poses."""
 CHANGE_COST_RAD = 0.5
 """Cost of a change of drive joints, as motion: stopping, switching and settling again."""
+ATTEMPTS = 20
+"""How often a path may be replaced after one of its edges fails."""
 LINE_STEP_RAD = 0.03
 """Spacing at which straight drive moves are followed."""
 
@@ -142,20 +144,13 @@ class PathGraph:
         source: int,
         target: int,
         drives: tuple[int, ...],
-        attempts: int = 20,
     ) -> Route | None:
         """Find and follow a path; None when no path survives.
 
-        Parameters
-        ----------
-        model, x, ranges
-            Loops, parameters (P,) and ranges against which the trace is checked.
-        drives
-            The drive joints in position mode at the source.
-        attempts
-            How often a path may be replaced after one of its edges fails.
+        `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
+        drive joints in position mode at the source.
         """
-        for _ in range(attempts):
+        for _ in range(ATTEMPTS):
             nodes = self._search(source, target, drives)
             if nodes is None:
                 return None

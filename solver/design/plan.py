@@ -149,7 +149,6 @@ def make_plan(
     captured: FloatArray | None = None,
     covariance: FloatArray | None = None,
     avoid_rad: FloatArray | None = None,
-    avoid_radius_rad: float = 0.15,
 ) -> PosePlan:
     """Plan `count` poses from readings `q_start` (n,) with the estimate `x` (P,).
 
@@ -162,7 +161,7 @@ def make_plan(
     covariance
         (P, P) of `x`; None trusts it everywhere.
     avoid_rad
-        Readings (b, n) where a move had to be stopped: nothing is planned near them.
+        Readings (b, n) where a move had to be stopped: nothing is planned within `AVOID_RADIUS_RAD` of them.
     """
     manifold = candidate_poses(
         task.model,
@@ -175,7 +174,7 @@ def make_plan(
     trusted = _trusted(task, x, manifold, covariance)
     for pose in () if avoid_rad is None else avoid_rad:
         # The arm must be able to leave a pose near its present one.
-        radius = min(avoid_radius_rad, 0.5 * float(np.linalg.norm(q_start - pose)))
+        radius = min(AVOID_RADIUS_RAD, 0.5 * float(np.linalg.norm(q_start - pose)))
         trusted &= ((manifold.q - pose) ** 2).sum(-1) > radius**2
     # The arm is where it is.
     trusted[0] = True
@@ -321,6 +320,8 @@ def _trusted(
     return np.asarray((sigma <= task.most_uncertain_rad) & (room >= 3.0 * sigma))
 
 
+AVOID_RADIUS_RAD = 0.15
+"""Nothing is planned this near to a pose where a move had to be stopped."""
 FAR_RAD = 1e3
 """Stands for a missing distance: large, yet small enough that rounding does not hide the others."""
 MOST_ROUNDS = 50

@@ -25,6 +25,10 @@ BLIND = 1e-12
 part leaves rounding of some 1e-13."""
 
 
+WORTHWHILE_SHARE = 0.05
+"""Poses are worth taking while all that are left bring the worst parameter nearer to the request by this share."""
+
+
 class PrecisionStatus(Enum):
     """Status of a pose set against the requested precision."""
 
@@ -103,7 +107,6 @@ def stop_decision(
     *,
     poses_left: int,
     allowed: BoolArray | None = None,
-    worthwhile: float = 0.05,
 ) -> StopDecision:
     """Compare the information so far (N, N) with requested standard deviations, rad and m by name.
 
@@ -117,9 +120,6 @@ def stop_decision(
         Number of poses that may still be taken.
     allowed
         (m,): candidates that can be reached.
-    worthwhile
-        Poses are worth taking while all that are left together bring the worst parameter nearer to
-        the request by this share.
     """
     unknown = sorted(set(requested) - set(candidates.parameters))
     if unknown:
@@ -164,7 +164,9 @@ def stop_decision(
         else f"{named} not known as well as requested: "
         f"{worst.name} is {worst.sigma / worst.requested:.1f} times too uncertain"
     )
-    nearer = float(_ratio(later, goal).max()) < (1.0 - worthwhile) * float(_ratio(now, goal).max())
+    nearer = float(_ratio(later, goal).max()) < (1.0 - WORTHWHILE_SHARE) * float(
+        _ratio(now, goal).max()
+    )
     return StopDecision(
         standing=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.HOPELESS,
         weak=weak,

@@ -66,7 +66,7 @@ class FaultModels:
         """Sides of the fixture, with the indices of the parameters that a slip changes there."""
         model = self.design.model
         names = [p.name for p in model.parameters]
-        # # A slip along the fixture's axis is the same entry for both halves.
+        # A slip along the fixture's axis is the same entry for both halves.
         along = tuple(name for name in model.ground_side if name.partition("[")[0] == "s_0")
         for side, own in (("table", model.ground_side), ("hand", (*model.hand_side, *along))):
             if len(own) > len(along):

@@ -86,7 +86,7 @@ def sigmas_at(false_alarm: float, count: int = 1) -> float:
     return float(-ndtri(0.5 * false_alarm / max(count, 1)))
 
 
-def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> Chi2Test:
+def chi2_test(chi2: float, dof: int) -> Chi2Test:
     """Test a weighted sum of squares by its degrees of freedom.
 
     Raises `ValueError` if no degree of freedom is left.
@@ -95,7 +95,7 @@ def chi2_test(chi2: float, dof: int, *, band: float = CHI2_BAND_PROBABILITY) -> 
 
     if dof <= 0:
         raise ValueError("chi2 needs at least one degree of freedom")
-    tail = 0.5 * (1.0 - band)
+    tail = 0.5 * (1.0 - CHI2_BAND_PROBABILITY)
     # chdtri takes the probability above.
     return Chi2Test(
         per_dof=chi2 / dof,

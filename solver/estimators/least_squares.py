@@ -29,6 +29,9 @@ LEFT_SHARE = 1e-14
 """The same applies to a step whose successor would lower the cost by less than this: undamped steps shrink by a
 constant factor, because the convergence is linear with non-zero residuals."""
 
+LEAST_STEP = 1e-13
+"""Largest component of a step (rad, m) that counts as converged."""
+
 BLOCK_ROWS = 2048
 """Rows of a block: with some tens of columns it fits in a core's cache."""
 
@@ -153,7 +156,7 @@ class Fit:
     iterations
         Accepted steps.
     converged
-        Whether the last step was below `step_tolerance`, or no smaller step descends.
+        Whether the last step was below `LEAST_STEP`, or no smaller step descends.
     triangle
         Triangle of the equations there; at the start of the last step if it was taken without evaluation.
     """
@@ -176,13 +179,11 @@ def solve_damped(
     x0: FloatArray,
     *,
     max_iterations: int = 100,
-    step_tolerance: float = 1e-13,
     progress: Progress | None = None,
 ) -> Fit:
     """Iterate from `x0` until the steps vanish.
 
-    `problem`: residuals and their exact Jacobian, as a triangle. `step_tolerance`: largest component of a step (rad, m)
-    that counts as converged.
+    `problem`: residuals and their exact Jacobian, as a triangle.
     """
     x = np.array(x0, dtype=np.float64)
     here, damping, iteration, before = problem(x), 0.0, 0, 0.0
@@ -206,7 +207,7 @@ def solve_damped(
                 damping = 0.0 if damping < 1e-8 else damping / 10.0
                 break
             before = 0.0
-            if largest < step_tolerance:
+            if largest < LEAST_STEP:
                 return ended(x, converged=True)
             damping = max(10.0 * damping, 1e-6)
             if damping > 1e12:
@@ -214,6 +215,6 @@ def solve_damped(
         x, here, iteration = x + step, there, iteration + 1
         if progress is not None:
             progress(iteration, here.cost)
-        if largest < step_tolerance:
+        if largest < LEAST_STEP:
             return ended(x, converged=True)
     return ended(x, converged=False)

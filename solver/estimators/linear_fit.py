@@ -58,14 +58,11 @@ class LinearFit:
         ``w' P w`` and its expectation when variances are right: number of equations minus hard parameters.
     """
 
-    def __init__(
-        self, design: LinearModel, system: Equations, v: FloatArray, *, keep: bool | None = None
-    ) -> None:
+    def __init__(self, design: LinearModel, system: Equations, v: FloatArray) -> None:
         self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
         hard = design.hard
         self.root = np.sqrt(design.group_variances(self.v))
         slices = list(design.parts())
-        keep = len(slices) == 1 if keep is None else keep
         self._kept: list[Whitened] = []
         gram: FloatArray | None = None
         right = np.zeros(design.width)
@@ -77,7 +74,7 @@ class LinearFit:
             right += part.w.reshape(-1) @ M
             square += float((part.w**2).sum())
             logdet -= float(np.log(np.diagonal(part.L_inverse, axis1=-2, axis2=-1)).sum())
-            if keep:
+            if len(slices) == 1:
                 self._kept.append(part)
         self.H = np.zeros((design.width, design.width)) if gram is None else gram
         w, rows = self._distances()

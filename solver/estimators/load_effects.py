@@ -197,7 +197,7 @@ def load_basis(
     expected, sag, left, turn, rate = _sags(torque, sag_columns)
     turned = rate > 0.0
     side = np.concatenate([_side(torque[cut]) for cut in _cuts(m)])
-    # # The largest array of all: with many poses it is computed again at each request.
+    # The largest array of all: with many poses it is computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
     moved = np.zeros((m, k, give_columns * len(parts)))

@@ -266,16 +266,13 @@ def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> F
     return np.concatenate([part.initial_unsensed(x, here) for part, here in pose_blocks(model, q)])
 
 
-def nearest_equivalent(
-    model: ClosureModel, x: FloatArray, reference: FloatArray, length_scale_m: float = 1.0
-) -> FloatArray:
-    """Return the parameter vector equivalent to `x` that is nearest to `reference` (P,)."""
+def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return the parameter vector equivalent to `x` that is nearest to `reference` (P,), 1 rad being as far as 1 m."""
     parameters = model.parameters
-    scale = np.array([1.0 if p.is_angle else 1.0 / length_scale_m for p in parameters])
     nearest, distance = np.asarray(x), np.inf
     while True:
         candidates = model.equivalents(nearest)
-        squares = ((wrap_angles(parameters, candidates - reference) * scale) ** 2).sum(-1)
+        squares = (wrap_angles(parameters, candidates - reference) ** 2).sum(-1)
         best = int(np.argmin(squares))
         # Several placements list only some of their many combinations: continue from the best of them.
         if not squares[best] < distance * (1.0 - 1e-12):

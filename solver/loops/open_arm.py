@@ -90,13 +90,10 @@ class MeasuredClosure(ArmLoop):
             raise ValueError("one orientation a position is wanted")
         return replace(self, endpoint_m=position_m, endpoint_rotation=rotation)
 
-    def predicted(
-        self, x: FloatArray, q: FloatArray, u: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
+    def predicted(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Position (..., m, 3) and orientation (..., m, 3, 3) of the target, instrument's frame."""
         own = self.own_values(x)
-        u = self.initial_unsensed(x, q) if u is None else u
-        frames = self.frames(x, q, u)
+        frames = self.frames(x, q, self.initial_unsensed(x, q))
         R_base = rotation_matrix(own[..., 3:6]) @ self.base_rotation
         tip = frames.p_end + (frames.R_end @ own[..., 6:9, None])[..., 0]
         R_tip = R_base @ frames.R_end @ rotation_matrix(own[..., 9:12]) @ self.tip_rotation

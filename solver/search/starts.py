@@ -147,28 +147,29 @@ class BatchFit:
     cost: FloatArray
 
 
+BATCH_ITERATIONS, LONGEST_STEP_RAD = 40, 0.7
+"""Most iterations, and the longest component of one step: beyond it a linearised rotation is invalid."""
+
+
 def minimise_batch(
     problem: BatchProblem,
     x0: FloatArray,
     *,
-    max_iterations: int = 40,
-    max_step: float = 0.7,
     halt_after: int | None = None,
     survivors: int = 0,
     progress: Progress | None = None,
 ) -> BatchFit:
     """Minimise the sum of squares from every row of `x0` (S, K).
 
-    `max_step`: longest component of one step: beyond it a linearised rotation is invalid. `halt_after`, `survivors`:
-    after this many iterations only this many of the starts continue, those of least cost; the others stop. Starts that
-    will reach the solution nearly always lead by then.
+    `halt_after`, `survivors`: after this many iterations only this many of the starts continue, those of least cost;
+    the others stop. Starts that will reach the solution nearly always lead by then.
     """
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)
     cost = np.einsum("sr,sr->s", r, r)
     damping = np.full(len(x), FIRST_DAMPING)
     active = np.arange(len(x))
-    for iteration in range(1, max_iterations + 1):
+    for iteration in range(1, BATCH_ITERATIONS + 1):
         Jt = np.swapaxes(J, -1, -2)
         N, gradient = Jt @ J, (Jt @ r[..., None])[..., 0]
         diagonal = np.diagonal(N, axis1=-2, axis2=-1)
@@ -177,7 +178,7 @@ def minimise_batch(
         N = N + (damping[active, None] * diagonal + tiny)[..., None] * np.eye(x.shape[1])
         step = -np.linalg.solve(N, gradient[..., None])[..., 0]
         longest = np.abs(step).max(-1)
-        step *= np.minimum(1.0, max_step / np.maximum(longest, 1e-300))[:, None]
+        step *= np.minimum(1.0, LONGEST_STEP_RAD / np.maximum(longest, 1e-300))[:, None]
         trial = x[active] + step
         r_new, J_new = problem(trial)
         cost_new = np.einsum("sr,sr->s", r_new, r_new)

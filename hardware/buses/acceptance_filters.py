@@ -70,7 +70,8 @@ def controller_filters(joints: int) -> list[CanFilter]:
     return [
         _one(COB_SYNC),
         _joints(COB_RPDO1, joints),
-        *_nodes(COB_SDO_TO_SERVER, joints),
+        _joints(COB_SDO_TO_SERVER, joints),
+        _one(COB_SDO_TO_SERVER + SUPERVISOR_NODE),
         _one(COB_NMT),
         _filter(COB_HEARTBEAT, _FUNCTION_CODE),
     ]
@@ -88,10 +89,6 @@ def _covering(identifiers: Iterable[int]) -> CanFilter:
     differing = functools.reduce(lambda bits, other: bits | (first ^ other), others, 0)
     mask = _ALL_BITS & ~((1 << differing.bit_length()) - 1)
     return _filter(first & mask, mask)
-
-
-def _nodes(base: int, joints: int) -> tuple[CanFilter, CanFilter]:
-    return _joints(base, joints), _one(base + SUPERVISOR_NODE)
 
 
 def _joints(base: int, joints: int) -> CanFilter:

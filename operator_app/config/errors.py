@@ -107,7 +107,8 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
     if kind == "refused":
         return str(context["what"]), str(context["remedy"])
     if kind == "union_tag_not_found":
-        return "has no kind", f"add kind: {_either(context)}"
+        key = str(context.get("discriminator", "")).strip("'")
+        return "has no kind", f"add kind: {key}"
     if kind in ("union_tag_invalid", "literal_error", "enum"):
         options = _options(context)
         near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)
@@ -185,10 +186,6 @@ def _number_hint(value: Any, kind: str) -> str:
         if re.fullmatch(r"[-+]?[\d.]+\s*[A-Za-z]+", value):
             return "write the number only; the unit is in the key"
     return "correct the value"
-
-
-def _either(context: dict[str, Any]) -> str:
-    return str(context.get("discriminator", "")).strip("'")
 
 
 def is_near_option(error: ErrorDetails) -> bool:

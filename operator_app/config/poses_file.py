@@ -254,7 +254,11 @@ def _reader(name: str) -> Callable[[str], Any]:
     """Return the function that reads a cell of this column."""
     if name in ("placement", "samples"):
         return whole_number
-    texts: dict[str, Callable[[str], str]] = {"pose": _label, "utc": _utc, "note": text_of}
+    texts: dict[str, Callable[[str], str]] = {
+        "pose": _label,
+        "utc": lambda cell: text_of(cell.strip()),
+        "note": text_of,
+    }
     return texts.get(name) or partial(_quantity, name)
 
 
@@ -263,10 +267,6 @@ def _label(cell: str) -> str:
     if not label:
         raise BadCell("the cell is empty", "give the pose a number or a name")
     return label
-
-
-def _utc(cell: str) -> str:
-    return text_of(cell.strip())
 
 
 def _quantity(name: str, cell: str) -> float:

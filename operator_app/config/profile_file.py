@@ -49,20 +49,17 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProf
 
 def format_profile(profile: BusProfile, *, comment: str) -> bytes:
     """Format a profile so that it reads back the same; common settings of all joints are written once."""
-    shared = {
-        key: _relative(getattr(profile.joints[0], key), profile.drives[0])
-        for key in ("commands", "answers")
-        if len({str(_relative(getattr(j, key), j.node)) for j in profile.joints}) == 1
-    }
-    joints = []
-    for number, joint in enumerate(profile.joints, 1):
-        own: dict[str, Any] = {"joint": number, "node": joint.node}
-        own |= {
-            key: _absolute(getattr(joint, key))
-            for key in ("commands", "answers")
-            if key not in shared
-        }
-        joints.append(own)
+    joints: list[dict[str, Any]] = [
+        {"joint": number, "node": joint.node} for number, joint in enumerate(profile.joints, 1)
+    ]
+    shared: dict[str, Any] = {}
+    for key in ("commands", "answers"):
+        relative = [_written(getattr(j, key), j.node) for j in profile.joints]
+        if all(pdos == relative[0] for pdos in relative):
+            shared[key] = relative[0]
+            continue
+        for own, joint in zip(joints, profile.joints, strict=True):
+            own[key] = _written(getattr(joint, key), None)
     data: dict[str, Any] = {
         "schema": "sarcal/profile/1",
         "name": profile.name,
@@ -78,16 +75,16 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
     return dump_strict(data, comment=comment)
 
 
-def _relative(pdos: Sequence[Pdo], node: int) -> list[dict[str, Any]]:
-    return [_written(pdo, f"{pdo.cob_id - node:03X}h + node") for pdo in pdos]
-
-
-def _absolute(pdos: Sequence[Pdo]) -> list[dict[str, Any]]:
-    return [_written(pdo, f"{pdo.cob_id:03X}h") for pdo in pdos]
-
-
-def _written(pdo: Pdo, cob_id: str) -> dict[str, Any]:
-    return {"pdo": pdo.number, "cob_id": cob_id, "map": [format_entry(e) for e in pdo.entries]}
+def _written(pdos: Sequence[Pdo], node: int | None) -> list[dict[str, Any]]:
+    """Return PDOs as in the file, their identifiers relative to a node; None: absolute."""
+    return [
+        {
+            "pdo": pdo.number,
+            "cob_id": f"{pdo.cob_id - (node or 0):03X}h{'' if node is None else ' + node'}",
+            "map": [format_entry(entry) for entry in pdo.entries],
+        }
+        for pdo in pdos
+    ]
 
 
 _RESERVED = (

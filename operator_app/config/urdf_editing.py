@@ -135,7 +135,9 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
     change d_j of its offset its link is at ``Rz(q_j + d_j) C_j``, so that shapes turn with their joints.
     """
     rows, stated = table.stacked().T, chain.table.stacked().T
-    turned = [_about_z(d) for d in wrap_angle(rows[:, 0] - stated[:, 0])]
+    turned = [
+        link_transform((d, 0.0, 0.0, 0.0, 0.0)) for d in wrap_angle(rows[:, 0] - stated[:, 0])
+    ]
     rows[:, 0] = stated[:, 0]
     place: FloatArray = chain.frames[0]
     before: FloatArray = np.eye(4)
@@ -164,10 +166,6 @@ def calibrated_origins(chain: UrdfChain, table: DhTable) -> dict[str, FloatArray
 
 def _inverse(T: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.inv(T), dtype=np.float64)
-
-
-def _about_z(angle: float) -> FloatArray:
-    return link_transform((angle, 0.0, 0.0, 0.0, 0.0))
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:

@@ -51,9 +51,8 @@ def draw(of: Picture) -> Drawn:
     height = HEIGHT if of.aspect == 0.0 else (PLOT_WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
     right, bottom = PLOT_WIDTH - RIGHT, height - BOTTOM
     parts = [*_grid(x, y, right, bottom)]
-    usual = _mark_size(
-        max((len(layer.x) for layer in layers if isinstance(layer, Marks)), default=0)
-    )
+    marks = max((len(layer.x) for layer in layers if isinstance(layer, Marks)), default=0)
+    usual = 2.6 if marks <= 60 else 2.0 if marks <= 150 else 1.4
     for layer in layers:
         if isinstance(layer, Band):
             parts.append(_band(layer, y, right, bottom))
@@ -120,10 +119,6 @@ def label(
 def segment(x1: float, y1: float, x2: float, y2: float, class_: str) -> Html:
     """Draw a straight line."""
     return element("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=class_)
-
-
-def _mark_size(count: int) -> float:
-    return 2.6 if count <= 60 else 2.0 if count <= 150 else 1.4
 
 
 def _grid(x: Axis, y: Axis, right: float, bottom: float) -> Iterable[Html]:

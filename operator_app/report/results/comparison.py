@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from operator_app.calibration.comparison import CalibrationComparison, Drift, Side
+from operator_app.calibration.comparison import CalibrationComparison, Side
 from operator_app.report.json_schema import notices_data
 from operator_app.report.parameter_tables import precision_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
@@ -127,8 +127,9 @@ def _table(found: CalibrationComparison) -> FactTable:
             Figure(value, quantity, places=n, signed=value is d.change)
             for value in (d.before, d.after, d.change, d.sigma)
         )
+        sigmas = Figure(d.sigmas, places=1) if math.isfinite(d.sigmas) else "no sigma"
         word = "DRIFT" if d.significant else ""
-        rows.append((d.name, quantity.unit, *shown_there, _sigmas(d), word))
+        rows.append((d.name, quantity.unit, *shown_there, sigmas, word))
     return FactTable(
         ident="drift",
         title="",
@@ -145,10 +146,6 @@ def _left_out(found: CalibrationComparison) -> str:
         paragraph(f"Not compared ({why}): {', '.join(names)}", indent=2)
         for why, names in by_reason.items()
     )
-
-
-def _sigmas(drift: Drift) -> Figure | str:
-    return Figure(drift.sigmas, places=1) if math.isfinite(drift.sigmas) else "no sigma"
 
 
 def _document_json(document: ParametersDocument, scale: float) -> dict[str, Any]:

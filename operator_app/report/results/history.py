@@ -231,14 +231,11 @@ def _shift_text(part: EntryHistory, shift: EntryShift) -> str:
         if part.side is Side.ARM
         else "the fixture's mounting has moved, or it was remounted: omit --kept-mounted"
     )
+    first = part.calibrations[shift.at]
     return (
-        f"{shift.name} by {size} (sigma {sigma}) from {_day(part, shift.at)} on, session "
-        f"{part.calibrations[shift.at].session}; seen in session {shift.seen + 1} by {by}: {advice}"
+        f"{shift.name} by {size} (sigma {sigma}) from {first.document.utc:%Y-%m-%d} on, session "
+        f"{first.session}; seen in session {shift.seen + 1} by {by}: {advice}"
     )
-
-
-def _day(part: EntryHistory, k: int) -> str:
-    return f"{part.calibrations[k].document.utc:%Y-%m-%d}"
 
 
 def _utc(time: Any) -> str:

@@ -103,18 +103,15 @@ def _drives(shown: Preview) -> str:
         "poses inside the ranges. Leverage: 0 at a fold, median of what is reached and at the "
         "start. Passive: the free joint that moves most, by how much more than the drives."
     )
-    chosen = f"{_subject(shown.choice.drives)} ({'; '.join(shown.choice.reasons)})."
+    drives = shown.choice.drives
+    subject = f"{joints_named(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
+    chosen = f"{subject} ({'; '.join(shown.choice.reasons)})."
     lines = [paragraph(head), aligned(rows), paragraph(chosen)]
     others = [d for d in shown.choice.sets if d != shown.choice.drives]
     if others:
         also = ", ".join(joints_named(d) for d in others)
         lines.append(paragraph(f"A session may change to {also} to reach what they cannot."))
     return "\n".join(lines)
-
-
-def _subject(drives: tuple[int, ...]) -> str:
-    """``Joints 1 and 5 drive``."""
-    return f"{joints_named(drives)} drive{'s' if len(drives) == 1 else ''}".capitalize()
 
 
 def _verdict(ranked: RankedDrives, now: RankedDrives | None) -> str:

@@ -241,7 +241,8 @@ def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:
     if not explaining:
         return f"{said}; leaving out any one joint does not help"
     joints = list(explaining)[:MAX_NAMED_JOINTS]
-    would = " or ".join(f"joint {j} near {_near(explaining[j], j)}" for j in joints)
+    near = {j: REACH(float(explaining[j].q_rad[j - 1])).with_unit for j in joints}
+    would = " or ".join(f"joint {j} near {angle}" for j, angle in near.items())
     return f"{said}; it closes with {would}"
 
 
@@ -258,10 +259,6 @@ def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
         "the fixture's tolerance, state it: offset_tolerance_deg in the arm file, tolerance_mm and "
         "tolerance_deg in the fixture file"
     )
-
-
-def _near(fit: ClosureFit, joint: int) -> str:
-    return REACH(float(fit.q_rad[joint - 1])).with_unit
 
 
 def _joints_that_explain(loop: LoopAtReading) -> dict[int, ClosureFit]:

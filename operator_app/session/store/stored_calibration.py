@@ -69,9 +69,10 @@ def session_calibration(
     read = journal_calibration(state)
     if isinstance(read, StoredCalibration):
         then = read.solution.estimate.estimator, read.solution.model.unsensed_joints
+        unsensed = {*(unsensed_joints or ()), *procedure.arm.unsensed_joints}
         asked = (
-            then[0] if estimator is None else estimator,
-            then[1] if unsensed_joints is None else _all_unsensed(procedure, unsensed_joints),
+            estimator or then[0],
+            then[1] if unsensed_joints is None else tuple(sorted(unsensed)),
         )
         if asked == then:
             return read
@@ -192,10 +193,6 @@ def _with_recorded_options(state: SessionState, procedure: Procedure) -> Procedu
     if isinstance(unsensed, list | tuple):
         procedure = replace(procedure, unsensed_joints=tuple(unsensed))
     return procedure
-
-
-def _all_unsensed(procedure: Procedure, joints: tuple[int, ...]) -> tuple[int, ...]:
-    return tuple(sorted({*joints, *procedure.arm.unsensed_joints}))
 
 
 NO_WAY_BACK = "no way back to it is planned from here"

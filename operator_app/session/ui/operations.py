@@ -305,10 +305,6 @@ class Operations:
         self._publisher.publish(lambda s: replace(s, stop=None))
         self._publisher.say(Level.INFO, "STOP reset: nothing moves; apply the modes again (step 3)")
 
-    def record_stop_cause(self) -> None:
-        """Record why the arm stopped by itself while idle."""
-        self._session.record_stop_cause()
-
     def hold(self) -> None:
         """Hold all joints in position mode where they are."""
         self._at(None)

@@ -86,7 +86,7 @@ class Runner:
     ) -> None:
         self.session = session
         self._monotonic, self._clock = monotonic, clock
-        self._operations = Operations(session, self)
+        self.operations = Operations(session, self)
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._waiting_jobs: deque[_Job] = deque()
         # For `submit` from several threads; `stop` never takes it.
@@ -204,11 +204,6 @@ class Runner:
     def pending(self) -> int:
         """Number of tasks that have not ended, the running one included."""
         return len(self._waiting_jobs)
-
-    @property
-    def operations(self) -> Operations:
-        """The operations for `submit`."""
-        return self._operations
 
     def submit(
         self, kind: TaskKind, text: str, work: Callable[[], None], *, uncancellable: bool = False
@@ -330,7 +325,7 @@ class Runner:
     def _recover(self) -> None:
         """Publish the state after a task that did not succeed."""
         try:
-            self._operations.refresh()
+            self.operations.refresh()
         except EXPECTED as error:
             self.say(Level.WARNING, words(error).happened)
 
@@ -352,7 +347,7 @@ class Runner:
         self.submit(
             TaskKind.NOTE,
             "recording why the arm was stopped",
-            self._operations.record_stop_cause,
+            self.session.record_stop_cause,
             uncancellable=True,
         )
 

@@ -10,7 +10,7 @@ from textual.app import ComposeResult
 from operator_app.report.parameter_tables import precision
 from operator_app.report.results.verification import verified_words
 from operator_app.report.spans import Line, clip, line, wrapped
-from operator_app.report.table import Cell, FactTable, figures, words
+from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
@@ -152,8 +152,4 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
 
 def changed(table: FactTable) -> int:
     """Return how many entries the upload would change as shown."""
-    return sum(active != new for _, _, active, new, _ in _shown(table))
-
-
-def _shown(table: FactTable) -> list[list[str]]:
-    return [[c if isinstance(c, str) else c.shown for c in row] for row in table.rows]
+    return sum(shown(active) != shown(new) for _, _, active, new, _ in table.rows)

@@ -318,8 +318,7 @@ class GrowingFile:
         """Return the next whole row."""
         until_s = time.monotonic() + wait_s
         while True:
-            found = self._next()
-            if found:
+            if found := self._next():
                 return found
             left_s = until_s - time.monotonic()
             if left_s <= 0.0:

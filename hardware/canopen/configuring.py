@@ -147,8 +147,7 @@ def _nonzero_objects(
             if refusal.code in ABSENT:
                 continue
             raise
-        value = int.from_bytes(data, "little", signed=True)
-        if value:
+        if value := int.from_bytes(data, "little", signed=True):
             yield joint.node, index, value, len(data)
 
 

@@ -226,8 +226,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
     without an operator.
     """
     found = {node: operator_monitoring_differences(access, node) for node in profile.drives}
-    wrong = [text for texts in found.values() for text in texts or ()]
-    if wrong:
+    if wrong := [text for texts in found.values() for text in texts or ()]:
         raise MappingMismatch(wrong)
     return tuple(profile.joint_of[node] for node, texts in found.items() if texts is None)
 

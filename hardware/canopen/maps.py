@@ -105,8 +105,7 @@ def check_positions(
 
 def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
     """Compare the objects that no profile can change, before PDOs are written; raises `MappingMismatch`."""
-    found = [text for node in profile.drives for text in _communication(access, node)]
-    if found:
+    if found := [text for node in profile.drives for text in _communication(access, node)]:
         raise MappingMismatch(found)
 
 

@@ -41,8 +41,7 @@ def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> 
     if not drives:
         raise DraftRefused(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
     obstacles = _configuration_obstacles if configure else _obstacles
-    reasons = [text for node in drives for text in obstacles(node)]
-    if reasons:
+    if reasons := [text for node in drives for text in obstacles(node)]:
         raise DraftRefused(reasons)
     supervisor = next((node.node for node in nodes if node.supervises), None)
     serials = [str(node.serial_number or f"node{node.node}") for node in drives]

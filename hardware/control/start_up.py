@@ -332,8 +332,7 @@ class StartUp:
             self._send(COB_NMT, bytes([command, node]))
 
     def _require_unique_nodes(self) -> None:
-        duplicates = self._access.duplicate_nodes()
-        if duplicates:
+        if duplicates := self._access.duplicate_nodes():
             raise DuplicateNodeId(duplicates)
 
     def _read_fault_codes(self, first: Sample) -> None:

@@ -243,8 +243,7 @@ def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
     if not name:
         return "this column has no name", "name it or take it out", ""
     text = "unknown column"
-    near = difflib.get_close_matches(name, candidates, n=1, cutoff=0.75)
-    if near:
+    if near := difflib.get_close_matches(name, candidates, n=1, cutoff=0.75):
         return text, f"did you mean {near[0]}?", near[0]
     return text, "take it out, or put the text into note", ""
 

@@ -35,8 +35,7 @@ def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
     """
     document = load_strict(data, file)
     found = check_model(ProfileFile, document, kind="profile")
-    problems = [document.problem(*complaint) for complaint in check_profile(found, joints)]
-    if problems:
+    if problems := [document.problem(*complaint) for complaint in check_profile(found, joints)]:
         raise ConfigError(problems)
     return found.for_joints(joints)
 

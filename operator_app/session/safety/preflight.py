@@ -177,8 +177,7 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> di
     times = {j: t for j, t in counters_near_zero(arm, loop.reading_rad).items() if j in loop.joints}
     for farthest in dict.fromkeys(times.values()):
         near = tuple(j for j, t in times.items() if t <= farthest)
-        reset = _reset_among(arm, loop, found, near, RESET_PROBABILITY / farthest)
-        if reset:
+        if reset := _reset_among(arm, loop, found, near, RESET_PROBABILITY / farthest):
             return reset
     return {}
 

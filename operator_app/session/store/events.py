@@ -139,8 +139,7 @@ def per_joint(item: Check) -> Check:
     """Accept a list with one such item for each joint."""
 
     def check(value: Any, joints: int | None) -> str:
-        problem = list_of(item)(value, joints)
-        if problem:
+        if problem := list_of(item)(value, joints):
             return problem
         if joints is not None and len(value) != joints:
             return f"has {len(value)} items, {joints} joints need {joints}"
@@ -162,8 +161,7 @@ def mapping_of(key: Check, item: Check) -> Check:
         if not isinstance(value, dict):
             return f"must be an object, not {_quoted(value)}"
         for name, found in value.items():
-            problem = key(name, joints) or item(found, joints)
-            if problem:
+            if problem := key(name, joints) or item(found, joints):
                 return f"{_quoted(name)}: {problem}"
         return ""
 

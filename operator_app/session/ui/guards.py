@@ -44,8 +44,7 @@ def fixture_ready(s: SessionSnapshot) -> Missing:
 
 def modes_ready(s: SessionSnapshot) -> Missing:
     """Modes need a fixture without refused checks and a complete check list."""
-    before = fixture_ready(s)
-    if before:
+    if before := fixture_ready(s):
         return before
     if not s.checks:
         return ("the fixture has not been checked (step 2)",)
@@ -58,8 +57,7 @@ def modes_ready(s: SessionSnapshot) -> Missing:
 
 def capture_ready(s: SessionSnapshot) -> Missing:
     """Capture needs drives that are enabled in their confirmed modes."""
-    before = modes_ready(s)
-    if before:
+    if before := modes_ready(s):
         return before
     if s.stopped:
         return ("STOP is latched: reset it (R), then apply the modes again (step 3)",)
@@ -89,8 +87,7 @@ def results_ready(s: SessionSnapshot) -> Missing:
 
 def export_ready(s: SessionSnapshot) -> Missing:
     """Export needs an accepted calibration."""
-    before = results_ready(s)
-    if before:
+    if before := results_ready(s):
         return before
     if s.solution is not None and not s.solution.accepted:
         return tuple(f"not accepted: {reason}" for reason in s.solution.reasons)
@@ -182,8 +179,7 @@ def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missi
 
 def may_move(s: SessionSnapshot) -> Missing:
     """Moving needs the Capture step, fresh data and an unvisited waypoint."""
-    missing = idle(s) or capture_ready(s) or may_use_data(s)
-    if missing:
+    if missing := idle(s) or capture_ready(s) or may_use_data(s):
         return missing
     if s.next_waypoint is None:
         return ("all waypoints of the plan are visited",)
@@ -204,8 +200,7 @@ def may_go_best(s: SessionSnapshot) -> Missing:
 
 def may_capture(s: SessionSnapshot) -> Missing:
     """Capturing needs the Capture step, fresh data, and no pending drift check."""
-    missing = idle(s) or capture_ready(s) or may_use_data(s)
-    if missing:
+    if missing := idle(s) or capture_ready(s) or may_use_data(s):
         return missing
     if s.state.sensor_jump:
         return (s.state.sensor_jump,)
@@ -217,8 +212,7 @@ def may_capture(s: SessionSnapshot) -> Missing:
 
 def may_run_automatically(s: SessionSnapshot) -> Missing:
     """Automatic capture also needs missing poses."""
-    missing = may_move(s)
-    if missing:
+    if missing := may_move(s):
         return missing
     if len(s.state.used_poses) >= s.wanted_poses:
         return (f"all {s.wanted_poses} poses are captured",)
@@ -232,8 +226,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 def may_remount(s: SessionSnapshot) -> Missing:
     """Remounting needs a fixture and all poses of the present placement."""
-    missing = idle(s)
-    if missing:
+    if missing := idle(s):
         return missing
     if not s.procedure.fixture.fixture.holds_hand:
         return ("there is no fixture to remount: an instrument measures the tool",)
@@ -256,8 +249,7 @@ def may_edit_pose(s: SessionSnapshot) -> Missing:
 
 def may_calibrate(s: SessionSnapshot) -> Missing:
     """Calibrating needs enough poses; the paper's estimator all joints sensed."""
-    missing = idle(s) or calibrate_ready(s)
-    if missing:
+    if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:
         return ("the paper's estimator needs every joint sensed: choose implicit",)
@@ -281,8 +273,7 @@ def may_upload(s: SessionSnapshot) -> Missing:
 
 def may_force(s: SessionSnapshot) -> Missing:
     """Forced upload needs a calibration that was not accepted."""
-    missing = idle(s) or results_ready(s)
-    if missing:
+    if missing := idle(s) or results_ready(s):
         return missing
     if s.solution is not None and s.solution.accepted:
         return ("the calibration is accepted: upload it in step 7, without a reason",)

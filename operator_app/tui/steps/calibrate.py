@@ -69,8 +69,7 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
             line((" Result     ", "dim"), (f"{glyph} {facts.verdict}", role)),
             line(("            ", "dim"), "   ".join(figures)),
         ]
-    missing = may_calibrate(s)
-    if missing:
+    if missing := may_calibrate(s):
         return wrapped(" ▲ " + missing[0], width, "warn", "   ")
     return [line((" Ready      ", "dim"), "Enter or s starts")]
 

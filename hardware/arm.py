@@ -101,7 +101,7 @@ class ArmIdentity:
 class Fault:
     """An emergency message; `joint` is None for the supervisor.
 
-    Code 0: the drive sent none, but is not enabled, or does not follow, although commanded to.
+    Code 0: without an emergency message, a drive left *operation enabled* or stopped following its target.
     """
 
     node: int

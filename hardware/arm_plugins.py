@@ -2,8 +2,7 @@
 
 With an `ArmOffer` as OFFER and::
 
-    [project.entry-points."sarcal.arm"]
-    my_arm = "my_package:OFFER"
+    [project.entry-points."sarcal.arm"] my_arm = "my_package:OFFER"
 
 a package makes ``-i my_arm -c CHANNEL`` an arm like any other. Interface names of python-can keep their meaning.
 """
@@ -100,7 +99,7 @@ def _loaded(point: EntryPoint) -> ArmOffer:
     if not isinstance(found, ArmOffer):
         raise BusError(
             f"The arm {point.name} of the package {_package(point)} ({point.value}) is a "
-            f"{type(found).__name__} and no sarcal.arms.ArmOffer. Tell its author."
+            f"{type(found).__name__} not a sarcal.arms.ArmOffer. Tell its author."
         )
     return found
 

@@ -52,8 +52,8 @@ class HostLatencyExceeded(BusError):
         self.times, self.longest_s = times, longest_s
         often = "once" if times == 1 else f"{times} times"
         super().__init__(
-            f"this computer was too busy to serve the arm: late {often} since it took control, by at most "
-            f"{longest_s:.1f} s. Answers were missed, or control lapsed, at every attempt"
+            f"this computer was too busy for the arm: it was late {often} since it took control, by at most "
+            f"{longest_s:.1f} s. At every attempt it missed answers or lost control"
         )
 
 
@@ -79,7 +79,7 @@ class ProfileRemedy(Enum):
     DESCRIBE_PDO = "describe it"
     HEARTBEAT_PERIOD = "heartbeat: slowest_ms"
     SEND_ZERO = "send 0 in a PDO, or write it"
-    NONE = "this program needs it as it expects it"
+    NONE = "this program works with the expected value only"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +122,8 @@ class MappingChanged(HardwareError):
     def __init__(self, differs: MappingMismatch) -> None:
         self.differs = differs
         super().__init__(
-            "After the connection these nodes were set up otherwise, and their answers to SYNC no longer carry the "
-            f"joint's position: {'; '.join(differs.differences)}. Find the maker's tool or program that did it, "
+            "While connected, the set-up of these nodes was changed, and their answers to SYNC no longer carry the "
+            f"joint's position: {'; '.join(differs.differences)}. Find the program or maker's tool that did it, "
             "restore the set-up, then connect again"
         )
 
@@ -157,7 +157,7 @@ def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
 class PdoSetupFailed(HardwareError):
     """Drives lack or refuse the PDOs of the bus profile; `refusals` name node and object."""
 
-    _FAILED = "The bus profile has the drives' PDOs set up (pdo_maps: configured), and that failed"
+    _FAILED = "Setting up the drives' PDOs as in the bus profile (pdo_maps: configured) failed"
     _REMEDY = (
         "The drive's maps may be fixed: describe them in a profile with pdo_maps: compared (`sarcal probe --draft "
         "FILE` writes one), or set the drive up with its maker's tool, then connect again."
@@ -174,12 +174,9 @@ class PdoSetupFailed(HardwareError):
 class ZeroingFailed(PdoSetupFailed):
     """Drives refuse to set a torque or an offset to 0; `refusals` name node and object."""
 
-    _FAILED = (
-        "These drives would add a torque or an offset to commands; the bus profile has it set to 0 (pdo_maps: "
-        "configured), and that failed"
-    )
+    _FAILED = "Setting to 0 the torques or offsets that drives add to commands (pdo_maps: configured) failed"
     _REMEDY = (
-        "Set it to 0 with the maker's tool, or map that object in an RPDO of the profile, which sends it as 0; then "
+        "Set them to 0 with the maker's tool, or map these objects in an RPDO of the profile, which sends 0; then "
         "connect again."
     )
 
@@ -203,7 +200,7 @@ class ControlDenied(HardwareError):
             )
         else:
             because = why or "the supervisor gives no reason"
-            super().__init__(f"control of this arm was not given: {because}")
+            super().__init__(f"control of this arm was refused: {because}")
 
 
 class ModeNotReached(HardwareError):
@@ -316,7 +313,7 @@ class Stopped(HardwareError):
 
 
 class StopLatched(Stopped):
-    """STOP is latched by this program itself, whose cause was reported: it was pressed, or the arm was silent."""
+    """STOP was latched by this program, which has reported why: it was pressed, or the arm was silent."""
 
 
 class CommandRefused(HardwareError):

@@ -239,7 +239,8 @@ class TcpLines:
         self.close()
         last_line = f" Its last line: {last}." if last else ""
         return InstrumentError(
-            f"the tracker at {self.name} hung up.{last_line} Start its program again, then go on with this session"
+            f"the tracker at {self.name} closed the connection.{last_line} Start its program again, then go on with "
+            "this session"
         )
 
 
@@ -364,8 +365,8 @@ class GrowingFile:
 
     def _no_file(self) -> InstrumentError:
         return InstrumentError(
-            f"{self._path} is no file but a folder, a pipe or a device. Name a file that the tracker's "
-            "program adds rows to; what comes through a pipe: --tracker stdin"
+            f"{self._path} is a folder, a pipe or a device, not a file. Name a file that the tracker's "
+            "program appends rows to; for a pipe use --tracker stdin"
         )
 
     def _size(self) -> int:

@@ -137,7 +137,7 @@ class OutsideArm:
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint and check that the arm reports them."""
         if len(modes) != len(self._limits):
-            raise ValueError(f"{len(self._limits)} joints need as many modes, not {len(modes)}")
+            raise ValueError(f"{len(self._limits)} joints need one mode each, not {len(modes)}")
         self._require_no_stop()
         self._require_control()
         with self._repeated_stop(), self._translated_errors():
@@ -225,7 +225,7 @@ class OutsideArm:
         with self._translated_errors():
             self._connected.reset_stop()
         if not self._latch.release(press):
-            raise Stopped("STOP was pressed again meanwhile: it stays latched")
+            raise Stopped("STOP was pressed again during the reset: it stays latched")
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
         """Upload to a controller that keeps parameters."""
@@ -262,7 +262,7 @@ class OutsideArm:
         n, found = len(self._description.joints), np.asarray(values, dtype=float)
         if found.shape != (n,):
             raise BusError(
-                f"{self._name}: {what} has shape {found.shape}, one value for each of {n} joints is needed. "
+                f"{self._name}: {what} has shape {found.shape} instead of one value for each of {n} joints. "
                 "Tell its author; nothing was captured"
             )
         for number, value in enumerate(found, 1):
@@ -281,7 +281,7 @@ class OutsideArm:
             if self._latch.latched:
                 with self._translated_errors():
                     self._connected.stop()
-                raise StopLatched("STOP came meanwhile: reset it before anything moves again")
+                raise StopLatched("STOP was pressed: reset it before anything moves again")
 
     def _require_no_stop(self) -> None:
         if self._latch.latched:

@@ -90,10 +90,8 @@ def real_time_priority() -> Iterator[None]:
     """Run this thread and the threads it starts in real time; as before if not allowed.
 
     Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a nice program in
-    another session still gets as much of it as the program that moves the arm.
-
-    Allowed for root, and by ``ulimit -r`` (rtprio in limits.conf). The kernel limits real-time threads to 95 % of
-    a processor.
+    another session still gets as much of it as the program that moves the arm. Allowed for root, and by ``ulimit -r``
+    (rtprio in limits.conf). The kernel limits real-time threads to 95 % of a processor.
     """
     if sys.platform != "linux":
         yield
@@ -132,12 +130,10 @@ REPORTED_S = 0.3
 class LatencyMonitor:
     """Accumulates host latency; the receiving thread calls it for every poll of the bus.
 
-    On a busy computer the receiving thread may not run for a second, and what the arm sent waits in a queue.
-    Silences are measured without that time, and a frame's age counts from its arrival, not from its reading.
-
-    A frame's waiting time is the difference of two readings of the clock that stamps frames: on arrival and
-    now. That clock may be set meanwhile, so a frame is never older than the last moment the queue was empty.
-    Without a usable stamp a frame counts as arrived when it is read.
+    On a busy computer the receiving thread may not run for a second while frames wait in a queue. Silences exclude
+    that time, and a frame's age counts from its arrival: the difference between its stamp and now on the stamping
+    clock. Since that clock may be set, a frame is never older than the last moment the queue was empty; without a
+    usable stamp it counts as arrived when it is read.
 
     Parameters
     ----------

@@ -278,7 +278,7 @@ def _sending_socket() -> socket.socket:
 
 
 def enlarge_receive_buffer(receiver: socket.socket) -> None:
-    """Let the kernel keep more frames until they are read; as root more than net.core.rmem_max allows."""
+    """Enlarge the kernel's queue of unread frames, as root beyond net.core.rmem_max."""
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
     if _IS_LINUX:
         with contextlib.suppress(PermissionError):

@@ -3,7 +3,7 @@
 Settings use python-can's names and sources, strongest first: command-line options
 (``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
 ``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``; by default the interface is ``virtual``. It may also name an arm
-of another package (`hardware.arm_plugins`), with a channel and no CAN bus.
+of another package (`hardware.arm_plugins`), which has a channel but no CAN bus.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Settings from options, the environment and ``can.conf``; without an interface there, `otherwise`.
+    """Settings from options, the environment and ``can.conf``; `otherwise` if none of them names an interface.
 
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
@@ -121,7 +121,7 @@ def bus_settings(
     except can.CanInterfaceNotImplementedError as error:
         known = ", ".join(sorted(can.VALID_INTERFACES))
         arms = ", ".join(offered_names())
-        offered = f" Arms that installed packages offer: {arms}." if arms else ""
+        offered = f" Arms of installed packages: {arms}." if arms else ""
         raise BusSettingsError(f"{error}. Use one of: {known}.{offered}") from error
     except (ValueError, TypeError) as error:
         raise BusSettingsError(
@@ -140,7 +140,7 @@ def bus_settings(
         )
     if where is not None and not str(where).isprintable():
         raise BusSettingsError(
-            f"The channel name {str(where)!a} has characters that no channel is named with."
+            f"The channel name {str(where)!a} contains characters that cannot be printed. Correct it."
         )
     return BusSettings(
         interface=str(chosen),
@@ -163,7 +163,7 @@ def open_sender(settings: BusSettings) -> can.BusABC:
         case "loopback":
             return _open(settings, {"send_only": True})
         case serial if serial in _SERIAL:
-            raise BusError(f"An adapter on a serial line opens once: {settings}.")
+            raise BusError(f"An adapter on a serial line can be opened only once: {settings}.")
         case _:
             # A filter that matches nothing: standard identifiers end at 7FFh.
             nothing = [{"can_id": 0x1FFFFFFF, "can_mask": 0x1FFFFFFF, "extended": False}]
@@ -182,8 +182,8 @@ def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
 def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
     if settings.interface not in can.VALID_INTERFACES and settings.interface in offered_names():
         raise BusError(
-            f"{settings.interface} is an arm of an installed package and no CAN bus. Name an interface of "
-            "python-can here."
+            f"{settings.interface} is an arm of an installed package, not a CAN bus. Name an interface of "
+            "python-can."
         )
     options = {**settings.options, **extra}
     if settings.bitrate is not None:
@@ -207,7 +207,7 @@ def _open(settings: BusSettings, extra: dict[str, Any]) -> can.BusABC:
 
 
 def _named_in(settings: BusSettings) -> str:
-    """Sentence that names the file with the interface, if it was not typed."""
+    """Sentence that names the file where the interface comes from; empty if it was given as an option."""
     if not settings.named_in:
         return ""
     return f" The interface {settings.interface} is named in {settings.named_in}."
@@ -250,8 +250,8 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
         error, can.CanInterfaceNotImplementedError | NameError | ImportError | AttributeError
     ):
         return (
-            f"The driver for interface {settings.interface} is not there: {error}. Install what "
-            "its maker and python-can's manual ask for."
+            f"The driver for interface {settings.interface} is not there: {error}. Install it as "
+            "its maker and python-can's manual describe."
         )
     return (
         f"The bus {settings} cannot be opened: {error}. Check the interface and the channel name."

@@ -65,7 +65,7 @@ class Recording:
             ) from error
 
     def note(self, message: can.Message) -> None:
-        """Queue a frame for the next `record`; waits for nothing."""
+        """Queue a frame for the next `record`; never blocks."""
         self._noted.append(message)
 
     def record(self, message: can.Message) -> None:
@@ -120,7 +120,7 @@ class Recording:
 
 
 def _unused(path: Path) -> Path:
-    """Return this path if it is free, else with the first free number added."""
+    """Return this path, with the first free number added if it exists."""
     candidate, k = path, 2
     while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1
@@ -200,7 +200,7 @@ class SharedBus:
                 self._send_with_retries(message)
         except (can.CanError, OSError) as error:
             raise BusError(
-                f"The bus does not take frames any more: {error}. {self._remedy(error)}"
+                f"The bus no longer takes frames: {error}. {self._remedy(error)}"
             ) from error
         if self._recording is not None:
             message.is_rx = False
@@ -233,10 +233,10 @@ class SharedBus:
         try:
             self._bus.send(message, timeout=0.0)
         except (can.CanError, OSError) as error:
-            raise BusError(f"The bus does not take frames any more: {error}.") from error
+            raise BusError(f"The bus no longer takes frames: {error}.") from error
 
     def note_sent(self, message: can.Message) -> None:
-        """Record a frame that was sent by another handle, with its own time stamp; waits for nothing."""
+        """Record a frame that was sent by another handle, with its own time stamp; never blocks."""
         if self._recording is not None:
             message.is_rx = False
             self._recording.note(message)
@@ -251,7 +251,7 @@ class SharedBus:
                 message = self._bus.recv(timeout_s)
             except (can.CanError, OSError, ValueError) as error:
                 raise BusError(
-                    f"The bus cannot be read any more: {error}. Check adapter, cable and power."
+                    f"The bus can no longer be read: {error}. Check adapter, cable and power."
                 ) from error
             if message is None:
                 return None
@@ -273,8 +273,8 @@ class SharedBus:
 def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | None]]:
     """Record a bus through a separate handle and thread while the context is open.
 
-    Yields a function that returns why recording ended early, None if it did not. Raises `BusError` if the bus does
-    not open once more, or the file cannot be created.
+    Yields a function that returns why recording ended early, None if it did not. Raises `BusError` if the bus cannot
+    be opened a second time, or the file cannot be created.
     """
     bus = SharedBus(open_bus(settings), record_to=path)
     over, failures = threading.Event(), list[str]()

@@ -144,7 +144,7 @@ _TRANSITIONS: Final = MappingProxyType(
 POWERED_STATES: Final = frozenset({_S.OPERATION_ENABLED, _S.QUICK_STOP_ACTIVE})
 """States in which the drive closes a loop."""
 CLOSED_LOOP_STATES: Final = POWERED_STATES | {_S.FAULT_REACTION_ACTIVE}
-"""The same, with the state in which it brakes after a fault."""
+"""`POWERED_STATES` and the state in which the drive brakes after a fault."""
 _IN_FAULT: Final = frozenset({_S.FAULT_REACTION_ACTIVE, _S.FAULT})
 
 
@@ -194,7 +194,7 @@ def statusword(state: DriveState, flags: int = 0) -> int:
 
 
 def drive_state(status: int) -> DriveState:
-    """State in a statusword; `ValueError` if the bits are no CiA 402 state."""
+    """State in a statusword; `ValueError` if the bits code no CiA 402 state."""
     state = _decoded(status)
     if state is None:
         raise ValueError(f"statusword {status:04X}h shows no CiA 402 state")

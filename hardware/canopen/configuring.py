@@ -129,7 +129,7 @@ def zero_residual_torques(access: ObjectAccess, profile: BusProfile) -> Iterator
         try:
             access.write_unsigned(node, index, 0, 0, size)
         except SdoRefused as refusal:
-            raise ZeroingFailed([f"{who}: {refusal}; it was to be 0"]) from refusal
+            raise ZeroingFailed([f"{who}: {refusal}; the required value is 0"]) from refusal
         yield f"{who}: {index:04X}h is 0; it was {value}"
 
 
@@ -157,7 +157,7 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
     for joint in profile.joints:
         for number, index, value in conflicting_pdos(access, joint.node, profile, joint):
             who = f"{profile.who(joint.node)}: {_name(index, number)}"
-            text = f"{who} is off; it was on {value & IDENTIFIER:03X}h, which this arm needs"
+            text = f"{who} was on {value & IDENTIFIER:03X}h, an identifier of this arm, and is switched off"
             changes.append(
                 PdoChange(text=text, invalidate=(_invalidate(joint.node, index, value),))
             )
@@ -216,7 +216,7 @@ class _CurrentPdo:
         """Yield the change to `pdo`, if it differs."""
         writes = list[ObjectWrite]()
         if self.entries != pdo.entries:
-            why = f"its map was to be {format_map(pdo.entries)}"
+            why = f"required map: {format_map(pdo.entries)}"
             entries = [index << 16 | sub << 8 | bits for index, sub, bits in pdo.entries]
             writes.append(self._write(self.mapping, 0, 0, 1, why))
             writes += (
@@ -224,19 +224,19 @@ class _CurrentPdo:
             )
             writes.append(self._write(self.mapping, 0, len(entries), 1, why))
         if self.transmission not in types:
-            why = f"its transmission type was to be {types[-1]}"
+            why = f"required transmission type: {types[-1]}"
             writes.append(self._write(self.communication, 2, types[-1], 1, why))
         if types is EVERY_SYNC and self.inhibited:
-            why = "its inhibit time was to be 0"
+            why = "required inhibit time: 0"
             writes.append(self._write(self.communication, INHIBIT, 0, 2, why))
         if types is EVERY_SYNC and self.has_sync_start:
-            why = "its SYNC start value was to be 0"
+            why = "required SYNC start value: 0"
             writes.append(self._write(self.communication, SYNC_START, 0, 1, why))
         moved = self.cob_id & (IDENTIFIER | EXTENDED | NOT_VALID) != pdo.cob_id
         if not writes and not moved:
             return
         value = self.cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
-        why = f"its identifier was to be {pdo.cob_id:03X}h"
+        why = f"required identifier: {pdo.cob_id:03X}h"
         valid = not self.cob_id & NOT_VALID
         yield PdoChange(
             text=f"{who}: {_name(self.communication, pdo.number)} is {format_map(pdo.entries)} on "
@@ -261,7 +261,7 @@ class _CurrentPdo:
 
 
 def _invalidate(node: int, communication: int, cob_id: int) -> ObjectWrite:
-    value, why = cob_id | NOT_VALID, "it was to be switched off while it is set up"
+    value, why = cob_id | NOT_VALID, "it must be switched off while it is set up"
     return ObjectWrite(node=node, index=communication, sub=1, value=value, size=4, why=why)
 
 

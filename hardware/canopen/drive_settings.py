@@ -168,7 +168,7 @@ def _unsupported_modes(
     supported = read_number(access, node, SUPPORTED_MODES, 0)
     if supported is None:
         return None
-    # Modes of the maker's own have codes below 0, and no bit.
+    # Codes below 0 are the maker's own modes, which have no bit.
     codes = (code for code in sorted(profile.mode_codes.values()) if code > 0)
     return tuple(code for code in codes if not supported >> (code - 1) & 1)
 
@@ -244,7 +244,7 @@ def operator_monitoring_differences(
     ):
         return ()
     seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-    expected = f"node {OPERATOR_NODE}'s heartbeat watched, for {1e3 * MAX_OPERATOR_TIMEOUT_S:.0f} ms at the most"
+    expected = f"a time-out of at most {1e3 * MAX_OPERATOR_TIMEOUT_S:.0f} ms for the heartbeat of node {OPERATOR_NODE}"
     return (
         ObjectMismatch(
             node=node,

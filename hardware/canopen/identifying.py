@@ -101,8 +101,8 @@ def check_arm(
             if refusal.code not in ABSENT:
                 raise
             found.append(
-                f"joint {joint} does not describe itself in {refusal.index:04X}h, which the bus "
-                f"profile {profile.name} has compared"
+                f"joint {joint} has no object {refusal.index:04X}h, which the bus "
+                f"profile {profile.name} compares"
             )
     if found:
         raise WrongArm(
@@ -150,7 +150,7 @@ def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[fl
             found.append(access.read_unsigned(joint.node, RATED_TORQUE) * 1e-3)
         except SdoRefused as refusal:
             raise WrongArm(
-                f"Joint {number} does not say what its torques mean (no {RATED_TORQUE:04X}h). Give "
+                f"Joint {number} states no rated torque ({RATED_TORQUE:04X}h), the unit of its torques. Give "
                 f"rated_torque_nm for it in the bus profile {profile.name}."
             ) from refusal
     return tuple(found)
@@ -179,7 +179,7 @@ def _joint_differences(
     node = profile.drives[joint - 1]
     device = access.read_unsigned(node, DEVICE_TYPE)
     if not profile.is_drive(device):
-        yield f"is no CiA 402 servo drive (1000h = {device:08X}h)"
+        yield f"is not a CiA 402 servo drive (1000h = {device:08X}h)"
         return
     yield from _sensor_differences(access, joint, expected, profile)
     if POSITION_LIMITS in profile.compared:

@@ -69,7 +69,7 @@ ABSENT = frozenset({Abort.NO_OBJECT, Abort.NO_SUBINDEX})
 def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[int] = ()) -> None:
     """Compare the PDOs of all drives with the profile; `silent` nodes are reported with the differences.
 
-    Raises `MappingMismatch` with node, object, expected and found of every difference. Nodes that are no
+    Raises `MappingMismatch` with node, object, expected and found value of every difference. Nodes other than
     drives are skipped.
     """
     absent = sorted(silent)
@@ -178,7 +178,7 @@ def conflicting_pdos(
 
 
 def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[ObjectMismatch]:
-    """Differences beside the transmission type that keep a TPDO from following every SYNC."""
+    """Differences other than the transmission type that keep a TPDO from following every SYNC."""
     inhibit = inhibit_s(access, node, index)
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"

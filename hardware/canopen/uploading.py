@@ -107,7 +107,7 @@ def upload(
                 known = not attempt.commit_pending()
             if attempt.commit_sent and not known:
                 raise UploadUnknown(
-                    "whether the controller has taken the parameters is not known: the commit was sent, and then: "
+                    "it is not known whether the controller has stored the parameters: the commit was sent, and then: "
                     f"{why}"
                 ) from lost
             if why is lost and isinstance(lost, SdoRefused):
@@ -197,8 +197,8 @@ def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
     at = next((k for k, (a, b) in enumerate(zip(staged, document, strict=False)) if a != b), None)
     where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
     raise UploadRefused(
-        f"The document read back from the controller is not the one sent ({where} of "
-        f"{len(document)}). It was dropped; the one before stays active."
+        f"The document read back from the controller differs from the one sent ({where} of "
+        f"{len(document)}). It was dropped; the previous one stays active."
     )
 
 

@@ -32,12 +32,12 @@ from hardware.errors import HardwareError
 STOP: Final = "STOP"
 """Name of the clause that must pass before drives are enabled again."""
 NOT_TESTED: Final = {
-    "overload": "more joints in position mode than the mobility, with a fixture: it would load both to their limits",
+    "overload": "more joints in position mode than the mobility, with a fixture: they would overload each other",
     "faults": "count loss, nodes that restart or answer twice, modes refused: the virtual arm has them all "
     "(sarcal controller --fault help)",
     "upload": "upload of a document and reading it back: it would replace the arm's own; `sarcal export --upload` "
-    "reads back what it writes",
-    "closed chain": "two joints that move the others through a fixture: the tool is free; the first run shows it",
+    "reads back every upload",
+    "closed chain": "two joints that move the others through a fixture: none on the bench; the first run tests this",
 }
 """Requirements that cannot be tested on a bench, and why."""
 
@@ -238,7 +238,7 @@ def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
         passed=right,
         text="it turned in the sense of the arm file"
         if right
-        else "it turned otherwise: check direction, and the order of joints, in the bus profile",
+        else "it did not: check direction, and the order of joints, in the bus profile",
         joint=joint,
     )
     yield from checks.halts(back)
@@ -278,8 +278,8 @@ def _free(bench: Bench) -> Iterator[Clause]:
 
 def _leave(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
     if not bench.ask(
-        "The arm will be closed and connected again, as between two sessions. Its drives are switched off, and a "
-        "joint without a brake may sink: support the arm. Close it?"
+        "The arm will be released and connected again, as between two sessions. Its drives are switched off, and a "
+        "joint without a brake may sink: support the arm. Release it?"
     ):
         yield declined()
         return

@@ -75,7 +75,7 @@ class BusMonitor:
         self._stopped: set[int] = set()
 
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
-        """Take in a frame; yield sentences on what it changes."""
+        """Take in a frame; yield one sentence for each change that it shows."""
         self.frames[identifier] += 1
         if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
             yield from self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
@@ -86,7 +86,7 @@ class BusMonitor:
         elif COB_EMCY < identifier <= COB_EMCY + OPERATOR_NODE:
             code = unpack_emergency(data)
             if code is not None:
-                text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error is over"
+                text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error has ended"
                 yield f"{self._who(identifier - COB_EMCY)}: {text}"
         elif identifier == COB_NMT and len(data) == 2:
             to = self._who(data[1]) if data[1] else "all nodes"

@@ -35,7 +35,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class OnTheWay:
-    """A watch that acts once after a part of the motion, and keeps the position."""
+    """A watch that acts once after a part of the motion, and stores the position where it acted."""
 
     joint: int
     after_rad: float
@@ -78,7 +78,7 @@ class Turn:
         """Travel after the watch acted, as text."""
         here = float(self.arm.capture(1).mean_rad[self.joint - 1])
         at = watch.start_rad if watch.at_rad is None else watch.at_rad
-        return f"came to rest {deg(abs(here - at))} on"
+        return f"came to rest after a further {deg(abs(here - at))}"
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
@@ -158,7 +158,7 @@ def is_stopped(turn: Turn) -> Iterator[Clause]:
     except Stopped:
         stopped = True
     seconds = seconds_to_stop(arm, time.monotonic())
-    rests = arm.snapshot().positions_rad  # a stopped arm cannot be captured
+    rests = arm.snapshot().positions_rad  # a stopped arm cannot take a reading
     gone = abs(float(rests[joint - 1]) - watch.start_rad)
     at = 0.0 if watch.at_rad is None else abs(watch.at_rad - watch.start_rad)
     text = f"it came to rest {deg(abs(gone - at))} after STOP"
@@ -211,7 +211,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
             passed=None if option is None else option >= HOLDS_AFTER_STOP,
             text="it has no 605Ah (quick stop option)"
             if option is None
-            else f"605Ah = {option}: it {'holds' if option >= HOLDS_AFTER_STOP else 'lets go'} after a "
+            else f"605Ah = {option}: it {'holds' if option >= HOLDS_AFTER_STOP else 'releases the joint'} after a "
             "quick stop",
             joint=drive.joint,
         )
@@ -224,16 +224,16 @@ def _guard(drive: DriveFacts) -> Clause:
     if guard is None:
         passed, text = (
             False,
-            "1016h: it does not monitor the operator's heartbeat, and goes on when this program dies",
+            "1016h: it does not monitor the operator's heartbeat, and moves on if this program dies",
         )
     else:
-        passed, text = True, f"1016h: it stops without the operator after {guard:.2f} s"
+        passed, text = True, f"1016h: it stops {guard:.2f} s after the operator's last heartbeat"
         if guard > MAX_OPERATOR_TIMEOUT_S:
             passed, text = (False, f"{text}; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s")
         elif guard > ADVISED_OPERATOR_TIMEOUT_S:
             passed, text = (
                 None,
-                f"{text}; that long it goes on when this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)",
+                f"{text}, and moves on until then if this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)",
             )
     return Clause(name="guard", passed=passed, text=text, joint=drive.joint)
 
@@ -251,7 +251,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
     yield Clause(
         name="period",
         passed=True if kept else None,
-        text=f"a SYNC every {1e3 * mean_s:.2f} ms, wanted every {1e3 * period_s:g} ms{late}",
+        text=f"a SYNC every {1e3 * mean_s:.2f} ms, configured {1e3 * period_s:g} ms{late}",
     )
 
 
@@ -266,13 +266,16 @@ def excludes_others(arm: CanopenArm) -> Clause:
         passed, text = None, f"not tried: {error}"
     else:
         other.close()
-        passed, text = False, "a second program was let in: its frames pass, and ours do not"
+        passed, text = (
+            False,
+            "a second program was let in, and this program's frames no longer reach the arm",
+        )
     if passed is not False:
         # It may have sent frames before it was refused or failed.
         try:
             arm.capture(2)
         except HardwareError as error:
-            passed, text = False, f"a second program was let in before it ended: {error}"
+            passed, text = False, f"a second program was let in, then failed: {error}"
     return Clause(name="one operator", passed=passed, text=text)
 
 
@@ -298,7 +301,7 @@ def stops_alone(arm: CanopenArm, ask: Ask, bounds: Bounds) -> Iterator[Clause]:
     on = [j for j, state in enumerate(states, 1) if state is DriveState.OPERATION_ENABLED]
     arm.connect()
     faults = arm.snapshot().faults
-    arm.reset_stop()  # the drives have tripped, and a tripped arm cannot be captured
+    arm.reset_stop()  # the drives have tripped, and a tripped arm cannot take a reading
     reasons = sorted({f"{fault.text} ({fault.code:04X}h)" for fault in faults})
     yield Clause(
         name="stops alone",

@@ -37,7 +37,7 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
     yield Clause(
         name="serial",
         passed=bool(identity.serial_number.strip()),
-        text=f"its serial number is {identity.serial_number!r}; it keeps poses of two arms apart",
+        text=f"its serial number is {identity.serial_number!r}, which must tell the poses of two arms apart",
     )
     roles = [node.role for node in identity.nodes if node.role.startswith("joint")]
     yield Clause(
@@ -52,7 +52,7 @@ def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
     found = arm.snapshot()
     wrong = []
     if [joint.joint for joint in found.joints] != list(range(1, joints + 1)):
-        wrong.append(f"{len(found.joints)} joints instead of {joints}, or in another order")
+        wrong.append(f"{len(found.joints)} joints instead of {joints}, or not in order")
     if not (np.all(np.isfinite(found.positions_rad)) and np.all(np.isfinite(found.torques_nm))):
         wrong.append("a position or a torque is not finite")
     elif np.abs(found.positions_rad).max(initial=0.0) >= LARGEST_READING_RAD:
@@ -139,7 +139,7 @@ def reads_modes_back(arm: ArmInterface, modes: Sequence[JointMode]) -> Iterator[
         passed=not given and not held,
         text=f"{joints_words(given or held)} reports another mode"
         if given or held
-        else "every joint reports the mode it was given, then that it holds",
+        else "every joint reports the requested mode, then position mode",
     )
 
 
@@ -187,7 +187,7 @@ def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) 
     here = arm.snapshot().joints[joint - 1].position_rad
     return is_refused(
         "free stays free",
-        "to move it while it is free",
+        "a move in free mode",
         lambda: arm.move({joint: here}, speed_rad_per_s=speed_rad_per_s),
         joint=joint,
     )
@@ -232,7 +232,7 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
 
 
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """The reset of STOP leaves the drives off and the joints at `before`, but for settling in brake or valve."""
+    """The reset of STOP leaves the drives off and the joints at `before`, except for settling in brake or valve."""
     arm.reset_stop()
     found = arm.snapshot()
     on = [j.joint for j in found.joints if j.drive is DriveState.OPERATION_ENABLED]
@@ -249,7 +249,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """It closes, also twice; refuses a snapshot then; connects again as the same arm with drives off."""
+    """After one or two `close` it refuses a snapshot, and connects again as the same arm with drives off."""
     results = [arm.close(), arm.close()]
     yield Clause(
         name="closes",
@@ -266,7 +266,7 @@ def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Cla
         passed=same,
         text="it connects again as the same arm"
         if same
-        else f"it connects again as {again}, and was {identity}",
+        else f"it connects again as {again}, and was {identity} before",
     )
     yield drives_off(arm)  # a person may have unbolted the tool meanwhile
 

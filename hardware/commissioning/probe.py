@@ -81,7 +81,7 @@ class FoundNode:
     problems, unread, notes
         Differences from the profile; why it could not be read to the end (one of the problems); remarks.
     pdos, room
-        Valid PDOs of a drive, and what its PDOs could be set up of.
+        Valid PDOs of a drive, and the numbers of PDOs and objects available to set up others.
     described
         Objects of a drive that can be compared with an arm file.
     supervises
@@ -201,7 +201,7 @@ def probe(
     try:
         listener.listen(listen_s)
         if others := listener.take_masters():
-            busy = f"another program works on this bus: {others}"
+            busy = f"another program uses this bus: {others}"
             return Probe(busy=busy, heard=tuple(sorted(listener.heartbeats)), nodes=())
         for node in NODES:
             wire.send(COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
@@ -220,7 +220,7 @@ def probe(
             busy="",
             heard=tuple(sorted(listener.heartbeats)),
             nodes=found,
-            meanwhile=came and f"another program started to work on this bus meanwhile: {came}",
+            meanwhile=came and f"another program started to use this bus during the probe: {came}",
         )
     finally:
         listener.close()

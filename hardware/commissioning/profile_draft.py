@@ -34,12 +34,12 @@ class DraftRefused(Exception):
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
     """Profile of the drives found, joints in order of node numbers; `DraftRefused` if it is not possible.
 
-    With their present PDOs; with `configure` with PDOs to be written at every connection: the fewest that carry the
-    objects needed, on CiA 301's identifiers.
+    It uses the drives' present PDOs; with `configure`, the fewest PDOs that carry the objects needed, on CiA 301's
+    identifiers, to be written at every connection.
     """
     drives = [node for node in nodes if node.drive]
     if not drives:
-        raise DraftRefused(["no node on this bus says that it is a CiA 402 servo drive (1000h)"])
+        raise DraftRefused(["no node on this bus is a CiA 402 servo drive by its 1000h"])
     obstacles = _configuration_obstacles if configure else _obstacles
     if reasons := [text for node in drives for text in obstacles(node)]:
         raise DraftRefused(reasons)
@@ -90,7 +90,9 @@ def _unusable(pdo: ActivePdo) -> str:
     if pdo.sent and pdo.transmission not in EVERY_SYNC:
         return f"is of transmission type {pdo.transmission}, not 1 (on every SYNC)"
     if not pdo.sent and pdo.transmission not in ON_RECEIPT:
-        return f"is of transmission type {pdo.transmission}, not 254 or 255 (acted on as it comes)"
+        return (
+            f"is of transmission type {pdo.transmission}, not 254 or 255 (acted on when received)"
+        )
     if any(bits % 8 for _, _, bits in pdo.entries):
         return "maps parts of bytes"
     if not pdo.sent:
@@ -98,7 +100,7 @@ def _unusable(pdo: ActivePdo) -> str:
             i for i, _, _ in pdo.entries if i not in COMMAND_OBJECTS and i not in ZERO_OBJECTS
         ]
         if others:
-            return f"carries {others[0]:04X}h, which this program does not command"
+            return f"carries {others[0]:04X}h, which this program cannot command"
     return ""
 
 
@@ -119,7 +121,7 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
                 if pdo.sent is sent and index in _carried(pdo)
             ]
             because = f" ({'; '.join(why)})" if why else ""
-            yield f"node {node.node}: no {kind} carries {index:04X}h as it is needed{because}"
+            yield f"node {node.node}: no usable {kind} carries {index:04X}h{because}"
 
 
 def _unread(node: FoundNode) -> str:
@@ -173,4 +175,4 @@ def _configuration_obstacles(node: FoundNode) -> Iterator[str]:
         needed = len(_frames(node, sent=sent))
         if len(numbers) < needed:
             kind = "TPDO" if sent else "RPDO"
-            yield f"node {node.node}: {needed} {kind}s are needed, and it has {len(numbers)}"
+            yield f"node {node.node}: {needed} {kind}s are needed, but it has {len(numbers)}"

@@ -24,7 +24,7 @@ class Stage(Enum):
     FREE = "free"
     """One joint at a time in free mode."""
     LEAVE = "leave"
-    """Closed as at the end of a session, and connected again."""
+    """The arm is released as at the end of a session, and connected again."""
     SILENCE = "silence"
     """Loss of the operator's heartbeat, as when this program is killed."""
 

@@ -96,7 +96,7 @@ class CanopenArm:
 
         A STOP latched before remains latched; one pressed meanwhile cancels the connection.
 
-        Raises a `HardwareError`; the connection is closed again then.
+        Closes the connection again if it raises a `HardwareError`.
         """
         return self._connector.connect()
 
@@ -148,10 +148,10 @@ class CanopenArm:
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when 6061h of every drive confirms it.
 
-        Raises `ModeNotReached` for the first joint whose drive does not, or does not follow its target.
+        Raises `ModeNotReached` for the first joint whose drive does not confirm its mode or follow its target.
         """
         if len(modes) != self._n:
-            raise ValueError(f"{self._n} joints need {self._n} modes, not {len(modes)}")
+            raise ValueError(f"{self._n} joints need one mode each, not {len(modes)}")
         self._set_modes(modes)
         joint = motion_steps.not_following(self._link.loop.sample, modes)
         if joint is not None:
@@ -259,7 +259,7 @@ class CanopenArm:
         self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
     def stop(self) -> None:
-        """Quick stop to all drives, latched. From any thread; waits for no lock and no queue.
+        """Send quick stop to all drives and latch STOP. From any thread; waits for no lock and no queue.
 
         Also ends a connection attempt. Raises `BusError` if a frame could not be sent; all others were.
         """
@@ -268,7 +268,7 @@ class CanopenArm:
     def reset_stop(self) -> None:
         """Clear the latch and drive faults; the drives stay disabled until `take_control`.
 
-        Raises `Stopped` if STOP was pressed again meanwhile, `DriveFault` if a fault cannot be cleared.
+        Raises `Stopped` if STOP was pressed again during the reset, `DriveFault` if a fault cannot be cleared.
         """
         link, press = self._link, self._connector.latch.last_press
         not_reached = link.loop.run(

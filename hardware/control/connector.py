@@ -102,7 +102,7 @@ class Connector:
         return self._recording_failure if link is None else link.recording_failure
 
     def connect(self) -> ArmIdentity:
-        """Open a connection; an error, or STOP meanwhile, closes it again."""
+        """Open a connection; an error, or STOP during it, closes it again."""
         if self._connection is not None:
             raise ValueError("this arm is connected already")
         press, self._connecting = self.latch.last_press, True
@@ -189,7 +189,7 @@ class Connector:
 
 
 def release_arm(loop: ControlLoop) -> ReleaseResult:
-    """Position mode everywhere, then drives off, which blocks the joints' valves. Lifts no STOP."""
+    """Set all joints to position mode, then switch the drives off, which blocks the valves. Lifts no STOP."""
     # A latched STOP holds the drives by itself; a stop that the supervisor reports does not. With a silent node
     # the others are still switched off.
     ignored = (*_IGNORED_ALARMS, BusError, *(() if loop.stop_latched else (Stopped,)))
@@ -199,7 +199,7 @@ def release_arm(loop: ControlLoop) -> ReleaseResult:
                 loop.run(motion_steps.hold_where_it_is(loop), despite=ignored)
             loop.run(motion_steps.drive_to(loop, TargetState.DISABLED), despite=ignored)
         sample: Sample = loop.run(_until_off(loop), despite=(*_IGNORED_ALARMS, Stopped))
-    except HardwareError:  # the drives hold without an operator as well
+    except HardwareError:  # the drives hold without an operator too
         return ReleaseResult(holding=False)
     return ReleaseResult(holding=not _following(sample), powered=_powered(sample))
 

@@ -21,10 +21,9 @@ from hardware.timing import LatencyMonitor
 class CommandSender:
     """Sends commands in the control loop's thread.
 
-    STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the
-    last command on the bus. After uncommanded motion all drives are stopped, and the joint's own drive is switched
-    off, which blocks its valve: such a drive does not hold. A drive that was switched off at the drive is not
-    enabled again.
+    STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
+    command on the bus. After uncommanded motion all drives are stopped, and that joint's drive, which does not hold, is
+    switched off, which blocks its valve. A drive that was switched off at the drive is not enabled again.
 
     Parameters
     ----------

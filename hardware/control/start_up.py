@@ -75,9 +75,8 @@ def require_unused(
 ) -> None:
     """Return if no other operator can be using the arm.
 
-    An operator may be silent as long as the drives' time-out for its heartbeat (1016h); a communication reset
-    would then hit a moving arm. So if drives are enabled or the control token is held, this listens for that
-    time-out: a live operator is heard, and without one the drives stop. Otherwise there is no wait.
+    An operator may be silent for the drives' time-out (1016h), and a communication reset would then hit a moving arm.
+    So if drives are enabled or the token is held, listen for that time: an operator is heard, or the drives stop.
 
     Parameters
     ----------
@@ -214,7 +213,7 @@ class StartUp:
                 takes_over=takes_over,
                 timeout_s=self._timing.operator_timeout_s,
             )
-            self._listen(0.0)  # commands of others meanwhile, before they are cleared
+            self._listen(0.0)  # other programs' commands so far, before they are cleared
         loop.nodes.expect_boot_up()
         missing = self._send_nmt(NmtCommand.RESET_COMMUNICATION, loop.nodes.wait_for_boot_up)
         loop.nodes.expect_no_boot_up()
@@ -254,7 +253,7 @@ class StartUp:
         self.raise_if_cancelled()
         if nodes.foreign_command:
             raise OtherMaster(
-                f"Somebody else works on this bus: {nodes.foreign_command} came from another program. Nothing "
+                f"Another program uses this bus: it sent {nodes.foreign_command}. Nothing "
                 "was sent to the arm. End that program, or take its device off this bus, then connect again; "
                 "`sarcal monitor` shows what it sends."
             )

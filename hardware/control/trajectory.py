@@ -84,7 +84,7 @@ class Trapezoid:
 
 
 class StraightMove:
-    """Targets of a straight synchronised move, one vector a control period.
+    """Targets of a straight synchronised move, one vector per control period.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""Object dictionaries of our devices, read from their EDS files, which are the source. Knows no bus.
+"""Object dictionaries of our devices, read from their EDS files. Knows no bus.
 
-`hardware.canopen.objects` gives names to the indices that code uses; a test holds the two against each other.
+`hardware.canopen.objects` gives names to the indices that code uses; a test compares the two.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def node_dictionary(node: int) -> ObjectDictionary:
 
 
 def product_dictionary(product: int, node: int) -> ObjectDictionary:
-    """Dictionary of one device type at a node number; the caller's own, to change as it likes."""
+    """Dictionary of one device type at a node number; a copy that the caller may change."""
     dictionary = copy.deepcopy(_parsed(product))
     dictionary.node_id = node
     for variable in variables(dictionary).values():

@@ -1,9 +1,8 @@
 """Detects drives that leave *operation enabled*, or stop following, without a command from this program.
 
-A drive that trips sends an emergency. A drive disabled at the drive itself, or that drops out briefly, shows
-it in its statusword only, and the next repeated command would enable it again, although somebody may have
-switched it off on purpose. So it is not enabled again, and all other drives are stopped as after a trip: in
-a closed chain they would push against a joint that does not follow.
+A drive that trips sends an emergency. One that is disabled at the drive itself shows it in its statusword only, and the
+next repeated command would enable it again, although it may have been switched off on purpose. So it is not enabled
+again, and all others stop as after a trip: in a closed chain they would push against a joint that does not follow.
 """
 
 from __future__ import annotations

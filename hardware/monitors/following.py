@@ -1,11 +1,10 @@
 """Detects uncommanded motion: joints away from the commanded position, or moving after a quick stop.
 
 A drive checks its following error (6065h) against its own target and sensor. If another program sends it
-targets, or it does not do what it reports, only the operator, who knows the commands, can detect it.
+targets, or its reports are wrong, only the operator, who knows the commands, can detect it.
 
-A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes
-or it leaves *operation enabled*, even if bit 12 drops. A drive that never reports it gets no mode
-(`hardware.control.motion_steps`).
+A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or it leaves
+*operation enabled*, even if bit 12 drops. A drive that never reports it gets no mode (`hardware.control.motion_steps`).
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ MIN_BRAKING_SYNCS: Final = 30
 MAX_BRAKING_SYNCS: Final = 200
 """2 s: limit while it keeps slowing down; the deceleration (6085h) is the drive maker's choice."""
 STRETCH_SYNCS: Final = 10
-"""Travel is compared between consecutive stretches of this length; a constant creep is no braking."""
+"""Travel is compared between consecutive stretches of this length; a constant creep is not braking."""
 
 
 @dataclass(slots=True)

@@ -293,8 +293,8 @@ def _alarms(
             yield DriveFault(fault.joint, fault.code, fault.text)
     if nodes.foreign_command:  # before the NMT states, which that program may have changed
         yield OtherMaster(
-            f"Somebody else commands this arm: {nodes.foreign_command} came from another program on the "
-            "bus. End that program, check what it changed, then connect again."
+            f"Another program commands this arm: it sent {nodes.foreign_command}. End that program, check what it "
+            "changed, then connect again."
         )
     down = nodes.not_operational()
     if down:

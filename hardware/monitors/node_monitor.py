@@ -90,7 +90,7 @@ def _describe_sdo(data: bytes) -> str:
 _CANCEL_POLL_S = 0.05
 """How soon a wait notices `cancelled`."""
 _TIMEOUT_FACTOR = 5
-"""Limit of a wait in wall-clock time over its time-out, in case nothing listens any more."""
+"""Limit of a wait in wall-clock time over its time-out, in case no thread receives any more."""
 
 
 class NodeMonitor:
@@ -111,7 +111,7 @@ class NodeMonitor:
     restarted
         Nodes that booted without a command.
     cancelled
-        Whether waits should end: STOP was pressed, or nothing listens any more.
+        Whether waits should end: STOP was pressed, or no thread receives any more.
     foreign_command
         First command of another master seen on this bus, described; empty if none.
     """

@@ -48,7 +48,7 @@ class PlantPort(Protocol):
 
 @runtime_checkable
 class FixturePort(Protocol):
-    """A plant with a fixture that can fail."""
+    """A plant whose fixture can fail."""
 
     def slip(self, slip_m: float) -> None:
         """Shift the fixture along x of its frame."""
@@ -127,7 +127,7 @@ def joint_scale(joint: Joint) -> JointScale:
         case Rvdt() as rvdt:
             return JointScale(counts_per_rad=1.0 / rvdt.resolution_rad)
         case NoSensor():
-            raise ValueError(f"joint {joint.name!r} has no sensor: a drive cannot report it")
+            raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
 
 
 def arm_axes(arm: ArmModel) -> tuple[AxisSettings, ...]:

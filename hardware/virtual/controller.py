@@ -4,10 +4,8 @@ One thread receives, steps the plant, answers, monitors the operator's heartbeat
 the heartbeats stop. A second thread checks parameter documents and writes them to disk.
 
 If operator and arm are one process, the operator's thread handles the frames while it waits for an answer
-(`VirtualController.attend`), which takes half the time of handing each frame to another thread.
-
-While the operator holds the control token its heartbeat is monitored; when it is lost, all drives hold and raise
-8130h, and the token lapses.
+(`VirtualController.attend`), in half the time. While the operator holds the control token its heartbeat is monitored;
+when it is lost, all drives hold and raise 8130h, and the token lapses.
 """
 
 from __future__ import annotations
@@ -37,7 +35,7 @@ from hardware.virtual.tracker import SimulatedTracker
 _POLL_S = 0.02
 """Longest wait for a frame, after which timed duties and `post` are handled."""
 _SHORT_POLL_S = 0.002
-"""The same while frames are delayed by a fault."""
+"""Longest wait for a frame while frames are delayed by a fault."""
 _CATCH_UP_FRAMES = 1000
 """Frames handled before a heartbeat counts as lost: it may be behind them in the queue."""
 _NODE_BITS = 0x7F

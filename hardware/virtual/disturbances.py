@@ -1,4 +1,4 @@
-"""Active faults of the virtual arm, read on every SYNC, and of its wire."""
+"""Active faults of the virtual arm and of its bus, read on every SYNC."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class FaultyWire:
 
 
 DIVERGENCE_STEP_COUNTS, DIVERGENCE_COUNTS = 20, 5556
-"""A control period, and in all: 5 deg of an encoder with 400,000 counts."""
+"""Growth per control period, and final value: 5 deg of an encoder with 400,000 counts."""
 
 
 @dataclass(slots=True)

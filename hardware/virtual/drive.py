@@ -56,7 +56,7 @@ class Drive:
         self.power_up()
 
     def power_up(self) -> None:
-        """Initial state after power-up; errors are cleared without an emergency."""
+        """Set the state after power-up; errors are cleared, and no emergency message reports their end."""
         self.state = cia402.after_event(DriveState.NOT_READY_TO_SWITCH_ON, DriveEvent.INITIALISED)
         self.errors: list[EmergencyCode] = []
         self.controlword = 0
@@ -201,7 +201,7 @@ class Drive:
         self.mode = JointMode.POSITION
 
     def _take_up(self) -> None:
-        """Start at the measured position, never at an old target."""
+        """Set the measured position as the target, so that no old target causes motion."""
         self.target_counts = self.counts
         self._torque_for = self._following_for = 0
         self._command = None

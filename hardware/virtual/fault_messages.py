@@ -50,7 +50,7 @@ class FaultDescription:
     kept
         What is left of the session then.
     at_connect
-        Whether it shows when the arm is connected, and must be there before.
+        Whether it appears while the arm is being connected, so that it must be injected before.
     """
 
     broken: str
@@ -69,10 +69,10 @@ class FaultDescription:
         return f"nothing, or the message {clauses}" if clauses else "nothing: the session continues"
 
     def does(self) -> str:
-        """What the arm does, as a sentence."""
+        """Reaction of the arm, as a sentence."""
         if not self.goes_on:
             return str(self.arm)
-        return f"goes on; once it is told: {self.arm}" if self.says else "goes on"
+        return f"goes on; once the fault is reported: {self.arm}" if self.says else "goes on"
 
 
 _GONE = ("no answer from node", "does not answer", "has gone silent", "has left operation")
@@ -83,7 +83,7 @@ _CABLE = (
 _RECONNECT = "Find out why, then connect again: the arm is compared with its poses first."
 _COMMISSION = "Commission the drive as the message says, then connect again; nothing was enabled."
 _DIVERGED = (
-    "Press STOP unless the program has stopped the arm. Mend that drive, or end the program that commands it; then "
+    "Press STOP unless the program has stopped the arm. Repair that drive, or end the program that commands it; then "
     "reset (R, or `sarcal reset`) and go on: the first pose is measured again before anything else."
 )
 _COUNT_LOSS = ("joint {joint} jumped", "joint {joint} has shifted by")
@@ -110,13 +110,13 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="10 % of all frames come twice",
             says=("two devices answer",),
             goes_on=True,
-            remedy="A repeater or gateway echoes: take it out.",
+            remedy="A repeater or gateway echoes: remove it.",
         ),
         "frames-reordered": FaultDescription(
             broken="10 % of all frames change places with the next",
             says=(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
             goes_on=True,
-            remedy="A gateway with several queues: have it keep the order, or take it out.",
+            remedy="A gateway with several queues: configure it to keep the order, or remove it.",
         ),
         "frames-late": FaultDescription(
             broken="5 % of all frames come 5 to 50 ms late",
@@ -126,7 +126,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
                 *("target refused", "the drive is in"),
             ),
             goes_on=True,
-            remedy="A busy gateway or a network in between: connect the arm's bus directly.",
+            remedy="A busy gateway or network in between delays them: connect the arm's bus directly.",
         ),
         "frames-flipped": FaultDescription(
             broken="1 % of all frames have one bit of their data flipped",
@@ -143,7 +143,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
                 *("the drive is in", "STOP is latched", "the supervisor reports"),
             ),
             goes_on=True,
-            remedy="No CAN does this by itself, a gateway or a driver may: change it.",
+            remedy="CAN detects such errors, so a gateway or a driver causes them: replace it.",
         ),
         "babbling": FaultDescription(
             broken="five foreign frames follow every frame",
@@ -151,14 +151,14 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             remedy="`sarcal monitor` counts them by identifier; take that node off the bus.",
         ),
         "bus-flicker": FaultDescription(
-            broken="the bus is out for 0.2 s", says=_BAD_FRAMES, goes_on=True, remedy=_CABLE
+            broken="the bus fails for 0.2 s", says=_BAD_FRAMES, goes_on=True, remedy=_CABLE
         ),
         "bus-off": FaultDescription(
-            broken="the bus is out for 3 s, and back (bus-off, a plug pulled and put in again)",
+            broken="the bus fails for 3 s (bus-off, or a plug pulled and put back)",
             says=(*_BAD_FRAMES, "operator's heartbeat lost", "the drive is in"),
             # If the bus is back while the nodes are awaited: those that are heard get the command again.
             goes_on=True,
-            remedy=f"{_CABLE} The drives hold meanwhile; `sarcal reset` clears their 8130h.",
+            remedy=f"{_CABLE} The drives hold until then; `sarcal reset` clears their 8130h.",
             arm=ArmReaction.HOLDS,
         ),
         "silent-node": FaultDescription(
@@ -171,7 +171,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="a joint sends no heartbeat", says=_GONE, goes_on=True, remedy=_RECONNECT
         ),
         "other-heartbeat": FaultDescription(
-            broken="a joint sends a heartbeat every 5 s only",
+            broken="a joint sends a heartbeat only every 5 s",
             says=("a heartbeat every 1 ..", *_GONE),
             goes_on=True,
             remedy=_COMMISSION,
@@ -185,7 +185,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "double-answers": FaultDescription(
             broken="a joint answers every SYNC twice",
             says=("two devices answer as node {joint}",),
-            remedy="Two devices have one number: give one of them another.",
+            remedy="Two devices have the same number: give one of them another.",
         ),
         "wrong-node": FaultDescription(
             broken="a joint answers with the number of the next one",
@@ -196,8 +196,8 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="a joint's TPDO1 carries its speed where its position belongs",
             says=(
                 "are not set up as this program drives them",
-                # In mid-session: detected at the reading of a pose, if the joint does not seem to jump before.
-                *("these nodes were set up otherwise", "jumped by", "counts from its target"),
+                # During a session: detected at the reading of a pose, unless the joint seems to jump before.
+                *("the set-up of these nodes was changed", "jumped by", "counts from its target"),
             ),
             remedy=_COMMISSION,
             at_connect=True,
@@ -246,7 +246,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         ),
         "unwatched": FaultDescription(
             broken="a drive does not monitor the operator's heartbeat (1016h): it would go on without one",
-            says=("'s heartbeat watched, for",),
+            says=("for the heartbeat of node",),
             goes_on=True,
             remedy=_COMMISSION,
             at_connect=True,
@@ -290,7 +290,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "broken-sensor": FaultDescription(
             broken="a drive detects that its sensor has failed (7305h)",
             says=("angle sensor failed", "the drive is in"),
-            remedy="Mend the sensor, reset (R, or `sarcal reset`), then go on.",
+            remedy="Repair the sensor, reset (R, or `sarcal reset`), then go on.",
             arm=ArmReaction.TRIPS,
         ),
         "collision": FaultDescription(
@@ -324,11 +324,11 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "slipped-fixture": FaultDescription(
             broken="the fixture slips by 1 mm on the table",
             goes_on=True,
-            remedy="No single reading shows it; the verdict does, with enough poses before and after. Fasten it, and "
+            remedy="No single reading shows it; the verdict does, given enough poses before and after. Fasten it, and "
             "start a new session.",
         ),
         "bound-hinge": FaultDescription(
-            broken="the hinge turns no more",
+            broken="the hinge is blocked",
             says=("excess torque", "following error", "the drive is in"),
             goes_on=True,
             remedy="Clean and grease the hinge; reset (R, or `sarcal reset`), then go on.",
@@ -344,7 +344,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             arm=ArmReaction.STOPPED,
         ),
         "lost-enable": FaultDescription(
-            broken="a drive's enable is taken away for a moment: it is off, and sends no emergency",
+            broken="a drive loses its enable for a moment: it switches off, and sends no emergency",
             # A drive that drops out before it reports enabled gets the command until it does.
             says=("the drive is in",),
             goes_on=True,
@@ -363,7 +363,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             remedy="`sarcal monitor` shows the errors; take that drive off the bus.",
         ),
         "refused-modes": FaultDescription(
-            broken="a drive stays in the mode it is in",
+            broken="a drive does not change its mode",
             says=("joint {joint} was asked for",),
             goes_on=True,
             remedy="Check that drive's fault and its 6502h, reset it, set the modes again.",
@@ -383,13 +383,13 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
     {
         # tests/system/test_after_a_fault.py, test_a_freeze_of_0_3_s_costs_nothing
         "frozen for 0.3 s": FaultDescription(
-            broken="the operator's program stands still, shorter than the drives wait for its heartbeat (0.5 s)",
+            broken="the operator's program freezes for less than the drives' heartbeat time-out (0.5 s)",
             goes_on=True,
             remedy="Nothing.",
         ),
         # tests/system/test_after_a_fault.py, test_after_a_freeze_the_same_command_goes_on
         "frozen for longer": FaultDescription(
-            broken="the operator's program stands still for longer than that",
+            broken="the operator's program freezes for longer than that",
             says=("operator's heartbeat lost",),
             remedy="Go on as the last line says: `sarcal run --resume` resets and compares the arm first.",
             arm=ArmReaction.HOLDS,
@@ -405,7 +405,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
         "disk full": FaultDescription(
             broken="the journal cannot be written",
             says=("cannot write",),
-            remedy="Make room, then go on: a pose that was not written was not accepted.",
+            remedy="Free disk space, then go on: a pose that was not written was not accepted.",
         ),
         # tests/system/test_fault_campaign.py, a wall clock that is set back and forth
         "clock set back": FaultDescription(
@@ -425,7 +425,7 @@ OPERATOR_SIDE: Mapping[str, FaultDescription] = MappingProxyType(
         # tests/hardware/control/canopen_arm/test_watching.py
         "second operator": FaultDescription(
             broken="another program wants to command the arm",
-            says=("in control", "Somebody else commands this arm"),
+            says=("in control", "Another program commands this arm"),
             remedy="End one of the two.",
         ),
     }

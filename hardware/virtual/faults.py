@@ -61,7 +61,7 @@ class FaultInjector:
         self._disturb(lambda now: now.cut_since_s.setdefault(node, self._target.now_s()))
 
     def reconnect(self, node: int) -> None:
-        """Mend the cable."""
+        """Reconnect the cable."""
         self._disturb(lambda now: now.cut_since_s.pop(node, None))
 
     def stop_heartbeat(self, node: int) -> None:
@@ -153,11 +153,11 @@ class FaultInjector:
         self._disturb(lambda now: now.frozen_counts.update({joint: drive.counts}))
 
     def unfreeze_sensor(self, joint: int) -> None:
-        """Mend a frozen sensor."""
+        """End the freeze of a sensor."""
         self._disturb(lambda now: now.frozen_counts.pop(joint, None))
 
     def break_sensor(self, joint: int, *, broken: bool = True) -> None:
-        """Let the drive detect a failed sensor (7305h), or mend it."""
+        """Let the drive detect a failed sensor (7305h), or end that fault."""
         self._set(joint, "sensor_failed", value=broken)
 
     def lose_counts(self, joint: int, counts: int) -> None:
@@ -186,7 +186,7 @@ class FaultInjector:
         self._disturb(lambda now: now.blocked.add(joint))
 
     def sag(self, joint: int) -> None:
-        """Let a joint hold nothing in position mode."""
+        """Let a joint sag in position mode."""
         self._drive(joint)
         self._disturb(lambda now: now.sagging.add(joint))
 

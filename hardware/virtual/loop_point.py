@@ -162,7 +162,7 @@ def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
     # 4 w^2 = 1 + trace; the quaternion's vector part is (x, y, z) / 4w.
     four_w2 = 1.0 + r00 + r11 + r22
     if four_w2 < 1e-3:
-        raise ValueError("the loop is open by half a turn: no fixture holds that")
+        raise ValueError("the loop is open by half a turn, which no fixture allows")
     w = 0.5 * math.sqrt(four_w2)
     x, y, z = x / (4.0 * w), y / (4.0 * w), z / (4.0 * w)
     sine = math.sqrt(x * x + y * y + z * z)

@@ -142,7 +142,7 @@ class Scenario:
     name, seed
         The same name and seed give the same arm and noise.
     specimen
-        Seed of the arm's own errors (linearity, lengths); None takes `seed`.
+        Seed of the arm's errors (linearity, lengths); None takes `seed`.
     truth
         True geometry before length errors.
     encoders_only

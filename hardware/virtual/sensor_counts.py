@@ -33,7 +33,7 @@ class LinearityDeviation:
     def __post_init__(self) -> None:
         object.__setattr__(self, "coefficients_rad", frozen(self.coefficients_rad))
         if self.coefficients_rad.shape != (len(LEGENDRE_DEGREES),):
-            raise ValueError(f"a curve needs {len(LEGENDRE_DEGREES)} coefficients")
+            raise ValueError(f"a linearity deviation needs {len(LEGENDRE_DEGREES)} coefficients")
 
     @classmethod
     def drawn(
@@ -114,7 +114,7 @@ def joint_sensor(
     match joint.sensor:
         case Encoder() as encoder:
             if curve is not None:
-                raise ValueError(f"joint {joint.name!r} has an encoder, which has no curve")
+                raise ValueError(f"joint {joint.name!r} has an encoder, not an RVDT")
             return JointSensor(
                 resolution_rad=encoder.resolution_rad,
                 noise_counts=encoder.noise_counts if with_noise else 0.0,
@@ -131,7 +131,7 @@ def joint_sensor(
                 zero_rad=zero * rvdt.resolution_rad,
             )
         case NoSensor():
-            raise ValueError(f"joint {joint.name!r} has no sensor: a drive cannot report it")
+            raise ValueError(f"joint {joint.name!r} has no sensor for a drive to report")
 
 
 class SensorBank:

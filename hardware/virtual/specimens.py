@@ -38,7 +38,7 @@ MAX_DRAWS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpecimenFiles:
-    """The files of a specimen; the true placement is within the fixture file's tolerances."""
+    """The arm and fixture files that a specimen deviates from, within their tolerances."""
 
     arm: ArmModel
     fixture: EndpointConstraint
@@ -54,12 +54,12 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
     arm, kind = stated.arm, stated.fixture.kind
     model = stated.fixture.model(arm)
     if not isinstance(model, DhLoop | PointClosure | MeasuredClosure):
-        raise ValueError(f"no virtual arm knows how a {kind} fixture holds its hand")  # noqa: TRY004
+        raise ValueError(f"a {kind} fixture cannot be simulated")  # noqa: TRY004
     nominal = nominal_vector(model.parameters)
     home_pose = _pose(_truth(model, nominal, model.arm_rows()), arm, arm.home_rad)
     if home_pose is None:
         raise ValueError(
-            f"as stated, no pose near the arm's home_deg and inside its ranges closes the loop of its {kind}"
+            f"no pose near the arm's home_deg and inside its ranges closes the loop of this {kind} fixture"
         )
     own, rows = _Specimen.drawn(arm, rng), model.arm_rows()
     if maker_errors:
@@ -72,8 +72,8 @@ def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors:
         (_truth(model, x, rows) for x in placed),
         arm,
         home_pose,
-        f"in none of {MAX_DRAWS} placements drawn within the tolerance of its file does this arm close near its "
-        "home_deg: state the placement more narrowly, or another home; another --seed is another arm",
+        f"this arm closes near its home_deg in none of {MAX_DRAWS} placements drawn within the fixture's tolerance: "
+        "state a smaller tolerance or another home; or draw another arm with --seed",
     )
 
 
@@ -187,7 +187,7 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
     """
     model = stated.fixture.model(stated.arm)
     if not isinstance(model, MeasuredClosure):
-        raise ValueError(f"a {stated.fixture.kind} holds the hand")  # noqa: TRY004
+        raise ValueError(f"a {stated.fixture.kind} fixture constrains the tool")  # noqa: TRY004
     rows, nominal = truth.table.stacked()[:, 1:].copy(), stated.arm.table.stacked()
     for name in mounted_entries(stated.arm.joint_count):
         entry = DhEntry.parse(name)
@@ -199,12 +199,12 @@ def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) ->
         rows,
     )
     if not isinstance(found, OpenTruth):
-        raise TypeError("the truth of an open arm is an open one")
+        raise TypeError("the truth of an open arm must be open")
     return found
 
 
 def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> Truth:
-    """The same arm and fixture, mounted again within the tolerance of its file.
+    """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
     Both sides change, the tool's only if it does not stay on the tool; so do theta_off of the first and the last
     joint, which count from the fixture. `ValueError` if the arm closes near home in no placement drawn.
@@ -222,7 +222,7 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
     centre = np.where(offset, true, nominal)
     home_pose = _pose(truth, arm, arm.home_rad)
     if home_pose is None:
-        raise ValueError("as first mounted, this arm does not close near its home_deg")
+        raise ValueError("in its first placement, this arm does not close near its home_deg")
     seen = _observable(stated, model, nominal, home_pose) > 0.0
     new = seen & np.array([p.name in sides for p in model.parameters])
     drawn = (centre + size * _truncated_normal(rng, (len(size),)) for _ in range(MAX_DRAWS))
@@ -230,8 +230,8 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
         (_truth(model, np.where(new, x, true), rows) for x in drawn),
         arm,
         home_pose,
-        f"remounted within the tolerance of its file, in none of {MAX_DRAWS} placements does this arm close "
-        "near its home_deg: state the placement more narrowly",
+        f"this arm closes near its home_deg in none of {MAX_DRAWS} remountings drawn within the fixture file's "
+        "tolerance: state a smaller tolerance",
     )
 
 

@@ -100,7 +100,9 @@ class _Server(socketserver.ThreadingTCPServer):
         if self._places.acquire(blocking=False):
             super().process_request(request, client_address)
             return
-        full = {"error": f"{CLIENTS} programs are connected, and no more may be: end one of them"}
+        full = {
+            "error": f"{CLIENTS} programs are connected, the largest number allowed: end one of them"
+        }
         with contextlib.suppress(OSError):
             request.sendall(json.dumps(full).encode() + b"\n")
         self.shutdown_request(request)

@@ -59,7 +59,7 @@ class Truth(ABC):
 
     @abstractmethod
     def point(self) -> ChainPoint:
-        """The same for the plant's inner loop, one pose at a time."""
+        """Closure of one pose at a time, for the plant's inner loop."""
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Closed pose nearest to a reading (n,) in sensor coordinates; `ValueError` if there is none.

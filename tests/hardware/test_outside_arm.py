@@ -104,7 +104,7 @@ def test_stop_pressed_while_a_command_is_under_way_has_the_last_word(
 ) -> None:
     arm.take_control()
     plain.meanwhile, plain.asks_the_watch = arm.stop, asks_the_watch
-    with pytest.raises(arms.Stopped, match="STOP came meanwhile: reset it"):
+    with pytest.raises(arms.Stopped, match="STOP was pressed: reset it"):
         command(arm)
     assert not plain.on
     assert arm.snapshot().stopped
@@ -139,7 +139,7 @@ def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(
     ("values", "words"),
     [
         ([0.0, 0.0, math.nan] + [0.0] * (N - 3), "of joint 3 is nan"),
-        ([0.0] * (N - 1), rf"has shape \({N - 1},\), one value for each of {N} joints"),
+        ([0.0] * (N - 1), rf"has shape \({N - 1},\) instead of one value for each of {N} joints"),
     ],
     ids=["nan", "one missing"],
 )

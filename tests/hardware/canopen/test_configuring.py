@@ -173,7 +173,7 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
         connected(settings, profile())
     (told,) = refused.value.refusals
     assert told.startswith("joint 3 (node 3): node 3 refused 1A02h sub 0: ")
-    assert "(06010002h); its map was to be 6041h(16) + 6064h(32)" in told
+    assert "(06010002h); required map: 6041h(16) + 6064h(32)" in told
     for words in ("pdo_maps: compared", "maker's tool", "Nothing was enabled"):
         assert words in str(refused.value)
     # All drives have again what they had, as soon as they hear of it.

@@ -175,7 +175,7 @@ def test_looking_asks_nothing_and_enables_nothing(bench: Bench) -> None:
 
 def test_where_stop_was_not_tried_nothing_is_enabled_at_all(bench: Bench) -> None:
     """No to enabling, and yes to what comes after it: a closed arm, silence."""
-    who = Bystander("Enable them?", "Turn it?", "Free it?", "Close it?")
+    who = Bystander("Enable them?", "Turn it?", "Free it?", "Release it?")
     findings = tried(bench.arm(), who)
     assert failed(findings) == []
     assert findings[-1].passed is None

@@ -27,7 +27,7 @@ def test_emergencies_commands_and_writes_are_named() -> None:
     assert said(monitor, 0x084, struct.pack("<HB5x", 0x8311, 0x21)) == [
         "joint 4: excess torque (8311h)"
     ]
-    assert said(monitor, 0x084, bytes(8)) == ["joint 4: its error is over"]
+    assert said(monitor, 0x084, bytes(8)) == ["joint 4: its error has ended"]
     assert said(monitor, 0x000, b"\x82\x00") == ["NMT command to all nodes: reset communication"]
     assert said(monitor, 0x205, struct.pack("<Hib", 0x0F, 7, 10)) == [
         "joint 5: free mode commanded"

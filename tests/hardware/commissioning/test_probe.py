@@ -67,7 +67,10 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> N
         bus.objects[node, 0x1016, 1] = struct.pack("<L", 127 << 16 | 500 * (2 - node))
     found = {node.node: node for node in look(bus).nodes}
     assert (found[1].problems, found[1].notes) == ((), ())
-    assert "node 2, 1016h: expected node 127's heartbeat watched" in found[2].problems[0]
+    assert (
+        "node 2, 1016h: expected a time-out of at most 10000 ms for the heartbeat of node 127"
+        in found[2].problems[0]
+    )
     assert found[3].problems == ()
     assert found[3].notes[0].startswith("node 3: it has no 1016h")
     assert found[16].notes == ()
@@ -76,7 +79,7 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> N
 def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
     bus.other_operator = True
     found = look(bus)
-    assert "another program works on this bus: the heartbeat of an operator, node 127 (77Fh)" in (
+    assert "another program uses this bus: the heartbeat of an operator, node 127 (77Fh)" in (
         found.busy
     )
     assert found.nodes == ()
@@ -112,7 +115,7 @@ def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(
     for _ in range(2):
         bus.say(identifier, bytes.fromhex(data))
     found = look(bus)
-    assert found.busy == f"another program works on this bus: {words}, 2 times"
+    assert found.busy == f"another program uses this bus: {words}, 2 times"
     assert bus.sent == []
 
 
@@ -136,7 +139,8 @@ def test_who_comes_while_the_nodes_are_asked_is_named(bus: FakeArmBus) -> None:
     found = look(bus)
     assert len(found.nodes) == 8
     assert (
-        "started to work on this bus meanwhile: a read of 6064h of node 8 (608h)" in found.meanwhile
+        "started to use this bus during the probe: a read of 6064h of node 8 (608h)"
+        in found.meanwhile
     )
 
 

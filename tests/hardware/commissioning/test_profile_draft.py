@@ -176,7 +176,7 @@ def test_what_the_profile_has_compared_must_be_there(
     settings: BusSettings, foreign: ForeignArm
 ) -> None:
     profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
-    with pytest.raises(WrongArm, match="joint 1 does not describe itself in 2100h"):
+    with pytest.raises(WrongArm, match="joint 1 has no object 2100h"):
         connected(settings, profile)
 
 
@@ -188,8 +188,8 @@ def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
     with pytest.raises(DraftRefused) as none:
         drafted(settings)
     assert none.value.reasons == (
-        "node 3: no TPDO carries 6041h as it is needed (TPDO4 is of transmission type 255, not 1 (on every SYNC))",
-        "node 4: no RPDO carries 6040h as it is needed",
+        "node 3: no usable TPDO carries 6041h (TPDO4 is of transmission type 255, not 1 (on every SYNC))",
+        "node 4: no usable RPDO carries 6040h",
     )
 
 
@@ -199,7 +199,7 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
     for node in foreign.nodes:
         node.set_data(0x1803, 2, b"\xff")
         node.set_data(0x1402, 1, (0x80000402).to_bytes(4, "little"))
-    with pytest.raises(DraftRefused, match="no TPDO carries 6041h"):
+    with pytest.raises(DraftRefused, match="no usable TPDO carries 6041h"):
         drafted(settings)
     profile = drafted(settings, configure=True)
     assert not any(node.written for node in foreign.nodes), "a probe writes nothing"
@@ -227,7 +227,7 @@ def test_drives_without_room_for_what_is_needed_are_named(
     with pytest.raises(DraftRefused) as none:
         drafted(settings, configure=True)
     assert none.value.reasons == (
-        "node 2: 2 TPDOs are needed, and it has 1",
+        "node 2: 2 TPDOs are needed, but it has 1",
         "node 3: 6077h cannot be read",
     )
 

@@ -156,7 +156,7 @@ def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more()
     arm.take_control()
     arm.set_modes(TWO_DRIVEN)
     diverge(bus, 5)
-    with pytest.raises(BusError, match="does not take frames any more: no buffer space"):
+    with pytest.raises(BusError, match="no longer takes frames: no buffer space"):
         capture_for_ever(arm)
     assert bus.full
     assert {drive.status for drive in bus.drives.values()} == {0x07}

@@ -77,9 +77,7 @@ def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus: Asked)
             bus.other_master = ((0x202, bytes(7)),)
 
     bus.on_read = wake
-    with pytest.raises(
-        OtherMaster, match=r"a command to joint 2 \(202h\) came from another program"
-    ):
+    with pytest.raises(OtherMaster, match=r"Another program .* a command to joint 2 \(202h\)"):
         real(bus).connect()
     assert bus.resets == 0
 
@@ -156,7 +154,7 @@ def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus: Asked) -> 
     arm.connect()
     bus.drives[2].status = ENABLED
     bus.say(0x202, bytes.fromhex("0f000500000008"))
-    with pytest.raises(OtherMaster, match="Somebody else commands this arm"):
+    with pytest.raises(OtherMaster, match="Another program commands this arm"):
         capture_for_ever(arm)
     arm.close()
     resets = bus.resets
@@ -246,9 +244,7 @@ def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus:
             bus.say(0x202, bytes(7))
 
     bus.on_read = command
-    with pytest.raises(
-        OtherMaster, match=r"a command to joint 2 \(202h\) came from another program"
-    ):
+    with pytest.raises(OtherMaster, match=r"Another program .* a command to joint 2 \(202h\)"):
         real(bus).connect()
     assert bus.resets == 0
 

@@ -39,7 +39,9 @@ def test_a_drive_that_would_go_on_without_its_operator_is_refused(
 ) -> None:
     bus = FakeArmBus()
     watches(bus, 6, *entries)
-    with pytest.raises(MappingMismatch, match="node 6, 1016h: expected node 127's heartbeat"):
+    with pytest.raises(
+        MappingMismatch, match="node 6, 1016h: expected a time-out of at most 10000 ms"
+    ):
         make(bus).connect()
     assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
 

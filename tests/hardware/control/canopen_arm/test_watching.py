@@ -154,7 +154,7 @@ def test_an_answer_to_sync_that_is_no_longer_the_position_is_no_reading(
 ) -> None:
     driven.capture(3)
     bus.objects |= {**changed, (4, 0x6064, 0): struct.pack("<l", 5000)}
-    with pytest.raises(MappingChanged, match=f"these nodes were set up otherwise.*{words}"):
+    with pytest.raises(MappingChanged, match=f"the set-up of these nodes was changed.*{words}"):
         driven.capture(3)
 
 
@@ -246,7 +246,7 @@ def test_control_that_is_not_given_is_nobody_elses(bus: FakeArmBus) -> None:
     arm = make(bus)
     arm.connect()
     bus.denies_control, bus.refusal = True, "the heartbeat of node 127 is not heard"
-    with pytest.raises(ControlDenied, match="not given: the heartbeat of node 127") as denied:
+    with pytest.raises(ControlDenied, match="refused: the heartbeat of node 127") as denied:
         arm.take_control()
     assert "node 0" not in str(denied.value)
     arm.close()

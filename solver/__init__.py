@@ -17,6 +17,6 @@ Where the equations of the paper are (Giugovaz and Hollerbach); phi is ``x`` and
     (section 3)    scaled condition number [13]    solver.diagnostics.identifiability.identifiability_of_jacobian
     Tables 1, 2    phi in the D-H table            solver.loops.arm_loop.ArmLoop.tables
 
-and what goes on where it stops: the reduction E' of unsensed joints (`solver.closing.reduced_equations`),
-joints as the noise (`solver.estimators.implicit.fit_implicit`), poses chosen (`solver.design.plan.make_plan`).
+Beyond the paper: the reduction E' of unsensed joints (`solver.closing.reduced_equations`), noise of the joint
+readings (`solver.estimators.implicit.fit_implicit`), choice of poses (`solver.design.plan.make_plan`).
 """

@@ -45,9 +45,9 @@ class UnidentifiableDirection:
 
     def __str__(self) -> str:
         head, *rest = self.parameters
-        text = f"{head} cannot be seen"
+        text = f"{head} cannot be determined"
         if rest:
-            text = f"{head} cannot be told from {', '.join(rest)}"
+            text = f"{head} cannot be separated from {', '.join(rest)}"
         return f"{text}: {self.reason}" if self.reason else text
 
 
@@ -75,7 +75,7 @@ class UnidentifiableError(SolverError):
 
 
 class PosesDoNotFitError(SolverError):
-    """The readings are so far from closing that the loop cannot even be linearised about them.
+    """The readings are so far from closing a loop that it cannot be linearised about them.
 
     `codes` name the mistakes that would explain it, the most probable first; `reasons` are their texts.
     """
@@ -105,13 +105,11 @@ class TooFewPosesError(SolverError):
         self.parameters = parameters
         self.equations_per_pose = equations_per_pose
         if equations_per_pose <= 0:
-            text = (
-                "a pose says nothing with so many joints unsensed: use the readings of more joints"
-            )
+            text = "with so many joints unsensed a pose gives no equation: use the readings of more joints"
         else:
             text = (
                 f"{poses} pose{'s give' if poses != 1 else ' gives'} {poses * equations_per_pose} "
                 f"equations for {parameters} parameters; at least {needed} poses are needed to solve for them, and "
-                "some 20 to tell what the result is worth"
+                "some 20 for a diagnosis"
             )
         super().__init__(text)

@@ -30,8 +30,7 @@ class PoseSet:
         Measured endpoint, shape (m, 3): x, y, z (m); or (m, 6): and a rotation vector (rad). None
         without an instrument.
     utc, notes
-        When each pose was taken and what the operator wrote, length m, "" where there is nothing;
-        None where not recorded.
+        Time and operator's note of each pose, length m, "" where there is none; None where not recorded.
     """
 
     placement: IntArray
@@ -75,14 +74,14 @@ class PoseSet:
 
     def _check_shapes(self) -> None:
         if self.q_rad.ndim != 2 or self.q_rad.shape[1] == 0:
-            raise ValueError("q_rad must have one row a pose and one column a joint")
+            raise ValueError("q_rad must have one row per pose and one column per joint")
         m = len(self.q_rad)
         for name in ("placement", "label", "sd_rad", "samples", "endpoint", "utc", "notes"):
             value = getattr(self, name)
             if value is not None and len(value) != m:
                 raise ValueError(f"{name} has {len(value)} entries for {m} poses")
         if self.placement.ndim != 1 or (self.samples is not None and self.samples.ndim != 1):
-            raise ValueError("placement and samples have one number a pose")
+            raise ValueError("placement and samples have one number per pose")
         if self.sd_rad is not None and self.sd_rad.shape != self.q_rad.shape:
             raise ValueError("sd_rad must have the shape of q_rad")
         if self.endpoint is not None and self.endpoint.shape[1:] not in ((3,), (6,)):

@@ -18,7 +18,7 @@ DITHER = 0.5
 
 
 def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
-    """Without dither every reading of a still joint has the same rounding error, which averaging does not reduce."""
+    """Variance of the mean of `samples` readings: rounding errors average out only if noise dithers them."""
     rounding = 1.0 / 12.0 / (samples if noise_counts >= DITHER else 1)
     return resolution_rad**2 * (rounding + noise_counts**2 / samples)
 

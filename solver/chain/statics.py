@@ -6,11 +6,10 @@ the gravity part of the dynamic model). The generalised force of gravity on join
 
     tau_j = sum_k  z_{j-1} . ((p_{k-1} - p_{j-1}) m_k + R_k h_k) x g,
 
-with z_{j-1} and p_{j-1} the joint's axis and a point on it, and g the gravity vector. A link's centre is
-seen from its own joint: from p_{k-1}, in axes R_k with z along the joint's axis and x where ``theta +
-theta_off`` turns it (frame k-1 turned with the joint). So it depends on no length or twist of the link
-itself, which for the first and last link belong to the fixture.
-The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
+with z_{j-1} and p_{j-1} the joint's axis and a point on it, and g the gravity vector. A link's centre is seen from its
+own joint: from p_{k-1}, in axes R_k with z along the joint's axis and x where ``theta + theta_off`` turns it (frame k-1
+turned with the joint). So it depends on no length or twist of the link itself, which for the first and last link belong
+to the fixture. The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
 ``computeGeneralizedGravity``.
 """
 
@@ -61,7 +60,7 @@ class LinkMasses:
         if self.centre_m.shape != (n, 3) or self.down.shape != (3,):
             raise ValueError("masses need one centre (3,) each, and down has three components")
         if self.mass_sd_kg.shape != (n,) or self.centre_sd_m.shape != (n,):
-            raise ValueError("masses need one standard deviation each, and so do centres")
+            raise ValueError("every mass and every centre needs one standard deviation")
         if not np.isclose(np.linalg.norm(self.down), 1.0):
             raise ValueError("down is a unit vector")
 
@@ -72,9 +71,9 @@ class LinkMasses:
 
     @property
     def moments_sd(self) -> FloatArray:
-        """Square roots (n, 4, 4) of their covariance: ``moments_sd @ z``, z ~ N(0, I).
+        """Square roots (n, 4, 4) of the covariance of `moments`, whose errors are ``moments_sd @ z``, z ~ N(0, I).
 
-        A wrong mass moves the first moment with it (h = m c), a wrong centre moves the moment alone.
+        An error of the mass changes the first moment too (h = m c), an error of the centre the first moment alone.
         """
         root = np.zeros((len(self.mass_kg), 4, 4))
         root[:, 0, 0] = self.mass_sd_kg

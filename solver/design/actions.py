@@ -29,7 +29,7 @@ class GoTo:
     trace_rad
         (t, n) predicted readings of all joints on the way; None where no prediction exists.
     tolerance_rad
-        Largest deviation of readings from the trace.
+        Largest allowed deviation of readings from the trace.
     why
         Reason, as text.
     """
@@ -63,7 +63,7 @@ class Finished:
     Attributes
     ----------
     complete
-        Whether all planned poses were taken or the precision asked for was reached.
+        Whether all planned poses were taken or the requested precision was reached.
     decision
         Decision of the stop rule; None without a requested precision or an estimate.
     text
@@ -102,7 +102,7 @@ def path_watch(
             joint = int(np.argmax(apart[nearest]))
             if apart[nearest, joint] > tolerance_rad:
                 degrees = np.rad2deg(apart[nearest, joint])
-                return f"joint {joint + 1} is {degrees:.1f} deg from where it was expected"
+                return f"joint {joint + 1} is {degrees:.1f} deg from its predicted angle"
         return None
 
     return watch

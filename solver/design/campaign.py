@@ -41,13 +41,13 @@ from solver.loops.closure import poses_needed
 SPARE_POSES = 4
 """Poses in addition to the minimum before an interim calibration is tried."""
 MOST_UNREACHED = 12
-"""Chosen poses in a row to which no path is found before the campaign ends."""
+"""Number of consecutive chosen poses without a path after which the campaign ends."""
 EASIER_LEVERAGE = 0.7
 """Share of the least leverage that is accepted when nothing else can be reached."""
 REPLAN_SHIFT_RAD = float(np.deg2rad(0.5))
 """A plan is made again when the estimate moves its poses by more than this."""
 NEXT_TO_RAD = 0.5
-"""From a candidate this near to a captured pose the drives go straight to it (distance over all joints)."""
+"""Distance (over all joints) from a candidate to a captured pose within which the drives go straight to it."""
 
 BACK = "to a captured pose"
 
@@ -190,7 +190,7 @@ class Campaign:
             )
         elif not self._try_plan():
             self._finish(
-                f"no plan can be made on the estimate of the explored poses: {self.estimate.text}",
+                f"the estimate from the explored poses allows no plan: {self.estimate.text}",
                 complete=False,
             )
 
@@ -232,7 +232,7 @@ class Campaign:
         task = replace(self.task, drive_sets=ordered)
         plan = self._plan_with(task, left)
         if plan is None and self._taken:
-            # A pose a little nearer to a fold, or fewer poses, are better than none.
+            # A pose slightly nearer to a singularity, or fewer poses, are better than none.
             plan = self._plan_with(
                 replace(
                     task,
@@ -294,7 +294,7 @@ class Campaign:
             return
         plan, estimate = self.plan, self.estimate
         if plan is None or estimate is None:
-            raise ValueError("a visit without a plan")
+            raise ValueError("there is no plan to visit")
         if not self._visits:
             self.plan = None
             return
@@ -318,7 +318,7 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> Route | None:
         """Return a path from the present pose to a candidate of `plan`; None where none is known to be safe.
 
-        Four fifths of the planning margin: between two candidates that keep the margin a path may bulge.
+        A path must keep four fifths of the planning margin, since it may bulge between two candidates that keep all.
         """
         return plan.graph.route(
             self.task.model,
@@ -335,8 +335,8 @@ class Campaign:
     def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
         """Return moves from the present pose to a captured pose (n,); None where no safe path is known.
 
-        This is no proposal: its end is not reported, and the same moves in reverse bring the arm back before the
-        campaign continues. During exploration the drives go straight back.
+        These moves are not proposals: their end is not reported, and the same moves in reverse bring the arm back
+        before the campaign continues. During exploration the drives go straight back.
         """
         if self.phase is Phase.EXPLORING:
             return (straight_to(captured_rad, self.drives, BACK),)
@@ -377,10 +377,10 @@ class Campaign:
         self._blocked.append(self._q.copy())
         self.plan = None
         if len(self._blocked) > self.settings.most_blocked or self._backing > 2:
-            self._finish(f"planned moves are stopped again and again: {stopped}", complete=False)
+            self._finish(f"planned moves are stopped repeatedly: {stopped}", complete=False)
             return
         self._backing += 1
-        why = f"back where it came from ({stopped})"
+        why = f"back to where it came from ({stopped})"
         self._queue.append(straight_to(self._before, tuple(action.targets_rad), why))
 
     def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:

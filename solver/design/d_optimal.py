@@ -202,7 +202,7 @@ def choose_poses(
     apart_rad: float = 0.0,
     seed: int = 0,
 ) -> PoseSelection:
-    """Choose `count` different candidates of largest log det, beside what is known already.
+    """Choose `count` different candidates whose information, with that of `fixed`, has the largest log det.
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed, or are far enough apart.
 
@@ -224,7 +224,9 @@ def choose_poses(
     P = N if parameters is None else parameters
     usable = np.ones(m, dtype=np.bool_) if allowed is None else allowed.copy()
     if count > int(usable.sum()):
-        raise TooFewCandidatesError(f"{count} poses asked of {int(usable.sum())} candidates")
+        raise TooFewCandidatesError(
+            f"{count} poses requested, but there are only {int(usable.sum())} candidates"
+        )
     scale, M = _comparable(root, P, fixed)
     search = _Search(root / scale, P, _Pool(usable, q if apart_rad > 0.0 else None, apart_rad))
     rng = np.random.default_rng(seed)

@@ -21,8 +21,8 @@ from solver.design.paths import MotionLimits, PathGraph
 from solver.loops.closure import ClosureModel
 
 SAMPLE = 200
-FOLDED = 0.02
-"""Leverage below this is a fold: the free joints may move either way."""
+FOLD_LEVERAGE = 0.02
+"""Leverage below which the drives do not determine the free joints (a singularity, or fold)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,7 +164,9 @@ def _judge(
 
 def _judge_trial(trial: TrialWiggles, limits: MotionLimits) -> RankedDrives:
     if np.linalg.matrix_rank(trial.commanded_rad) < len(trial.drives):
-        raise ValueError(f"the wiggles of joints {trial.drives} do not move each drive by itself")
+        raise ValueError(
+            f"the trial motions of joints {trial.drives} do not move each drive independently"
+        )
     measured = trial.rates()
     size = np.linalg.norm(measured, axis=-1)
     followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
@@ -174,7 +176,7 @@ def _judge_trial(trial: TrialWiggles, limits: MotionLimits) -> RankedDrives:
     leverage = float(1.0 / np.linalg.svd(measured, compute_uv=False)[0])
     stopped = trial.stopped
     if not stopped and followed < 0.8:
-        stopped = f"a drive moved only {followed:.0%} of what it was told"
+        stopped = f"a drive moved only {followed:.0%} of its commanded angle"
     return _verdict(
         trial.drives,
         leverage=min(leverage, 1.0),
@@ -204,11 +206,11 @@ def _verdict(
     reasons = []
     if stopped:
         reasons.append(f"the trial stopped: {stopped}")
-    if leverage < FOLDED:
-        reasons.append("at a fold: the free joints are not determined by the drives")
+    if leverage < FOLD_LEVERAGE:
+        reasons.append("singular: the drives do not determine the free joints")
     elif leverage < limits.least_leverage:
         reasons.append(
-            f"near a fold: a motion of the drives may move the chain {1.0 / leverage:.0f} times as far"
+            f"nearly singular: a motion of the drives may move the chain {1.0 / leverage:.0f} times as far"
         )
     if reach is not None:
         reasons.append(f"reaches {reach:.0%} of the poses inside the ranges")

@@ -50,7 +50,7 @@ class ExplorationLimits:
         if not 0.0 < self.wiggle_rad <= self.step_rad <= self.reach_rad:
             raise ValueError("wiggle, step and reach must be positive and grow in this order")
         if self.capture_every < 1:
-            raise ValueError("poses can be captured every step at most")
+            raise ValueError("at most one pose per step can be captured")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,7 +155,7 @@ class Explorer:
             return ExplorationStep(
                 targets_rad=self._targets(self._pending),
                 capture=not wiggle and taken % self._every == 0,
-                why="small wiggle to see how the other joints follow"
+                why="small trial motion that shows how the other joints follow"
                 if wiggle
                 else f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {taken}",
             )
@@ -232,7 +232,7 @@ class Explorer:
         # it again until its end, since the learnt rates are means over a step.
         rate = np.abs(change) / np.abs(move).max() * here.growth**1.5
         if trusted and float(rate.max()) > self._most_rate(move):
-            return f"joint {int(np.argmax(rate)) + 1} would run ahead: a fold is near"
+            return f"joint {int(np.argmax(rate)) + 1} would move too far: a singularity is near"
         return ""
 
     def _most_rate(self, direction: FloatArray) -> float:
@@ -258,7 +258,7 @@ class Explorer:
         gap = float(np.abs(here.q[self._columns] - target).max())
         if gap > 0.5 * self.limits.wiggle_rad:
             if here.returning >= 3:
-                self.failure = f"the arm does not come back to the start: {stopped or 'it stands'}"
+                self.failure = f"the arm does not return to the start: {stopped or 'it stopped'}"
             return
         here.returning = 0
         here.away = False

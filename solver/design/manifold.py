@@ -27,9 +27,9 @@ SHORT = 0.8
 TOUCHING = 1.7
 """Poses within this many steps are neighbours: beyond the six around a pose, no further ring."""
 BENT = 0.35
-"""A neighbour further off the tangent plane than this share of its distance is on another sheet."""
+"""A neighbour farther from the tangent plane than this share of its distance is on another sheet."""
 LEAST_SPACING_SHARE = 0.2
-"""Tangent steps are not closed if one before is nearer than this share of a step."""
+"""A tangent step is not closed if an earlier one is nearer to it than this share of a step."""
 COARSE_STEP_RAD = 0.15
 
 

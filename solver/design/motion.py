@@ -1,4 +1,4 @@
-"""How a closed chain moves: tangents at its poses, and what all joints do while the drives go straight to a target."""
+"""Motion of a closed chain: tangents at its poses, and the path of all joints while the drives move straight."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class ChainMotion:
     def rates(self, drives: Sequence[int]) -> FloatArray:
         """Rate of every arm joint per rate of each drive joint, (m, n, d); huge near a fold."""
         rows = self.tangent[:, [j - 1 for j in drives], :]
-        # The ridge keeps an exact fold from raising: its rates are then very large, as they should be.
+        # The ridge prevents an error at an exact fold, where the rates become very large.
         inverse = np.linalg.inv(rows + 1e-12 * np.eye(rows.shape[-1]))
         return np.asarray(self.tangent[:, : self.joint_count] @ inverse)
 
@@ -94,7 +94,7 @@ def chain_motion(model: ClosureModel, x: FloatArray, q: FloatArray, u: FloatArra
 
 
 LOST_RAD = 0.25
-"""A correction larger than this beside the predicted step means the chain jumped to another branch."""
+"""Correction of the predicted step beyond which the chain has jumped to another branch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -120,7 +120,7 @@ class DriveTraces:
     closed: BoolArray
 
     def safe(self, ranges: Ranges, *, least_leverage: float, most_rate: float) -> BoolArray:
-        """Which lines (b,) stay inside the ranges, away from folds, and slow enough everywhere."""
+        """Which lines (b,) stay inside the ranges, away from folds, and below the speed limits."""
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 AT_START = 0.6
-"""At the present pose this share of the least leverage suffices: the arm must be able to leave."""
+"""Share of the least leverage that suffices at the present pose, which the arm must be able to leave."""
 BETWEEN = 0.8
-"""The same share applies on a straight line between two good poses."""
+"""Share of the least leverage that suffices on a straight line between two good poses."""
 CHANGE_COST_RAD = 0.5
 """Cost of a change of drive joints, as motion: stopping, switching and settling again."""
 ATTEMPTS = 20
@@ -165,7 +165,7 @@ class PathGraph:
         motion = self.manifold.motion
         leverage = motion.leverage(drives)
         volume = motion.orientation(drives)
-        # The same side of every fold: the drives' rows keep their sign as the tangent is carried over.
+        # On the same side of every fold the sign of the drives' rows is kept when the tangent is transported.
         carried = np.linalg.det(np.swapaxes(motion.tangent[i], -1, -2) @ motion.tangent[j])
         least, most = self._thresholds()
         usable = self._allowed & (leverage >= least)

@@ -71,18 +71,18 @@ class PlanningTask:
     parameters
         Names of the parameters to be determined; the others count as known. None takes all.
     drive_sets
-        Sets of drive joints to plan with, the present one first; None ranks all and takes the best.
+        Sets of drive joints to plan with, beginning with the set in use; None takes the best of all sets.
     limits
         Limits of leverage and rates of every path.
     pose_leverage
-        Leverage of the drives at a planned pose: more than on the way, because the weight of the free joints must not
-        deflect the fixture there.
+        Least leverage of the drives at a planned pose. It is larger than that of a path, because the weight of the free
+        joints must not deflect the fixture there.
     candidates
         Number of poses to choose from.
     apart_rad
         Least distance between chosen poses.
     most_uncertain_rad
-        A pose is planned only where the free joints' predicted angles are this certain (sigma).
+        Largest standard deviation of a free joint's predicted angle at a planned pose.
     seed
         Seed of the candidates.
     """
@@ -256,7 +256,7 @@ def information_of(
     closed_q: FloatArray,
     closed_u: FloatArray,
 ) -> tuple[FloatArray, PoseInformation]:
-    """What is known (N, N) by captured readings (c, n) and priors, and what closed poses (m, n), (m, U) would add.
+    """Return the information (N, N) from captured readings (c, n) and priors, and that of closed poses (m, n), (m, U).
 
     Captured poses are evaluated on the nearest closed loops. Where they scatter more than stated, the same is assumed
     for the others.
@@ -323,7 +323,7 @@ def _trusted(
 AVOID_RADIUS_RAD = 0.15
 """Nothing is planned this near to a pose where a move had to be stopped."""
 FAR_RAD = 1e3
-"""Stands for a missing distance: large, yet small enough that rounding does not hide the others."""
+"""Replaces an infinite distance: large, but small enough that sums keep the digits of the others."""
 MOST_ROUNDS = 50
 """Most sweeps of 2-opt; ten are many."""
 

@@ -34,12 +34,12 @@ class PrecisionStatus(Enum):
 
     REACHED = "reached"
     GOING_ON = "going on"
-    HOPELESS = "no pose left that helps"
+    HOPELESS = "no remaining pose helps"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WeakParameter:
-    """A parameter that is not known well enough.
+    """A parameter whose uncertainty exceeds the request.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class WeakParameter:
     sigma, requested
         Standard deviation now and requested, rad or m; inf when not determined at all.
     forecast
-        Standard deviation after the remaining poses, were they all spent on it.
+        Standard deviation if all remaining poses were chosen for this parameter.
     """
 
     name: str
@@ -134,7 +134,7 @@ def stop_decision(
             standing=PrecisionStatus.REACHED,
             weak=(),
             poses_needed=0,
-            text="every parameter is known as well as requested, by the errors that are stated",
+            text="every parameter is known as well as requested, for errors of stated size",
         )
     root = candidates.root if allowed is None else candidates.root[allowed]
     later, needed = _forecast(information, root, P, np.array(columns), goal, poses_left)

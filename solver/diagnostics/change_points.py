@@ -24,7 +24,7 @@ AT_ONCE = 400_000
 """Steps that are evaluated at once, in numbers of the matrix of their fitted part: memory stays bounded."""
 
 FREE = 1e-7
-"""Share of a column's weight that the fit must leave for a step along it to be detectable."""
+"""Share of a column's square that the fit must leave for a step along it to be detectable."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,7 +90,7 @@ def steps(
     left
         Whitened residuals of the fit, poses in the order in which they were taken.
     quiet
-        The same with other noise, for suspects that are readings.
+        Whitened residuals with other noise, for suspects that are readings.
     scale
         Factor of the variances relative to those of the fit.
     """
@@ -168,8 +168,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
     and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
 
-        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
-        T = log((1-h)^2 / h^2).
+        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x), T = log((1-h)^2 / h^2).
 
     It includes steps between poses, which are more than half of its alarms: `AT_POSES` corrects this.
     """

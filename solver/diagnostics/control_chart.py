@@ -1,13 +1,12 @@
 """Control charts of several quantities that are measured again and again: Shewhart and EWMA, with change points.
 
 NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.5 (control of a measurement
-process by a check standard: within- and between-session standard deviations). There is no long history here from which
-to fix limits: each session is compared with those before it, without the `RECENT` ones, so that a shift does not hide
-in its own baseline. The scatter between sessions is that of the history, not the stated one: systematic parts that are
-the same in all sessions do not scatter. With few sessions the variance of one quantity is uncertain: it is shrunk
-towards the common ratio of observed to stated variance, as of `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated
-t"). Sessions do not all scatter equally, and larger scatter in one is no shift: nearly all of the false-alarm
-probability belongs to the EWMA, which averages several sessions.
+process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
+limits, each session is compared with those before it, except the `RECENT` ones, so that a shift does not hide in its
+own baseline. The scatter is that between the sessions of the history, as systematic parts common to all do not scatter.
+With few sessions the variance of a quantity is shrunk towards the common ratio of observed to stated variance, as of
+`PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not all scatter equally, nearly all of the
+false-alarm probability belongs to the EWMA, which averages several sessions.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ LAMBDA = 0.3
 """Weight of the newest value in the EWMA; the Handbook has 0.2 to 0.3."""
 
 PRIOR_DOF = 8.0
-"""Entries' ratios of observed to stated scatter differ by about 25 %."""
+"""Degrees of freedom of the common ratio of observed to stated scatter; entries differ by about 25 % from it."""
 
 SHEWHART_SHARE = 0.1
 """Part of the false-alarm probability for single sessions: a shift of six times the scatter shows in both charts."""
@@ -66,9 +65,9 @@ class ControlChart:
     shewhart, ewma_limit
         Half widths of the limits: for a single value, and for the weighted mean of recent ones.
     ewma
-        That weighted mean.
+        Weighted mean of recent values.
     changes
-        In the order in which they were detected; a quantity's baseline restarts at each.
+        Shifts in the order in which they were detected; a quantity's baseline restarts at each.
     """
 
     centre: FloatArray

@@ -67,7 +67,7 @@ UNNAMED = 0.002
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation:
-    """A cause with its evidence; `candidate` None stands for an unknown cause."""
+    """A cause with its evidence; `candidate` is None for an unknown cause."""
 
     candidate: Candidate | None
     evidence: Evidence | None
@@ -179,9 +179,9 @@ def _residual_tests(
 ) -> tuple[Outliers, ChangePoint | None, list[HypothesisTest]]:
     """Search outliers and steps, both with the noise model; steps of a reading with `quiet` noise.
 
-    The noise is not scaled down where the residuals are small: most sources may be below their statement, and one
-    sensor not. `quiet` noise is used for readings only, since deflections that the smooth model describes badly
-    resemble a change of the geometry, hardly a step of a single reading.
+    The noise is not scaled down where the residuals are small: one sensor may exceed its specification while most
+    sources are below theirs. `quiet` noise is used for readings only, since deflections that the smooth model describes
+    badly resemble a change of the geometry rather than a step of a single reading.
     """
     odd = find_outliers(left)
     tests = [HypothesisTest(code="POSE", statistic=odd.worst.chi2, threshold=odd.worst.threshold)]

@@ -135,7 +135,7 @@ class FaultModels:
         yield from self._fixture()
 
     def _readings(self) -> Iterator[Candidate]:
-        """Every joint's reading wrong in every pose, independently: noise, or no sensor at all."""
+        """Candidates of one joint's readings with independent errors in every pose: noise, or no sensor at all."""
         stated = self.design.joint_variance(self.design.stated_variances())
         for j in self.sensed:
             yield Candidate(
@@ -148,7 +148,7 @@ class FaultModels:
             )
 
     def _scatter(self) -> Candidate:
-        """Every reading of every joint wrong, independently and by one size: an arm that was not at rest."""
+        """Candidate of independent errors, of one size, in all readings of all joints: an arm that was not at rest."""
         sensed = np.array(self.sensed) - 1
         stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
@@ -162,7 +162,7 @@ class FaultModels:
         )
 
     def _drifts(self) -> Iterator[Candidate]:
-        """Every joint's reading with a linear drift over the poses, of mean zero."""
+        """Candidates of one joint's reading with a linear drift over the poses, of mean zero."""
         ramp = np.linspace(-0.5, 0.5, len(self.readings))
         for j in self.sensed:
             yield Candidate(
@@ -173,7 +173,7 @@ class FaultModels:
             )
 
     def scales(self) -> Iterator[Candidate]:
-        """Every encoder's counts per turn wrong: no file states their uncertainty."""
+        """Candidates of one encoder's counts per turn being wrong: no file states their uncertainty."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
@@ -185,7 +185,7 @@ class FaultModels:
                 )
 
     def _frozen(self) -> Iterator[Candidate]:
-        """Runs of poses in which one joint reads the same while others move."""
+        """Candidates of a sensor stuck in a run of poses: it reads the same while others move."""
         for j in self.sensed:
             for first, last in constant_reading_runs(self.readings, j, 3.0 * self._noise(j)):
                 poses = np.arange(first + 1, last)
@@ -222,7 +222,7 @@ class FaultModels:
         )
 
     def _smooth(self, measured: Mapping[int, PeakDeviation]) -> Iterator[Candidate]:
-        """Every joint's reading with an error that is a function of its angle, or of the pose."""
+        """Candidates of one joint's reading with an error that is a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
             B = self.joint(j)
@@ -252,7 +252,7 @@ class FaultModels:
                 )
 
     def _entries(self) -> Iterator[Candidate]:
-        """Every entry of the maker's table with an error beyond its tolerance."""
+        """Candidates of one entry of the maker's table with an error beyond its tolerance."""
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
@@ -268,7 +268,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """A compliant fixture: independent deflections in every pose, or a smooth function of it."""
+        """Candidates of a compliant fixture: independent deflections in every pose, or a smooth function of it."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

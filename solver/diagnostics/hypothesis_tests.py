@@ -146,7 +146,7 @@ def without_curves_in_specification(
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
-    A specification bounds the largest deviation only; the size of the whole curve is an assumption, which one with
+    A specification bounds the largest deviation only. The size of the whole curve is an assumption, which a curve with
     ripples exceeds.
     """
     for test in tests:
@@ -158,7 +158,7 @@ def without_curves_in_specification(
 def _as_stated(
     j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, PeakDeviation]
 ) -> bool:
-    """Whether the curve of joint j is within its linearity except by chance, as the loop measured it if it did."""
+    """Whether the curve of joint j does not certainly exceed its linearity, as the loop measured it if it did."""
     linearity_curve = scene.linearity_curve(j)
     if linearity_curve is None:
         return False

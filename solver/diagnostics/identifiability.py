@@ -26,11 +26,11 @@ RANK_TOLERANCE = 1e-7
 out near 1e-12 and the weakest parameter of a usable pose set above 1e-4."""
 
 CLOSED = 1e-9
-"""Closure (rad, m) at which a loop counts as closed: what remains of a zero is far below the tolerance."""
+"""Closure error (rad, m) below which a loop counts as closed, small enough for true zeros to be recognised."""
 
 
 NOT_AT_ALL_DEG = 0.05
-"""A smaller change of a reading is noise and deflection, not motion."""
+"""Change of a reading, deg, below which it is noise and deflection, not motion."""
 
 
 TREND_POINTS = 10
@@ -47,10 +47,9 @@ class Identifiability:
     rank
         Number of parameters (or combinations) the poses determine: all but the `directions`.
     scaled_condition_number
-        Ratio of extreme singular values with unit columns (paper: below 100 is acceptable); inf
-        when the rank is short.
+        Ratio of extreme singular values with unit columns (paper: below 100 is acceptable); inf when the rank is short.
     condition_number
-        The same without column scaling (1 m : 1 rad).
+        Ratio of extreme singular values without column scaling (1 m : 1 rad).
     observability
         Indices O1..O5 of the literature, for the scaled Jacobian with `m` poses.
     directions
@@ -229,7 +228,7 @@ def _immobile_offsets(
 
     Such a joint is one more constant of the geometry. With the link lengths taken as exact the
     equations still have full rank (rigid fixture, full turn of the elbow: scaled condition 9.6), but
-    a millimetre in a length then passes for an offset. That is no calibration of the joint: it is refused.
+    a millimetre in a length then passes for an offset. Such an offset is refused.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(
@@ -258,7 +257,7 @@ def _direction(
     reason = ""
     if immobile and spans_rad is not None:
         reason = _immobile_words(immobile, spans_rad)
-        # The joint that does not move is what the operator can act on: it comes first.
+        # The joint that does not move comes first, since the operator can act on it.
         lead = [f"theta_off_{j}" for j in immobile]
         order.sort(key=lambda k: names[k] not in lead)
         parameters = tuple(names[k] for k in order)

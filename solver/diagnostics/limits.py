@@ -13,8 +13,8 @@ FALSE_ALARM_PROBABILITY = 1e-3
 """Probability that a test, or any of a family (all poses, joints, entries), fires on a sound pose set."""
 
 ENTRY_SUSPICION_PROBABILITY = 0.1
-"""The same for lengths and twists that are only reported: an error of a few tolerances spoils a calibration before any
-test is certain of it."""
+"""False-alarm probability for lengths and twists that are only reported: an error of a few tolerances spoils a
+calibration before any test is certain of it."""
 
 CHI2_BAND_PROBABILITY = 0.99
 """chi2/dof outside this central band contradicts the noise model."""
@@ -77,7 +77,7 @@ SMALLEST_NOISE_SCALE = 0.25
 """Stated errors are upper limits and chi2/dof of sound sets lies below 1; variances are scaled down to this at most."""
 
 OTHER_START_MISFIT_SHARE = 0.5
-"""A second start replaces the first when it leaves less than this share of the misfit."""
+"""A second start replaces the first if it leaves less than this share of the misfit."""
 
 OTHER_SOLUTION_COST_SHARE = 0.5
 """Another solution is better when it leaves less than this share of the squared closure error."""
@@ -100,7 +100,7 @@ REFUSING_SHIFT_SIGMAS = 2.0
 
 MOST_COMPLIANCE_RAD = np.deg2rad(1.0)
 MOST_COMPLIANCE_M = 0.01
-"""Nobody would use a fixture with a larger deflection (rms): as a cause it would explain anything."""
+"""Largest credible deflection (rms) of a fixture: as a cause, a larger one would explain anything."""
 
 USELESS_SIGMA_RAD = np.deg2rad(10.0)
 USELESS_SIGMA_M = 0.03
@@ -124,7 +124,7 @@ LEARNED_VARIANCE_FACTOR = 2.0
 
 FAR_FROM_NOMINAL_RAD = np.deg2rad(20.0)
 FAR_FROM_NOMINAL_M = 0.06
-"""Nobody mounts a fixture, or notes an offset, this far from the file's value."""
+"""Difference from the file's value that no mounting and no stated offset credibly has."""
 
 LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
@@ -160,7 +160,7 @@ IMMOBILE_RAD = np.deg2rad(1.0)
 """A joint whose readings span less over the whole pose set counts as immobile."""
 
 MOST_CAUSES_FITTED = 4
-"""Most causes fitted one after the other; a pose set with more is not usable."""
+"""Largest number of causes fitted one after the other; a pose set with more is not usable."""
 
 MOST_CAUSES_REPORTED = 5
 """Most causes reported at once; one that refuses is reported in any case."""
@@ -177,7 +177,7 @@ RANGE_SLACK_SIGMAS = 6.0
 """and by this many sigmas of the sensor."""
 
 FAR_OUT_OF_RANGE_SHARE = 0.1
-"""A reading outside its range by more than this share of it is no reading of this arm."""
+"""A reading outside its range by more than this share of it is not from this arm."""
 
 SATURATED_SIGMAS = 3.0
 SATURATED_POSES = 3
@@ -203,7 +203,7 @@ RVDT_LEAST_SPAN = 0.15
 """Least number of poses, and share of full scale that they have to cover, to distinguish a curve from a line."""
 
 RVDT_NOISE_RATIO = 1.25
-"""Noise exceeds its specification if certainly this many times larger: whole LSB are no more precise."""
+"""Noise exceeds its specification if it is certainly this many times larger, since whole LSB resolve no less."""
 
 RVDT_HARMFUL_RATIO = 3.0
 """Deviations (rms) of this many times the sensor's noise impair the calibration."""

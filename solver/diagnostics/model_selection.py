@@ -30,7 +30,7 @@ SIZES = np.logspace(-2.0, 3.0, 21)
 """Tried sizes of an explanation, in units of its natural one."""
 
 STRIDE = 4
-"""Where every size is expensive, a first search for the maximum uses every so many sizes: there is one maximum."""
+"""Step of a first search for the maximum, of which there is one, where each size is expensive."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -71,7 +71,7 @@ def noise_scale(chi2: float, dof: int) -> float:
 
 
 def sound_log_likelihood(left: WhitenedResiduals) -> float:
-    """Log-likelihood of nothing being wrong: noise as stated or less."""
+    """Log-likelihood without a fault: noise as stated or less."""
     return _log_likelihood(left.chi2, left.dof, noise_scale(left.chi2, left.dof))
 
 

@@ -97,8 +97,8 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     """Return possible simple mistakes in readings (m, n): a wrong unit, a wrong sign, two columns exchanged."""
     yield Mistake(
         code="RADIANS",
-        text="taken as radians the readings make sense",
-        remedy="a poses file has degrees (multiply its angles by 57.29578; sarcal import --rad does it)",
+        text="taken as radians the readings are in range",
+        remedy="a poses file has degrees (multiply its angles by 57.29578, or use sarcal import --rad)",
         q_rad=np.rad2deg(q),
     )
     n = q.shape[1]
@@ -110,7 +110,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             turned[:, columns] = np.rad2deg(q[:, columns])
             yield Mistake(
                 code="_".join(("RADIANS", *(str(j + 1) for j in columns))),
-                text=f"with the readings of {of} taken as radians they make sense",
+                text=f"taken as radians the readings of {of} are in range",
                 remedy=f"a poses file has degrees (multiply the angles of {of} by 57.29578)",
                 q_rad=turned,
             )
@@ -121,7 +121,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         first = f"{len(rows)} of {len(q)} poses, number {rows[0] + 1} the first of them,"
         yield Mistake(
             code="RADIANS_POSES",
-            text=f"with the readings of {first} taken as radians they make sense",
+            text=f"taken as radians the readings of {first} are in range",
             remedy="a poses file has degrees (multiply the angles of these rows by 57.29578)",
             q_rad=turned,
         )
@@ -131,8 +131,8 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         of = f"joint{'s' if len(far) > 1 else ''} {', '.join(map(str, far))}"
         yield Mistake(
             code="_".join(("WHOLE_TURNS", *map(str, far))),
-            text=f"without whole turns in the readings of {of} they make sense",
-            remedy=f"add or take off 360 deg where a reading of {of} is outside its range",
+            text=f"without whole turns the readings of {of} are in range",
+            remedy=f"add or subtract 360 deg where a reading of {of} is outside its range",
             q_rad=wrapped,
         )
     for j in range(n):
@@ -142,8 +142,8 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             turned[:, j] = centre - q[:, j]
             yield Mistake(
                 code=f"SIGN_JOINT_{j + 1}",
-                text=f"with the opposite sign of joint {j + 1} they make sense",
-                remedy=f"turn the sign of joint {j + 1}'s sensor in its drive, or of its column",
+                text=f"with the opposite sign of joint {j + 1} the readings are in range",
+                remedy=f"reverse the sign of joint {j + 1}'s sensor in its drive, or of its column",
                 q_rad=turned,
             )
     for i, j in combinations(range(n), 2):
@@ -151,7 +151,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         order[[i, j]] = j, i
         yield Mistake(
             code=f"EXCHANGED_{i + 1}_{j + 1}",
-            text=f"with the readings of joints {i + 1} and {j + 1} exchanged they make sense",
+            text=f"with the columns of joints {i + 1} and {j + 1} exchanged the readings are in range",
             remedy=f"exchange their columns, or the nodes of joints {i + 1} and {j + 1}",
             q_rad=q[:, order],
         )

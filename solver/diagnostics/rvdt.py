@@ -26,7 +26,7 @@ from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import noise_left, settle
 from solver.loops.closure import ClosureModel
 
-NOISY = "check its plug, screen and excitation, or average more samples a pose"
+NOISY = "check its plug, screen and excitation, or average more samples per pose"
 
 
 class Soundness(Enum):
@@ -112,7 +112,7 @@ def rvdt_verdicts(
     unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
     sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}
     if not sensors:
-        raise ValueError("none of the model's unsensed joints has an RVDT to judge")
+        raise ValueError("no unsensed joint of the model has an RVDT")
 
     def at_least_stated(design: Layout) -> FloatArray:
         start = design.start_variances()
@@ -186,8 +186,8 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
     sd = float(np.sqrt(np.mean(of_loops.variance)))
     if sd > 0.5 * sensor.linearity_rad:
         return (
-            f"the loop measures the joint's angle to {1e3 * sd:.1f} mrad only, "
-            f"where the specification allows {1e3 * sensor.linearity_rad:.1f} mrad"
+            f"the loop measures the joint's angle only to {1e3 * sd:.1f} mrad, "
+            f"but the specification allows {1e3 * sensor.linearity_rad:.1f} mrad"
         )
     return ""
 
@@ -197,7 +197,7 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     words = [] if noise is None else _noise_words(noise, sensor)
-    curve = f"cannot decide on its curve: {reason}"
+    curve = f"its curve is not determined: {reason}"
     return RvdtVerdict(
         joint=joint,
         verdict=verdict,
@@ -263,7 +263,7 @@ def _words(
     if figures.linearity > sensor.linearity:
         allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"
         if verdict is Soundness.CURVED:
-            head = "curved, and beyond its specification by no more than chance"
+            head = "curved, but not significantly beyond its specification"
     covered = f"over the {100.0 * figures.covered:.0f} % that the poses cover"
     parts = [
         f"RVDT of joint {joint}: {head}",

@@ -38,9 +38,9 @@ class RvdtFigures:
     half_range
         Half the peak-to-peak deviation from unit gain, fraction of full scale.
     noise
-        That of a single reading.
+        Noise of a single reading.
     loop_sd_rad
-        How well the loop itself measures the angle of one pose (rms).
+        Standard deviation (rms) of the angle of one pose as the loop measures it.
     line_probability
         Chance of so much curvature if the sensor were straight.
     angle_rad, deviation_rad
@@ -100,7 +100,7 @@ def measure(
     of_loops
         Scatter of the measured angles.
     noise
-        That of a single reading; None where only the scatter about the curve is known, which is an upper bound: it
+        Noise of a single reading; None where only the scatter about the curve is known, which is an upper bound: it
         includes the loop's slow errors.
     samples
         Readings in each pose's mean.
@@ -123,7 +123,7 @@ def measure(
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
     of_points = of_loops.also_own(variance)
-    # A straight line may hide a bend: its uncertainty includes the bends that it could hide.
+    # The uncertainty of a straight line includes the bends that it could hide.
     bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)
     off_line = _off_line(grid, bendable.by_points(grid))
     peak = int(np.argmax(np.abs(bend)))
@@ -158,7 +158,7 @@ def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
-    """Return the curve with `constant` taken off its value and added to its abscissa."""
+    """Return the curve with `constant` subtracted from its value and added to its abscissa."""
     coefficients = curve.coefficients.copy()
     coefficients[0] -= constant
     return SmoothCurve(

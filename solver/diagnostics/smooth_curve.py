@@ -30,7 +30,7 @@ class Scatter:
         return np.asarray(self.own + (self.common**2).sum(-1))
 
     def also_own(self, variance: float) -> Scatter:
-        """Return the same with more variance in every point."""
+        """Return the scatter with more variance in every point."""
         return Scatter(own=self.own + variance, common=self.common)
 
     def variance_of(self, H: FloatArray) -> FloatArray:

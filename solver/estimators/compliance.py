@@ -46,7 +46,7 @@ class Pulled:
     halves: tuple[tuple[float, FloatArray | None], ...]
 
     def at_poses(self, poses: IntArray) -> Pulled:
-        """Return the same for a selection of poses."""
+        """Return the loads for a selection of poses."""
         halves = tuple((s, None if turn is None else turn[poses]) for s, turn in self.halves)
         return Pulled(pull=self.pull[poses], halves=halves)
 
@@ -95,7 +95,7 @@ def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
 
 
 def _back(turn: FloatArray | None) -> FloatArray | None:
-    """Return the inverse rotations of (m, k, k)."""
+    """Transpose rotations (m, k, k), which inverts them."""
     return None if turn is None else np.swapaxes(turn, -1, -2)
 
 

@@ -73,7 +73,7 @@ class ErrorModel:
     distances
         Distances between points of the loop that were measured.
     prior
-        The same for the identified parameters, as far as a file states their uncertainty.
+        Standard deviation (rad, m) of the identified parameters whose uncertainty a file states.
     discrepancy
         Whether a smooth misfit without a stated source is estimated.
     loads
@@ -115,7 +115,7 @@ class ErrorModel:
         )
 
     def without_joints(self, joints: tuple[int, ...]) -> ErrorModel:
-        """Return the same without the readings of some joints (1-based)."""
+        """Return the error model without the readings of some joints (1-based)."""
         return replace(self, analogue=tuple(a for a in self.analogue if a.joint not in joints))
 
 
@@ -145,7 +145,7 @@ def stated_errors(
             continue
         rounding = sensor.resolution_rad**2 / 12.0
         dithered = sensor.noise_lsb >= DITHER
-        # Rounding averages out with the noise that dithers it, and only then.
+        # Rounding averages out only if noise dithers it.
         variance[:, j - 1] = 0.0 if dithered else rounding
         stated = sensor.sigma_rad**2 - (0.0 if dithered else rounding)
         spread, dof = (0.0, 0) if sd_rad is None else _spread(sd_rad[:, j - 1], samples)

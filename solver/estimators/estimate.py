@@ -1,4 +1,4 @@
-"""What every estimator returns, how well its loops close, and the checks that come before. Knows no estimator.
+"""The result of every estimator, its closure error, and the checks before an estimate. Knows no estimator.
 
 sigma_pos and sigma_ori (paper, eqs. 14 and 15) are those of the loops at the measured joints.
 """

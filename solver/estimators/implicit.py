@@ -1,4 +1,4 @@
-"""The implicit estimator: joint sensors are the noise, and every loop closes exactly.
+"""The implicit estimator: the noise is that of the joint sensors, and every loop closes exactly.
 
 Unknown are the parameters *and* each pose's joint corrections e (implicit loop method of Wampler,
 Hollerbach & Arai 1995; the Gauss-Helmert model of geodesy). At corrected joints q + e and current
@@ -8,8 +8,7 @@ unsensed angles u the loop error is linearised,
 
 multiplied by E', the left null space of J_u, and the stacked system
 
-    minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1,
-    A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
+    minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1, A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
 
 is solved with scaled columns. Multipliers then give e_new, u and the next linearisation. Weights
 belong to the corrected joints: taken once at the measured ones they are not the same estimator.
@@ -143,7 +142,7 @@ def fit_implicit(
     x = np.array(x0, dtype=np.float64)
     u, e = unsensed_at_readings(model, x, q), np.zeros_like(q)
     if model.unsensed_joints:
-        # The initial angles are mere readings: take them from loops closed as well as `x0` allows.
+        # Readings are poor initial angles: take them from loops closed as well as `x0` allows.
         sigma = np.sqrt(variance.mean(axis=0))
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
     loops = _Loops(model, q, variance, noise.give)

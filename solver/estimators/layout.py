@@ -44,7 +44,7 @@ LEAST_CURVE = 0.1
 
 SPECIFICATION_DOF = 4
 """Weight of a sensor's specification of linearity or gain, in degrees of freedom. Poses determine few of the shapes,
-which say little of the size of the others."""
+and these say little about the size of the others."""
 
 FIRST_GIVE = 5e-4
 """Start of the search for a deflection that is not stated (rad, m)."""
@@ -65,7 +65,7 @@ the repeatable part (smooth in the pose, or on one side of a joint). The data de
 second poorly, so each has a separate scale."""
 
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
-"""Smooth functions of the pose for the twist under load (of a joint) and the deflection (of a placement)."""
+"""Number of smooth functions of the pose for a joint's twist under load and a placement's deflection."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,7 +171,7 @@ class Layout:
         self.floors = np.array([c.floor for c in self.components])
         self.walls = np.array([c.wall for c in self.components])
         self.leaps = np.array([c.leap for c in self.components])
-        # Single readings are not tested with less noise than expected: the rest of it has tails.
+        # Single readings are not tested with less noise than expected, since their errors have tails.
         self.quietest = np.array([c.start if c.scaled else c.floor for c in self.components])
         self.scaled = np.array([c.scaled for c in self.components], dtype=bool)
         self.hard = len(self.hard_index)
@@ -302,7 +302,7 @@ class Layout:
         self.play = sides_of_play(self.q, self.errors)
         if len(self.play_joints):
             self.expected += self.backlash * self.play.expected
-            # Play taken up to the same side in every pose is no noise: it looks like an offset.
+            # Play taken up to the same side in every pose is not noise but looks like an offset.
             sides = ("play", "approach")[: self.play.width]
             names = [f"{side}_{j + 1}" for j in self.play_joints for side in sides]
             self._group("joint_play", names, self._scale("play_sides"))

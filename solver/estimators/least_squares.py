@@ -26,7 +26,7 @@ LAST_SHARE = 1e-12
 1e-5 of the parameters' standard deviations, and the remaining error is a fraction of that."""
 
 LEFT_SHARE = 1e-14
-"""The same applies to a step whose successor would lower the cost by less than this: undamped steps shrink by a
+"""A step is also the last if its successor would lower the cost by less than this share: undamped steps shrink by a
 constant factor, because the convergence is linear with non-zero residuals."""
 
 LEAST_STEP = 1e-13

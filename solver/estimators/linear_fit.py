@@ -19,7 +19,7 @@ from solver.estimators.effects import Equations, LinearModel, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
 SMALL = 64
-"""Rows of a matrix that is no longer cut in halves."""
+"""Number of rows below which a matrix is not divided further."""
 
 np.empty(2 << 20)
 """Allocated and freed once: from then on glibc keeps free blocks up to this size, instead of returning the matrices of
@@ -148,7 +148,7 @@ class LinearFit:
 
     @cached_property
     def at_known_noise(self) -> LinearFit:
-        """The same with the smaller of estimated and stated noise.
+        """The same linearisation with the smaller of estimated and stated noise.
 
         Stated noise is an upper limit; a test of single readings is more powerful if their noise is known well, but a
         fault must not count as noise.
@@ -287,7 +287,7 @@ class LinearFit:
         ]
 
     def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
-        """The same of every single pose against all others: chi2 and degrees of freedom, (m,) each."""
+        """Misfit of every single pose from the prediction by all others: chi2 and degrees of freedom, (m,) each."""
         chi2, dof = [], []
         for part in self.parts():
             P = np.eye(part.w.shape[1]) - part.times(self.H_inverse) @ np.swapaxes(part.M, -1, -2)

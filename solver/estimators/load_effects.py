@@ -85,7 +85,7 @@ class LoadBasis:
         joint on which gravity has no lever.
     all_give, rows
         (M, k, c) deflection along the closure components in units of the stated one, and the rows (m,) of these poses.
-        As by far the largest array it is shared by every selection of poses.
+        It is by far the largest array, and is shared by every selection of poses.
     give_missed
         (m, k) variance that its columns leave out.
     side
@@ -113,7 +113,7 @@ class LoadBasis:
         return np.asarray(self.all_give[self.rows[poses]])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
-        """Return the same for a selection of poses."""
+        """Return the effects at a selection of poses."""
         return LoadBasis(
             sag_expected=self.sag_expected[poses],
             sag=self.sag[poses],
@@ -310,7 +310,7 @@ def _gives(
     first, among = (np.arange(m), centres) if few else (centres, np.arange(len(centres)))
     W = _wrenches(part, first, torque)
     if not W.any():
-        # Exact masses: gravity compensation has no error that could deflect the fixture.
+        # With exact masses the gravity compensation has no error that could deflect the fixture.
         return np.zeros((m, k, columns)), np.zeros((m, k))
     # Every set of driven joints has the same weight, by moments and by forces.
     unit = np.ones((k, W.shape[-1]))

@@ -121,7 +121,7 @@ class Near:
     layout: Layout | None = None
 
     def at_poses(self, poses: IntArray) -> Near:
-        """Return the same for a selection of poses, without the layout of all."""
+        """Return the start for a selection of poses, without the layout of all."""
         return Near(
             variances=self.variances,
             corrections=self.corrections[poses],
@@ -220,7 +220,7 @@ def _iterate(
             wanted = step(fit, found)
             v = ascent.onward(fit, found, wanted, far=moved > COMPARABLE_SIGMA)
             if rounds >= FREE_ROUNDS and wanted.slope < NEGLIGIBLE_GAIN:
-                # That is no reason to continue: the parameters converge with the present variances.
+                # Not a reason to continue: the parameters converge with the present variances.
                 free, wanted, v = False, ScoringStep.none(len(v)), fit.v
         enough = STEADY_VARIANCE_SIGMA if ascent.fast else CREEPING_VARIANCE_SIGMA
         converged = left < settled and (wanted.largest < enough or wanted.slope < LEAST_GAIN)
@@ -230,7 +230,7 @@ def _iterate(
             in_doubt = abs(surplus) < min(DOUBTFUL_SIGN_SHARE, wanted.largest)
             sign_asked = in_doubt and not converged and rounds < FREE_ROUNDS
             if surplus < 0.0 and not sign_asked:
-                # From here on without the expected sag; neither likelihoods nor steps of the two can be compared.
+                # The expected sag is dropped from here on; likelihoods and steps before and after cannot be compared.
                 design, ascent, converged = design.unsigned(), Ascent(fast=ascent.fast), False
                 here = Linearisation(design, state)
                 continue
@@ -351,7 +351,7 @@ def _closing(system: System, give: FloatArray) -> FloatArray:
     open_by = np.swapaxes(system.E, -1, -2) @ give[..., None]
     Bt = np.swapaxes(system.B, -1, -2)
     square = system.B @ Bt
-    # Where joints hardly move a pose in some direction, none is turned far for it.
+    # Directions in which joints hardly move a pose stay open, so that no joint turns far.
     ridge = LEAST_MOTION_SHARE**2 * np.trace(square, axis1=-2, axis2=-1) + TINY
     square += ridge[:, None, None] * np.eye(square.shape[-1])
     return np.asarray((Bt @ np.linalg.solve(square, open_by))[..., 0])

@@ -84,7 +84,7 @@ class VarianceComponents:
     signed: bool = True
 
     def at_poses(self, poses: IntArray) -> VarianceComponents:
-        """Return the same with the per-pose results of a selection of poses."""
+        """Return the results with only some of the poses."""
         variance = self.noise.joint_variance[poses]
         return replace(
             self,
@@ -119,7 +119,7 @@ class Calibrated:
     unsensed: FloatArray
 
     def few(self, most: int) -> tuple[Calibrated, IntArray]:
-        """Return the same for `most` poses evenly among all, and the caller's indices of these.
+        """Return the calibration for `most` poses evenly among all, and the caller's indices of these.
 
         Parameters and their covariance remain those of all poses; the linear fit covers the few only.
         """
@@ -255,7 +255,7 @@ def settle(
 def _near(
     model: ClosureModel, errors: ErrorModel, x: FloatArray, nominal: FloatArray
 ) -> FloatArray:
-    """Angles that have a prior within half a turn of its mean: 181 deg about 180, and not -179."""
+    """Bring each angle that has a prior within half a turn of its mean: 181 deg near 180 deg, not -179 deg."""
     known = [p.is_angle and errors.knows(p.name) for p in model.parameters]
     return np.where(known, nominal + wrap_angle(x - nominal), x)
 

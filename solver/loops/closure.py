@@ -74,7 +74,7 @@ class ReducedError:
     flipped: BoolArray
 
 
-class Hold(Enum):
+class ConstrainedPart(Enum):
     """Part of the tool that a fixture constrains."""
 
     POINT = "point"
@@ -83,8 +83,8 @@ class Hold(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
-    """The constrained part of the tool and its place, seen from the arm (`HeldAxis` defines the frames).
+class ToolConstraint:
+    """Where a fixture constrains the tool, and where on the table, in the frames of `ConstrainedAxis`.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Held:
     point_m, ground_point_m
         Coordinates of the constrained point, (3,).
     rotation
-        Mean rotation (3, 3) of the tool: a proper rotation where the tool is fixed rigidly.
+        Mean (3, 3) of the tool's rotations over the poses; itself a rotation if the fixture is rigid.
     """
 
     direction: FloatArray
@@ -206,7 +206,7 @@ class ClosureModel(ABC):
         return ((self, slice(None), slice(None)),)
 
     def merged(self, found: Sequence[ReducedError]) -> ReducedError:
-        """Put the reduced errors of all `parts` together."""
+        """Combine the reduced errors of all `parts`."""
         return found[0]
 
     def fixture_axes(
@@ -229,13 +229,13 @@ class ClosureModel(ABC):
         """Nominal rows 1..n (4, n): theta_off, s, a, alpha; ValueError where poses have different tables."""
 
     @property
-    def hold(self) -> Hold | None:
+    def constrained_part(self) -> ConstrainedPart | None:
         """Part of the tool that the fixture constrains; None without a constraint."""
         return None
 
-    def held_entries(self, held: Held) -> dict[str, float]:
+    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
         """Values of the fixture's unknowns, by name, for this constraint of the tool; ValueError without one."""
-        raise ValueError(f"{type(self).__name__} holds nothing ({held})")
+        raise ValueError(f"{type(self).__name__} does not constrain the tool ({at})")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
         """D-H table of links 0..n, entries as in `x` (P,); None if the loop has others."""
@@ -244,7 +244,7 @@ class ClosureModel(ABC):
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
         """Points of the arm (k, 3), m, and its fixture's axis (3,), in the base frame; None: no picture.
 
-        The last point is the one at the fixture; a zero vector stands for no axis.
+        The last point is the one at the fixture; the axis is zero if there is none.
         """
         return None
 

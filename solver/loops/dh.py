@@ -19,8 +19,14 @@ from solver.chain.rotations import (
     rotation_vector_differential,
 )
 from solver.loops.arm_loop import ArmLoop
-from solver.loops.closure import ClosureModel, Held, Hold, LoopError, ReducedError
-from solver.loops.endpoint_geometry import HeldAxis, held_frame_entries
+from solver.loops.closure import (
+    ClosureModel,
+    ConstrainedPart,
+    LoopError,
+    ReducedError,
+    ToolConstraint,
+)
+from solver.loops.endpoint_geometry import ConstrainedAxis, constrained_frame_entries
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,19 +159,19 @@ class DhLoop(ArmLoop):
         return tuple(e.name for e in self.entries if e.row == self.joint_count)
 
     @property
-    def hold(self) -> Hold:
+    def constrained_part(self) -> ConstrainedPart:
         """A line of the tool (hinge), or the whole tool (rigid)."""
-        return Hold.AXIS if self.hinge else Hold.FRAME
+        return ConstrainedPart.AXIS if self.hinge else ConstrainedPart.FRAME
 
-    def held_entries(self, held: Held) -> dict[str, float]:
+    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
         """D-H entries of the fixture for this constraint of the tool."""
         if not self.hinge:
-            return held_frame_entries(held.rotation, held.ground_point_m, self.joint_count)
-        return HeldAxis(
-            ground_direction=held.ground_direction,
-            ground_point_m=held.ground_point_m,
-            hand_direction=held.direction,
-            hand_point_m=held.point_m,
+            return constrained_frame_entries(at.rotation, at.ground_point_m, self.joint_count)
+        return ConstrainedAxis(
+            ground_direction=at.ground_direction,
+            ground_point_m=at.ground_point_m,
+            hand_direction=at.direction,
+            hand_point_m=at.point_m,
         ).entries(self.joint_count)
 
     def dh_table(self, x: FloatArray) -> DhTable:

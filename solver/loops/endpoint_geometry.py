@@ -24,7 +24,7 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldAxis:
+class ConstrainedAxis:
     """A line through the tool and the line in the table with which it coincides.
 
     `ground_direction`, `ground_point_m`: in the base frame turned and shifted so that theta_off_1 and s_1 are zero,
@@ -67,13 +67,13 @@ class HeldAxis:
         }
 
 
-def held_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
+def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
     """D-H entries of a rigid loop whose tool frame (s_n = a_n = alpha_n = 0) is fixed at `R`, `p_m`.
 
-    Both are in the frame of `HeldAxis.ground_direction` and do not include theta_off_n.
+    Both are in the frame of `ConstrainedAxis.ground_direction` and do not include theta_off_n.
     """
     z = np.array([0.0, 0.0, 1.0])
-    axis = HeldAxis(
+    axis = ConstrainedAxis(
         ground_direction=R[:, 2], ground_point_m=p_m, hand_direction=z, hand_point_m=np.zeros(3)
     )
     found = axis.entries(n)

@@ -66,7 +66,9 @@ class MeasuredClosure(ArmLoop):
             if value is not None:
                 object.__setattr__(self, name, frozen(value))
         if not self.full_pose and set(self.own) & set(TIP_TURN):
-            raise ValueError("positions alone do not see how the target is turned on the hand")
+            raise ValueError(
+                "positions alone do not determine the target's orientation on the tool"
+            )
         ArmLoop.__post_init__(self)
 
     def _own_nominal(self) -> FloatArray:
@@ -87,7 +89,7 @@ class MeasuredClosure(ArmLoop):
         if position_m.ndim != 2 or position_m.shape[1] != 3:
             raise ValueError("positions must be (m, 3)")
         if rotation is not None and rotation.shape != (len(position_m), 3, 3):
-            raise ValueError("one orientation a position is wanted")
+            raise ValueError("one orientation per position is required")
         return replace(self, endpoint_m=position_m, endpoint_rotation=rotation)
 
     def predicted(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray]:

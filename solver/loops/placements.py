@@ -3,12 +3,11 @@
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
 placement names have no number.
 
-The entries of a hinge include some of the arm's first and last joint: theta_off_1 counts from the common normal of the
-hinge axis and joint 1's axis, s_1 from that normal's foot, and theta_off_n to the normal with joint n's axis. Another
-placement is another normal, so these entries belong to the placement (`ClosureModel.ground_side`, `hand_side`) and read
-``theta_off_1[2]``. No information is lost: a rotation of joint 1's zero is a rotation of all placements about its axis,
-which no closed loop determines. If the tool kept its half of the fixture between placements (a ball that stays on the
-tool while sockets change), `same_hand` shares that side too, including theta_off_n.
+Some entries of joints 1 and n count from the hinge: theta_off_1 from the common normal of the hinge axis and joint 1's
+axis, s_1 from that normal's foot, theta_off_n to the normal with joint n's axis. So they belong to the placement
+(`ClosureModel.ground_side`, `hand_side`) and read ``theta_off_1[2]``. No information is lost: a rotation of joint 1's
+zero is a rotation of all placements about its axis, which no closed loop determines. If the tool keeps its half of the
+fixture (a ball, while sockets change), `same_hand` shares that side too, including theta_off_n.
 """
 
 from __future__ import annotations
@@ -88,12 +87,12 @@ class Placements(ClosureModel):
 
     @property
     def components(self) -> int:
-        """The same as of one placement."""
+        """Number of closure components, which all placements share."""
         return self.models[0].components
 
     @property
     def equations_per_pose(self) -> int:
-        """The same as of one placement."""
+        """Closure equations of each pose, equally many in all placements."""
         return self.models[0].equations_per_pose
 
     def columns(self, number: int) -> IntArray:

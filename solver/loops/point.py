@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, frozen
 from solver.loops.arm_loop import ArmLoop
-from solver.loops.closure import Held, Hold, LoopError
+from solver.loops.closure import ConstrainedPart, LoopError, ToolConstraint
 
 TIP = ("tip_x", "tip_y", "tip_z")
 GROUND = ("ground_x", "ground_y", "ground_z")
@@ -83,24 +83,24 @@ class PointClosure(ArmLoop):
         return tuple(name for name in self.own if name in TIP)
 
     @property
-    def hold(self) -> Hold:
+    def constrained_part(self) -> ConstrainedPart:
         """A point of the tool."""
-        return Hold.POINT
+        return ConstrainedPart.POINT
 
-    def held_entries(self, held: Held) -> dict[str, float]:
+    def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
         """Ball and socket from points of the frames without theta_off_1, s_1, theta_off_n and row n."""
         table = self.table
         # The ends of the arm as a separate chain: links n and 1 at their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
-        x, y, z = held.point_m
+        x, y, z = at.point_m
         along, across, up = (
             c[-1] * x + s[-1] * y - table.a_m[-1],
             c[-1] * y - s[-1] * x,
             z - table.s_m[-1],
         )
         tip = (along, ca * across + sa * up, ca * up - sa * across)
-        x, y, z = held.ground_point_m
+        x, y, z = at.ground_point_m
         ground = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
         return dict(zip(TIP + GROUND, map(float, (*tip, *ground)), strict=True))
 

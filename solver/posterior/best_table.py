@@ -49,7 +49,7 @@ class BestTable:
     entries, covariance
         Entries and coordinates of the tip that it determines (k,), and their covariance (k, k), rad and m.
     left_m
-        Root mean square of the tool correction that no table can represent, with its uncertainty.
+        Root mean square of the part of the tool corrections that no table can represent, its uncertainty included.
     sigma_m
         Root mean square of the tool's distance from its true position, where the arm is used.
     """

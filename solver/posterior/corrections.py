@@ -198,7 +198,7 @@ class JointsThere:
     side: FloatArray
 
     def first(self, count: int) -> JointsThere:
-        """Return the same for the first poses."""
+        """Return the parts at the first `count` poses."""
         return JointsThere(
             q=self.q[:count], shapes=self.shapes[:count], expected=self.expected[:count],
             side=self.side[:count],

@@ -26,11 +26,11 @@ STARTS_WITHOUT_DIRECTION = 1500
 reach the solution; with a ball and joints that moved little, 1 %."""
 
 FIRST_POLISH = 12
-HOPELESS = 100.0
-"""A minimum with this many times the best cost after the first refinement is not refined further: no alternative has
+REFINED_COST_RATIO = 100.0
+"""Ratio to the best cost after the first refinement above which a minimum is not refined further: no alternative has
 ten times the rms closure. Its `rms` is then an upper bound."""
 
-MIXED = 0.03
+BRANCHES_MIXED_RMS = 0.03
 """An rms closure (1 m : 1 rad) larger than any real arm's: poses of both branches may be mixed."""
 
 HINGE_EQUATIONS = 5
@@ -39,10 +39,10 @@ SAMPLE_POSES = 8
 NEAR_M, NEAR_RAD = 0.1, 0.3
 EXPLAINED = 0.9
 
-SAME_LOOP = 1e-4
+SAME_SOLUTION = 1e-4
 """Refined parameters that differ by less than this (rad, m) count as one solution."""
 
-FITS_AS_WELL = 1.5
+EQUAL_FIT_RATIO = 1.5
 """A solution whose rms closure is within this factor of the best is indistinguishable from it: with 200 degrees of
 freedom noise alone causes a factor of 1.2 in 1 % of cases, and systematic errors cause more."""
 
@@ -107,7 +107,7 @@ class GlobalStart:
     @property
     def alternatives(self) -> tuple[LocalMinimum, ...]:
         """Distinct solutions that fit as well: the poses cannot decide between them."""
-        bound = max(FITS_AS_WELL * self.best.rms, CLOSED)
+        bound = max(EQUAL_FIT_RATIO * self.best.rms, CLOSED)
         return tuple(b for b in self.minima[1:] if b.rms <= bound and not b.flipped)
 
 
@@ -124,8 +124,7 @@ def global_start(
     Parameters
     ----------
     starts
-        Number of starts; the first is the nominal one, the rest are random. By default enough for
-        the kind of fixture.
+        Number of starts; the first is the nominal one, the rest are random. By default enough for the kind of fixture.
     seed
         Seed of the random starts; the same seed gives the same result.
     progress
@@ -147,7 +146,7 @@ def global_start(
         starts = STARTS if directed else STARTS_WITHOUT_DIRECTION
     rng = np.random.default_rng(seed)
     found = _solve(model, sensed, q, starts, rng, progress)
-    if found.best.rms > MIXED and sensed.equations_per_pose == HINGE_EQUATIONS:
+    if found.best.rms > BRANCHES_MIXED_RMS and sensed.equations_per_pose == HINGE_EQUATIONS:
         upright = _upright(sensed, q, starts, rng, progress)
         if not upright.all():
             kept = np.flatnonzero(upright)
@@ -179,7 +178,9 @@ def _solve(
     best = np.inf
     for x0, count in search.candidates():
         fit = solve_damped(problem, x0, max_iterations=FIRST_POLISH)
-        if not fit.converged and fit.cost < HOPELESS * max(best, 0.5 * q.size * CLOSED**2):
+        if not fit.converged and fit.cost < REFINED_COST_RATIO * max(
+            best, 0.5 * q.size * CLOSED**2
+        ):
             fit = solve_damped(problem, fit.x)
         best = min(best, fit.cost)
         x = nearest_equivalent(sensed, fit.x, nominal)
@@ -238,4 +239,6 @@ def _upright(
 
 def _same_loop(model: ClosureModel, x: FloatArray, other: FloatArray) -> bool:
     near = nearest_equivalent(model, x, other)
-    return bool(np.abs(wrap_angles(model.parameters, near - other)).max(initial=0.0) < SAME_LOOP)
+    return bool(
+        np.abs(wrap_angles(model.parameters, near - other)).max(initial=0.0) < SAME_SOLUTION
+    )

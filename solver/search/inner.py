@@ -23,7 +23,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhKind, wrap_angle
-from solver.loops.closure import ClosureModel, Held, Hold, Which
+from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, Which
 
 RIDGE = 1e-9
 """Keeps the projection defined where t may slide along h; negligibly small."""
@@ -40,7 +40,7 @@ class InnerProblem:
         Offsets of joints that are not searched keep their values.
     searched
         Joints (1-based) whose offsets are sought, none of them 1 or n.
-    hold
+    constrained_part
         Constraint of the fixture.
     q
         Joint angles (m, n), rad.
@@ -50,7 +50,7 @@ class InnerProblem:
 
     table: DhTable
     searched: tuple[int, ...]
-    hold: Hold
+    constrained_part: ConstrainedPart
     q: FloatArray
     per_m: float
 
@@ -63,7 +63,7 @@ class InnerProblem:
         o = frames.origins_m[..., before, :]
         M_c = M - M.mean(-3, keepdims=True)
         rows, rates, basis = [], [], []
-        if self.hold is Hold.FRAME:
+        if self.constrained_part is ConstrainedPart.FRAME:
             for k in range(3):
                 rows.append(M_c[..., k])
                 rates.append(np.cross(z, M[..., None, :, k]))
@@ -72,7 +72,7 @@ class InnerProblem:
             h, t = self._projected(M, M_c, p)
             end = p + (M @ t[:, None, :, None])[..., 0]
             by_point = self.per_m * M_c
-            if self.hold is Hold.AXIS:
+            if self.constrained_part is ConstrainedPart.AXIS:
                 direction = (M @ h[:, None, :, None])[..., 0]
                 rows.append(direction)
                 rates.append(np.cross(z, direction[..., None, :]))
@@ -96,14 +96,14 @@ class InnerProblem:
         N = Lt @ L + RIDGE * len(self.q) * np.eye(L.shape[-1])
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
-    def held(self, offsets: FloatArray) -> Held:
+    def constraint(self, offsets: FloatArray) -> ToolConstraint:
         """Geometry of the fixture for given offsets (K,)."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
         h, t = self._projected(M, M - mean, p)
         ground = (mean[0, 0] @ h[0], (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0])
-        return Held(
+        return ToolConstraint(
             direction=h[0],
             ground_direction=ground[0] / np.linalg.norm(ground[0]),
             point_m=t[0],
@@ -122,7 +122,7 @@ class InnerProblem:
     ) -> tuple[FloatArray, FloatArray]:
         """Best direction h (S, 3) and point t (S, 3) of the tool; t is zero for a rigid fixture."""
         count = len(M)
-        if self.hold is Hold.FRAME:
+        if self.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
         h = np.linalg.svd(M.mean(-3))[2][:, 0]
         A = M_c.reshape(count, -1, 3)
@@ -171,7 +171,7 @@ class Part:
             f"theta_off_{j}": float(wrap_angle(v))
             for j, v in zip(self.problem.searched, offsets, strict=True)
         }
-        values |= self.model.held_entries(self.problem.held(offsets))
+        values |= self.model.constraint_entries(self.problem.constraint(offsets))
         return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
 
 
@@ -179,15 +179,15 @@ def projectable_parts(model: ClosureModel, q: FloatArray) -> list[Part]:
     """Placements whose fixture can be projected out; none if any fixture cannot."""
     parts = []
     for piece, columns, poses in model.parts():
-        if piece.hold is None:
+        if piece.constrained_part is None:
             return []
         here = q[poses]
-        problem = _inner(piece, piece.hold, here)
+        problem = _inner(piece, piece.constrained_part, here)
         parts.append(Part(model=piece, columns=columns, q=here, problem=problem))
     return parts
 
 
-def _inner(model: ClosureModel, hold: Hold, q: FloatArray) -> InnerProblem:
+def _inner(model: ClosureModel, constrained_part: ConstrainedPart, q: FloatArray) -> InnerProblem:
     n = model.joint_count
     stacked = model.arm_rows()
     stacked[[DhKind.THETA_OFF, DhKind.S], 0] = 0.0
@@ -198,7 +198,7 @@ def _inner(model: ClosureModel, hold: Hold, q: FloatArray) -> InnerProblem:
         searched=tuple(
             e.row for e in model.entries if e.kind is DhKind.THETA_OFF and 1 < e.row < n
         ),
-        hold=hold,
+        constrained_part=constrained_part,
         q=q,
         # Half an arm's length counts as one radian.
         per_m=2.0 / reach if reach > 0.0 else 1.0,

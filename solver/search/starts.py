@@ -24,7 +24,7 @@ solution (random hinges, a ball), so for the same work twice as many do."""
 SEARCH_EQUATIONS = 72
 """Closure equations in the search: a few times the unknowns of any usual arm."""
 
-POLISHED = 6
+REFINED_MINIMA = 6
 """Minima that are refined: the cost of the true one is orders below the next, so it is among the first."""
 
 SAME_MINIMUM = 0.02
@@ -58,7 +58,7 @@ class StartSearch:
             searched = InnerProblem(
                 table=largest.table,
                 searched=largest.searched,
-                hold=largest.hold,
+                constrained_part=largest.constrained_part,
                 q=few,
                 per_m=largest.per_m,
             )
@@ -75,7 +75,7 @@ class StartSearch:
         """Complete parameter vectors (P,) of the best minima, with the number of starts that ended there."""
         return [
             (self._whole(self.fit.x[members[0]]), len(members))
-            for members in _minima(self.fit, self._angles())[:POLISHED]
+            for members in _minima(self.fit, self._angles())[:REFINED_MINIMA]
         ]
 
     def _angles(self) -> list[int]:
@@ -173,7 +173,7 @@ def minimise_batch(
         Jt = np.swapaxes(J, -1, -2)
         N, gradient = Jt @ J, (Jt @ r[..., None])[..., 0]
         diagonal = np.diagonal(N, axis1=-2, axis2=-1)
-        # Marquardt's scaling; a column of zeros still needs something to divide by.
+        # Marquardt's scaling; a column of zeros needs a divisor too.
         tiny = 1e-12 * diagonal.max(-1, keepdims=True) + 1e-300
         N = N + (damping[active, None] * diagonal + tiny)[..., None] * np.eye(x.shape[1])
         step = -np.linalg.solve(N, gradient[..., None])[..., 0]

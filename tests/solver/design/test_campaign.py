@@ -165,7 +165,7 @@ def test_watch_names_the_joint_and_the_reason() -> None:
     assert watch(trace[2]) is None
     off = trace[2].copy()
     off[3] += np.deg2rad(8.0)
-    assert watch(off) == "joint 4 is 8.0 deg from where it was expected"
+    assert watch(off) == "joint 4 is 8.0 deg from its predicted angle"
     out = HOME.copy()
     out[2] = ranges.upper_rad[2] + 0.01
     assert watch(out) == "joint 3 came close to the end of its range"

@@ -78,7 +78,7 @@ def test_trial_that_stopped_ranks_last_and_says_why() -> None:
     assert ranked[0].usable
     assert {r.reasons[0] for r in ranked[1:]} == {
         "the trial stopped: excess torque",
-        "the trial stopped: a drive moved only 10% of what it was told",
+        "the trial stopped: a drive moved only 10% of its commanded angle",
     }
     with pytest.raises(ValueError, match="each drive"):
         rank_by_trial([TrialWiggles(drives=(1, 2), commanded_rad=np.ones((2, 2)), moved_rad=good)])

@@ -145,7 +145,7 @@ def test_gives_up_when_the_arm_does_not_come_back() -> None:
         explorer.propose()
         explorer.observe(away, stopped="blocked")
     assert explorer.propose() is None
-    assert "does not come back" in explorer.failure
+    assert "does not return to the start" in explorer.failure
 
 
 def test_observing_nothing_is_a_wrong_call() -> None:

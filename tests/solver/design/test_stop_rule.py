@@ -19,7 +19,7 @@ def test_reached(told, chosen) -> None:
     decision = stop_decision(told.of(chosen), told, requests(told, chosen, 1.01), poses_left=5)
     assert decision.standing is PrecisionStatus.REACHED
     assert decision.stop
-    assert decision.text.endswith("as requested, by the errors that are stated")
+    assert decision.text.endswith("as requested, for errors of stated size")
 
 
 def test_going_on_names_the_weakest_and_the_forecast_is_enough(told, chosen) -> None:

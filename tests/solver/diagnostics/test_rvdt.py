@@ -147,7 +147,7 @@ def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
     one = figures(found[6])
     # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
     assert one.noise.low == 0.0
-    assert "noise of a single reading: cannot be told" in found[6].text
+    assert "noise of a single reading: not determined" in found[6].text
     assert found[6].verdict is Soundness.SOUND
 
 

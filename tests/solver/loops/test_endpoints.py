@@ -12,7 +12,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import entries, nominal_vector
 from solver.chain.rotations import rotation_matrix, rotation_vector
 from solver.estimators.implicit import NoiseModel, estimate_implicit
-from solver.loops.endpoint_geometry import HeldAxis, held_frame_entries
+from solver.loops.endpoint_geometry import ConstrainedAxis, constrained_frame_entries
 from solver.loops.point import PointClosure
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.solver.conftest import paper_arm
@@ -160,7 +160,7 @@ def test_a_held_axis_becomes_the_entries_of_a_closed_loop(seed):
     T = product(q + off, s, a, alpha)
     h, t = rng.normal(size=3), rng.normal(size=3)
     h /= np.linalg.norm(h)
-    axis = HeldAxis(
+    axis = ConstrainedAxis(
         ground_direction=T[:3, :3] @ h,
         ground_point_m=T[:3, 3] + T[:3, :3] @ t,
         hand_direction=h,
@@ -181,7 +181,7 @@ def test_a_held_hand_becomes_the_entries_of_a_closed_loop(seed):
     q = rng.uniform(-3.0, 3.0, 6)
     off[0] = off[-1] = s[0] = s[-1] = a[-1] = alpha[-1] = 0.0
     T = product(q + off, s, a, alpha)
-    found = held_frame_entries(T[:3, :3], T[:3, 3], 6)
+    found = constrained_frame_entries(T[:3, :3], T[:3, 3], 6)
     np.testing.assert_allclose(closed_loop(found, q, off, s, a, alpha), np.eye(4), atol=1e-11)
 
 

@@ -106,7 +106,7 @@ def _report_end(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
 
 _ARM: Mapping[bool | None, str] = {
     True: "the arm is held. ",
-    False: "the arm did not answer: keep clear, its state is not known. ",
+    False: "the arm did not answer: keep clear, its state is unknown. ",
     None: "",
 }
 """By whether the arm confirmed that it is held; None: none was connected."""

@@ -1,4 +1,4 @@
-"""`sarcal check`: all problems of some files, or the outlook of a calibration with them."""
+"""`sarcal check`: all problems of some files, or whether a calibration with them can succeed."""
 
 from __future__ import annotations
 

@@ -78,14 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
         type=_patience_s,
     )
-    faults = parser.add_argument_group("faults, to see how an operator sees them")
+    faults = parser.add_argument_group("injected faults, to see how they appear to an operator")
     faults.add_argument(
         "--fault",
         action="append",
         default=[],
         choices=(*FAULTS, _HELP),
         metavar="KIND",
-        help="inject a fault; may be repeated. `--fault help` lists for each what is broken, what the operator "
+        help="inject a fault; may be repeated. `--fault help` lists for each what fails, what the operator "
         f"sees and what to do. One of: {', '.join(FAULTS)}",
     )
     option(
@@ -210,7 +210,7 @@ def _controller_error(failure: Exception) -> Exception:
 
     if isinstance(failure, (CanError, OSError)):
         return BusError(
-            f"The bus cannot be used any more: {failure}. Check adapter and interface, and start again."
+            f"The bus can no longer be used: {failure}. Check adapter and interface, and start again."
         )
     return failure
 
@@ -230,7 +230,7 @@ def _recorded(settings: BusSettings, path: Path | None) -> Iterator[None]:
     finally:
         if ended is not None and (why := ended()):
             say(
-                f"sarcal: the recording of the bus, {path}, ends early: {why}. "
+                f"sarcal: the recording of the bus, {path}, has ended early: {why}. "
                 "Free some space, or record to another disk.",
                 err=True,
             )

@@ -46,13 +46,13 @@ def _only_serial(root: Path) -> str:
         {s.serial_number for s in states if s is not None} - {"", UNKNOWN_SERIAL_NUMBER}
     )
     if not states:
-        raise UsageError(f"no sessions in {root}; another folder: --sessions")
+        raise UsageError(f"there are no sessions in {root}; name another folder with --sessions")
     if not serials:
         raise UsageError(
-            f"no session in {root} states a serial number; an imported one has that of import --serial"
+            f"no session in {root} states a serial number; import with --serial to state one"
         )
     if len(serials) > 1:
-        raise UsageError(f"of which arm? serial numbers in {root}: {', '.join(serials)}")
+        raise UsageError(f"name one of the arms in {root}: {', '.join(serials)}")
     return serials[0]
 
 
@@ -70,7 +70,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError(f"--every {args.every:g}: days, more than 0 and at most {LONGEST_DAYS:g}")
     if args.serial == UNKNOWN_SERIAL_NUMBER:
         raise UsageError(
-            "sessions without a serial number may be of several arms; import with --serial"
+            "sessions without a serial number may be from several arms; import with --serial"
         )
     found = arm_history(
         args.serial or _only_serial(args.sessions),

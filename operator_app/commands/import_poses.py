@@ -242,8 +242,8 @@ def _recorded(
     step_s = float(np.median(np.diff(recording.time_s, append=recording.time_s[-1])))
     if step_s > dwell_s:
         raise UsageError(
-            f"{file}: its samples are {step_s:.3g} s apart (median), which a dwell of {dwell_s:g} s is too short "
-            "for; if its times are ms, write them in seconds, else give a longer --dwell-s"
+            f"{file}: its samples are {step_s:.3g} s apart (median), too far for a dwell of {dwell_s:g} s; "
+            "if its times are ms, write them in seconds, else give a longer --dwell-s"
         )
     dwells, refused = find_dwells(
         recording.time_s, recording.q_rad, dwell_s=dwell_s, spread_rad=np.deg2rad(spread_deg)
@@ -254,7 +254,7 @@ def _recorded(
         quietest_deg = np.rad2deg(quietest_rad(recording.time_s, recording.q_rad, dwell_s))
         found = f" (its quietest {dwell_s:g} s spread by {quietest_deg:.3g} deg)"
         raise UsageError(
-            f"{file}: the arm is nowhere at rest for {dwell_s:g} s within {spread_deg:g} deg"
+            f"{file}: the arm is never at rest for {dwell_s:g} s within {spread_deg:g} deg"
             f"{found if np.isfinite(quietest_deg) else ''}; give another --dwell-s or --spread-deg, or "
             "record an arm that stops at its poses"
         )

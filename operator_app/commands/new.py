@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(fixture, "--kind", "what constrains the tool", choices=("hinge", "ball"))
     for side, where in (
         ("hand", "in the last frame of the arm's D-H table"),
-        ("base", "in its frame 0; default: where the tool has it at the arm's home_deg"),
+        ("base", "in its frame 0; default: its position at the arm's home_deg"),
     ):
         option(
             fixture,
@@ -190,7 +190,7 @@ def _fixture(args: argparse.Namespace) -> int:
         return ExitCode.ACCEPTED
     if not (args.kind and args.arm and args.hand_point):
         raise UsageError(
-            "new fixture: give --from NAME, or --kind, --arm and --hand-point of what was measured"
+            "new fixture: give --from NAME, or --kind, --arm and the measured --hand-point"
         )
     arm = load_arm(args.arm)
     name = _named(args.name or f"{arm.name}_{args.kind}")
@@ -220,7 +220,7 @@ def _fixture(args: argparse.Namespace) -> int:
     off = from_home_rad(arm, fixture)
     if off is None:
         say(
-            "! No pose near the arm's home_deg closes. Check the measures; then find a home that closes: "
+            "! No pose near the arm's home_deg closes. Check the measured values; then find a home that closes: "
             f"sarcal check {args.arm} {target}"
         )
     else:
@@ -284,7 +284,7 @@ def _named(wanted: str) -> str:
     """Return a valid name."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", wanted).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
-        raise UsageError(f"--name: {name!r} does not begin with a letter; give another")
+        raise UsageError(f"--name: {name!r} does not begin with a letter; use another")
     return name
 
 
@@ -330,7 +330,7 @@ def _line(args: argparse.Namespace, side: str) -> Line:
     direction = _vector(args, f"{side}_direction")
     largest = float(np.abs(direction).max())
     if largest == 0.0:
-        raise UsageError(f"{_typed(f'{side}_direction')}: a direction has a length")
+        raise UsageError(f"{_typed(f'{side}_direction')}: a direction cannot be 0,0,0")
     direction /= largest
     length = float(np.linalg.norm(direction))
     return Line(point_m=_millimetres(args, f"{side}_point"), direction=direction / length)

@@ -92,7 +92,7 @@ def execute(args: argparse.Namespace) -> int:
         f"Plan of {procedure.name}: {procedure.arm.name} in fixture {procedure.fixture.name}, "
         f"from {basis}"
     )
-    # A terminal that cannot show braille gets ASCII without being asked.
+    # A terminal that cannot show braille gets ASCII without an option.
     plain = args.ascii or "utf" not in (sys.stdout.encoding or "").lower()
     say(plan_text(shown, title=title, ascii_only=plain))
     if advice is not None:
@@ -152,7 +152,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | No
 
     if args.procedure or args.arm or args.fixture:
         raise UsageError(
-            "--session: a session has its procedure, arm and fixture; leave the others out"
+            "--session: a session states procedure, arm and fixture; leave those options out"
         )
     joints = given_joints(args.unsensed)
     opening = resume(args.session, Choices(unsensed_joints=joints), root=args.sessions)

@@ -23,13 +23,13 @@ Made by `sarcal probe`; nothing was moved. Check what a drive cannot report befo
   its angle grows in the arm file's sense, add direction: -1.
 - Where the position units of a drive are not those of the arm file's sensor, add counts_per_rev.
 - {maps}
-- Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tries."""
+- Does each drive hold when the operator's heartbeat (node 127) is lost (1016h)? `sarcal arm-check` tests it."""
 """Comment at the top of a draft."""
 MAPS = {
-    False: "A drive whose PDOs are others is refused. To have these written into it whenever it is connected to, "
+    False: "A drive with other PDOs is refused. To have these written into it at every connection, "
     "before\n  anything is enabled, and not stored in it: pdo_maps: configured",
-    True: "These PDOs are written into the drives whenever they are connected to, before anything is enabled, and\n"
-    "  not stored in them (pdo_maps: configured). Whether they let it be done shows then.",
+    True: "These PDOs are written into the drives at every connection, before anything is enabled, and\n"
+    "  not stored in them (pdo_maps: configured). The first connection shows whether the drives accept them.",
 }
 """By --configure."""
 
@@ -141,7 +141,7 @@ def _draft(args: argparse.Namespace, found: Probe) -> int:
         return ExitCode.ARM_FAULT
     heading = f"{schema_line('profile')}\n{CHECK.format(maps=MAPS[args.configure])}"
     if silent := ", ".join(str(node.node) for node in found.nodes if node.notes):
-        heading += f"\n  Without 1016h, so that nothing says it: node {silent}."
+        heading += f"\n  Not known for lack of a 1016h: node {silent}."
     content = format_profile(made, comment=heading)
     save_with_schema(args.draft, content, "profile")
     if args.json:

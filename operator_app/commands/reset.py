@@ -35,13 +35,13 @@ def execute(args: argparse.Namespace) -> int:
     with open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(
-                "the embedded virtual arm starts new in every program: there is nothing to reset; name a bus with -i, "
+                "the embedded virtual arm starts anew with every program, with nothing to reset; name a bus with -i, "
                 "or a session on one"
             )
         if isinstance(rig.arm, CanopenArm):
             rig.arm.take_over()  # the only command that switches off drives another program left enabled
         identity = rig.arm.connect()
-        written = [f"Set up as the bus profile asks: {words}" for words in identity.configured]
+        written = [f"Set up as the bus profile requires: {words}" for words in identity.configured]
         unwatching = unwatching_words(identity)
         for words in (*written, *([unwatching] if unwatching else [])):
             say(words, err=args.json)  # beside the JSON
@@ -87,7 +87,9 @@ def report(
     if cleared:
         say("The drives are off. Nothing has moved.")
     elif not stays:
-        say("No drive has a fault. Connecting has reset the communication of the nodes, as always.")
+        say(
+            "No drive has a fault. The connection has reset the nodes' communication, as every connection does."
+        )
     for text in dict.fromkeys(stays.values()):
         joints = [joint for joint, why in stays.items() if why == text]
         # A fault of all joints, such as an open stop contact, is reported once for the arm.

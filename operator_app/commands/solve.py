@@ -145,7 +145,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses of ``--test``; UsageError if they are no independent test."""
+    """Return the poses of ``--test``; UsageError if they are not an independent test."""
     from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.verification import NoTestError, require_new
     from operator_app.config.poses_file import load_poses
@@ -153,7 +153,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
     elsewhere = _stays_on_hand(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
-        raise UsageError("--test: both files must be of one placement, the same one")
+        raise UsageError("--test: both files must be from the same single placement")
     if elsewhere and args.test == args.poses and args.placements:
         # One file of all placements: test with the placements that were not calibrated.
         others = tuple(k for k in new.placements if k not in poses.placements)
@@ -176,10 +176,10 @@ def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[Reading
     document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
     tables = tables_of(document)
     if document.arm.model != arm.name:
-        raise UsageError(f"{given}: for arm {document.arm.model}, these poses are of {arm.name}")
+        raise UsageError(f"{given} is for {document.arm.model}, these poses are from {arm.name}")
     if not tables:
         raise UsageError(
-            f"{given}: contains no RVDT table; a calibration in the hinge makes one if it can identify it"
+            f"{given} contains no RVDT table; calibrate in the hinge with poses that determine one"
         )
     for table in tables:
         if not isinstance(arm.joints[table.joint - 1].sensor, Rvdt):

@@ -22,7 +22,7 @@ COMMANDS = {
     "history": "show what shifted over all calibrations of one arm, and when the next is due",
     "reproduce": "reproduce the paper: tables, figures, sources of error, remedies",
     "new": "make an arm, fixture or procedure file",
-    "check": "show all problems of files, or the outlook of a calibration with them",
+    "check": "show all problems of files, or whether a calibration with them can succeed",
     "session": "list sessions, show one, or repair a damaged journal",
     "probe": "show which nodes are on a bus and whether they can be driven; moves nothing",
     "arm-check": "check an arm on the bench in a safe order; asks before anything moves",
@@ -95,7 +95,7 @@ def _names(dest: str) -> Any:
 
         kind: Any
         if dest == COPIED:
-            # Of the kind in `new arm --from`, which is not parsed yet.
+            # Names of the kind in `new arm --from`, which is not parsed yet.
             typed = words_to_complete() or []
             return [
                 name for kind in BY_DEST.values() if kind in typed for name in builtin_names(kind)

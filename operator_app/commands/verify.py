@@ -31,7 +31,7 @@ NEW_POSES = 12
 """Number of poses without a file."""
 
 OPEN_POSES = 24
-"""The same for the open arm, for a separate calibration."""
+"""Number of poses of the open arm, for a separate calibration."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -101,7 +101,7 @@ def execute(args: argparse.Namespace) -> int:
     else:
         if opening.imported:
             raise UsageError(
-                f"{opening.folder} was imported from {opening.imported}, and has no arm; give a file of "
+                f"{opening.folder} was imported from {opening.imported} and has no arm; give a file of "
                 f"new poses: sarcal verify {args.session} POSES.csv"
             )
         count = NEW_POSES if wanted is None else wanted
@@ -136,7 +136,9 @@ def _open_loop(
     from operator_app.report.results.verification import open_loop_json, open_loop_text
 
     if solution.model.dh_table(solution.estimate.x) is None:
-        raise UsageError("--open-loop verifies calibrations of one hinge or rigid placement")
+        raise UsageError(
+            "--open-loop verifies a calibration of one placement of a hinge or rigid fixture"
+        )
     arm = effective_procedure(opening).arm
     if args.csv:
         instrument = load_fixture(args.instrument).fixture
@@ -186,7 +188,7 @@ def _open_arm(
     here, there = opening.procedure.arm, judged.procedure.arm
     if here.name != there.name or not np.array_equal(here.table.stacked(), there.table.stacked()):
         raise UsageError(
-            f"--procedure: {args.procedure} is of {here.name}, and not of the {there.name} of "
+            f"--procedure: {args.procedure} is for {here.name}, not for the {there.name} of "
             f"{judged.folder}; name a procedure with that arm file"
         )
     state, listener = read_session(judged.folder).state, ConsoleListener()

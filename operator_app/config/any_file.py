@@ -203,7 +203,7 @@ class _Reader:
         raise only(file, "nobody can tell what kind of file this is", remedy, line=1)
 
     def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
-        """Refuse poses whose number of joints no arm has."""
+        """Refuse poses whose number of joints is that of no arm."""
         count = loaded.poses.joint_count
         if self.joints and count not in self.joints:
             known = " and ".join(map(str, sorted(self.joints)))

@@ -175,8 +175,8 @@ class ArmFile(StrictModel):
             report(
                 info,
                 ("dh", len(value) - 1, "beta_deg"),
-                "the last row joins no two axes of the arm",
-                "take beta_deg out",
+                "the last row joins no two axes of the arm, so that it has no beta",
+                "remove beta_deg",
             )
         return value
 
@@ -198,13 +198,13 @@ class ArmFile(StrictModel):
             return None
         check_numbered(info, value, 1, "link")
         _check_per_row(
-            info, value, "link", "write one link per row; mass_kg: 0 where nothing weighs"
+            info, value, "link", "write one link per row, with mass_kg: 0 for links without mass"
         )
         if info.data.get("gravity", value) is None:
             report(
                 info,
                 ("links",),
-                "the links weigh something, and no gravity says which way is down",
+                "the links have masses, but the direction of gravity is missing",
                 "write for example gravity: {down: [0, 0, -1]}",
             )
         return value
@@ -239,7 +239,7 @@ class ArmFile(StrictModel):
                 report(
                     info,
                     ("free", k),
-                    f"joint {entry.row} has no sensor and so no offset",
+                    f"joint {entry.row} has no sensor, so that it has no offset",
                     f"take {name} out",
                 )
         return value
@@ -332,7 +332,7 @@ def _is_hayati(row: RowModel) -> bool:
 
 
 def _seen_by(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
-    """Return the entry that is identified where a file frees one: beta for s between parallel axes."""
+    """Return the entry that is identified for one freed by a file: beta in place of s between parallel axes."""
     if entry.kind is DhKind.S and entry.row in hayati:
         return DhEntry(DhKind.BETA, entry.row)
     return entry

@@ -104,7 +104,7 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
 def float_text(value: float) -> str:
     """Shortest decimal that reads back as the same double; always with a point."""
     if not math.isfinite(value):
-        raise ValueError(f"{value} cannot be written: only finite numbers")
+        raise ValueError(f"{value} cannot be written: only finite numbers can")
     text = repr(float(value))
     # YAML 1.1 readers take 1e-08 for text.
     return text if "." in text else text.replace("e", ".0e")

@@ -44,7 +44,7 @@ def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
     Raises
     ------
     ConfigError
-        The file is empty (`example` is a valid header), or no CSV with commas.
+        The file is empty (`example` is a valid header), or not CSV with commas.
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:
@@ -110,7 +110,7 @@ def read_columns(
             for name, values in found.items():
                 values.append(row[name])
         if len(problems) >= MOST_PROBLEMS:
-            text = f"{len(problems)} problems up to here; the rest of the file was not looked at"
+            text = f"{len(problems)} problems up to here; the rest of the file was not read"
             last = len(columns) + 1
             remedy = "correct these first"
             raise ConfigError(
@@ -154,14 +154,12 @@ def number(cell: str) -> float:
     """Read a finite decimal number."""
     cell = cell.strip()
     if not cell:
-        raise BadCell("the cell is empty", "fill it in or take the row out")
+        raise BadCell("the cell is empty", "fill it in or remove the row")
     if CSV_NUMBER.fullmatch(cell) and math.isfinite(float(cell)):
         return float(cell)
     shown = cell[:40]
     if NOT_FINITE.fullmatch(cell) or CSV_NUMBER.fullmatch(cell):
-        raise BadCell(
-            f"{shown} is not a finite number", "measure the pose again or take the row out"
-        )
+        raise BadCell(f"{shown} is not a finite number", "measure the pose again or remove the row")
     if re.fullmatch(r"[-+]?\d+,\d+", cell):
         raise BadCell(f"{shown!r} has a decimal comma", "write a decimal point")
     raise BadCell(f"{shown!r} is not a number", "correct the cell")

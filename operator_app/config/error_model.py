@@ -37,7 +37,7 @@ GIVE_MM, GIVE_MRAD = 0.2, 0.2
 
 
 class Uncertain(StrictModel):
-    """Figures that a plain 0 in the file sets to 0."""
+    """Base of mappings of figures, which a plain 0 in the file sets to 0."""
 
     # In JSON Schema bounds concern numbers only, keys mappings only.
     model_config = ConfigDict(
@@ -59,7 +59,7 @@ class ToleranceModel(Uncertain):
 
 
 class RowToleranceModel(Uncertain):
-    """The same for one row, where it differs."""
+    """Uncertainty of the lengths and twists of one row that differs from the table's."""
 
     length_mm: StatedMm | None = None
     twist_deg: StatedDeg | None = None

@@ -143,12 +143,12 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         word = "at least" if kind == "too_short" else "at most"
         bound = context.get("min_length", context.get("max_length"))
         return (
-            f"has {context['actual_length']} items, {word} {bound} are wanted",
+            f"has {context['actual_length']} items; {word} {bound} are required",
             "correct the list",
         )
     if kind == "string_pattern_mismatch":
         return (
-            f"{value_in_words(value)} does not have the right form",
+            f"{value_in_words(value)} does not have the required form",
             f"pattern: {context['pattern']}",
         )
     if kind in ("string_too_short", "string_too_long"):

@@ -1,7 +1,6 @@
 """Joint logs of robots: rows of numbers, with a header or without, in radians or degrees.
 
-Numbers are separated by commas or white space; lines that begin with
-``#`` are comments.
+Numbers are separated by commas or white space; lines that begin with ``#`` are comments.
 """
 
 from __future__ import annotations
@@ -105,7 +104,7 @@ def load_joint_log(
     q = _angles(body, where, file, radians=unit == "rad")
     if unit is None and len(q) >= FEWEST_POSES_FOR_UNIT and np.abs(q).max() < 2.0 * np.pi:
         text = (
-            f"does not say its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
+            f"does not state its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
         )
         raise only(file, text, "say --rad, or --deg if these are degrees")
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
@@ -225,7 +224,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     found = np.zeros((len(body), len(where)))
     for k, row in enumerate(body):
         if len(row.cells) != width:
-            text = f"{len(row.cells)} cells where the lines before have {width}"
+            text = f"{len(row.cells)} cells; the lines before have {width}"
             problems.append(Problem(file=file, line=row.line, text=text, remedy="mend this line"))
             continue
         for j, column in enumerate(where):
@@ -244,7 +243,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     if doubted:
         # A wrong unit is one mistake, however many cells show it.
         more = f" (and {plural(len(doubted) - 1, 'cell')} more)" if doubted[1:] else ""
-        remedy = "degrees where --rad says radians?" if radians else "degrees are wanted"
+        remedy = "degrees where --rad means radians?" if radians else "degrees are wanted"
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:
         raise ConfigError(problems)

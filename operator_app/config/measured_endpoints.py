@@ -1,12 +1,10 @@
 """Measured endpoints: one measurement of an instrument, as a JSON object on a line or as a row of CSV.
 
-``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. The names are
-those of a poses file; the orientation of the target has the names in the table. `pose` may be left out: then the first
-measurement after the request counts. An instrument that does not see the target at a pose sends ``"lost"`` with the
-reason.
+``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. Without `pose` the
+first measurement after the request counts. An instrument that does not see the target sends ``"lost"`` with the reason.
 
-Conversion of the target's orientation to a rotation vector, by the names of its columns. There is no default, since a
-rotation vector and three Euler angles look alike.
+The names of the columns state the representation of the orientation, since a rotation vector and three Euler angles
+look alike:
 
 ====================================  ==============================================================
 ``rx_deg, ry_deg, rz_deg``            a rotation vector: axis times angle
@@ -50,7 +48,7 @@ UNIT_WITHIN = 1e-3
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """All columns of the representation to which a column of this name belongs; None: it is no orientation."""
+    """All columns of the representation to which a column of this name belongs; None if it is not an orientation."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -82,7 +80,7 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
         return _of_turns("zyx", np.deg2rad(values[:, ::-1]))
     match = EULER.fullmatch(group[0])
     if match is None:
-        raise ValueError(f"{group[0]} says nothing of a turn")
+        raise ValueError(f"{group[0]} is not an orientation")
     return _of_turns(match[1], np.deg2rad(values))
 
 
@@ -151,9 +149,9 @@ def read_json_line(text: str) -> EndpointLine:
     try:
         found = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise BadLine(f"is no JSON ({error}): write one object a line") from error
+        raise BadLine(f"is not JSON ({error}): write one object per line") from error
     if not isinstance(found, dict):
-        raise BadLine("is no JSON object: write one a line, with x_m, y_m and z_m")
+        raise BadLine("is not a JSON object: write one per line, with x_m, y_m and z_m")
     return _line_of(found)
 
 
@@ -161,7 +159,7 @@ def read_row(heading: str, text: str) -> EndpointLine:
     """Read a row of CSV below its heading; raises BadLine."""
     names, cells = _cells(heading), _cells(text)
     if len(names) != len(cells):
-        raise BadLine(f"has {len(cells)} cells below {len(names)} columns")
+        raise BadLine(f"has {len(cells)} cells for {len(names)} columns")
     named = {name.strip(): cell.strip() for name, cell in zip(names, cells, strict=True)}
     return _line_of({name: cell for name, cell in named.items() if cell})
 
@@ -175,13 +173,13 @@ def _cells(line: str) -> list[str]:
     try:
         return next(csv.reader([line]), [])
     except csv.Error as error:
-        # For instance, a carriage return in the middle of it.
-        raise BadLine(f"is no line of CSV ({error})") from error
+        # For example a carriage return in the middle of it.
+        raise BadLine(f"is not a line of CSV ({error})") from error
 
 
 def _line_of(found: Mapping[str, Any]) -> EndpointLine:
     if found.get("error"):
-        raise BadLine(f"says that the instrument failed: {found['error']}")
+        raise BadLine(f"reports that the instrument failed: {found['error']}")
     pose, lost = str(found.get("pose", "")), str(found.get("lost", "") or "")
     if lost:
         return EndpointLine(pose=pose, endpoint=frozen(np.zeros(0)), lost=lost)
@@ -195,8 +193,8 @@ def _line_of(found: Mapping[str, Any]) -> EndpointLine:
             raise BadLine(str(error)) from error
         if group == ROTATION and np.linalg.norm(turned) > math.pi * (1.0 + 1e-6):
             raise BadLine(
-                f"has a rotation vector of {np.degrees(np.linalg.norm(turned)):.0f} deg, and none is longer "
-                "than 180 deg: Euler angles have names of their own, roll_deg,pitch_deg,yaw_deg or "
+                f"has a rotation vector of {np.degrees(np.linalg.norm(turned)):.0f} deg; the limit is "
+                "180 deg. Euler angles have other names: roll_deg,pitch_deg,yaw_deg or "
                 "euler_zyx_1_deg,.."
             )
         position = np.concatenate((position, turned))
@@ -221,7 +219,7 @@ def _require_names(names: Any) -> None:
         raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")
     groups = groups_in(names)
     if len(groups) > 1:
-        raise BadLine(f"says twice how the target is turned: choose one of {ROTATION_EXAMPLE}")
+        raise BadLine(f"states the orientation twice: choose one of {ROTATION_EXAMPLE}")
     absent = [name for group in groups for name in group if name not in names]
     if absent:
         raise BadLine(f"has no {', '.join(absent)} beside {groups[0][0]}")
@@ -240,7 +238,7 @@ def _number(name: str, value: Any) -> float:
     except OverflowError:
         found = math.inf
     if not math.isfinite(found):
-        raise BadLine(f"has {name} {str(value)[:40]!r}, which is no number")
+        raise BadLine(f"has {name} {str(value)[:40]!r}, which is not a number")
     doubt = length_doubt(found) if name in POSITION_COLUMNS else ""
     doubt = doubt or (angle_doubt(found) if name.endswith("_deg") else "")
     if doubt:
@@ -310,8 +308,8 @@ def _require_a_triangle(points: FloatArray) -> None:
         shown = Figure(2.0 * area / longest if longest else 0.0, LENGTH, places=1).with_unit
         least = Figure(LEAST_HEIGHT_M, LENGTH, places=0).with_unit
         raise ValueError(
-            f"the three targets are nearly in line: their triangle is {shown} high, and less than {least} "
-            "shows no orientation: move one of them away from the line through the others"
+            f"the three targets are nearly in line: their triangle is {shown} high, and at least {least} "
+            "is needed for the orientation: move one of them away from the line through the others"
         )
 
 
@@ -320,6 +318,6 @@ def _require_the_same(off_m: FloatArray, labels: Sequence[str]) -> None:
     if off_m[k] > max(MOST_OFF_M, MOST_OFF_SPREADS * float(np.median(off_m))):
         shown = Figure(float(off_m[k]), LENGTH, places=1).with_unit
         raise ValueError(
-            f"pose {labels[k]}: its targets are {shown} off the triangle of the other poses: one moved, or two "
+            f"pose {labels[k]}: its targets differ by {shown} from the triangle of the other poses: one moved, or two "
             "were exchanged"
         )

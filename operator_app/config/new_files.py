@@ -22,23 +22,22 @@ from solver.chain.arm_model import ArmModel
 MEASURED_HINGE = """\
 {line}
 Made by `sarcal new fixture` from two measured lines, for the arm {arm} (its zeros of joints 1 and n are
-counted from this hinge: theta_off_1_deg, theta_off_n_deg). Look at these, which nobody stated:
+counted from this hinge: theta_off_1_deg, theta_off_n_deg). Check these assumptions:
 - give: how far hinge and mounting yield under load, one standard deviation; 0 is rigid.
 - tolerance: how well the lines were measured."""
 
 MEASURED_BALL = """\
 {line}
-Made by `sarcal new fixture` from two measured points, for the arm {arm}. Look at these, which nobody
-stated:
+Made by `sarcal new fixture` from two measured points, for the arm {arm}. Check these assumptions:
 - give: how far socket and mounting yield under load, one standard deviation; 0 is rigid.
 - tolerance: how well the points were measured. stays_on_hand: whether other sockets may be used."""
 
 PROCEDURE = """\
 {line}
-Made by `sarcal new procedure` for {arm} in {fixture}. Look at these:
-- bus: interface and channel of your arm. virtual: whatever environment, can.conf or your settings name,
-  the simulated arm where they name none; -i virtual is always the simulated one.
-- capture: how many poses, how fast. `sarcal plan` says what they would tell.
+Made by `sarcal new procedure` for {arm} in {fixture}. Check these:
+- bus: interface and channel of your arm. virtual takes the bus of the environment, can.conf or your settings, or
+  the simulated arm if they name none; -i virtual is always the simulated arm.
+- capture: how many poses, how fast. `sarcal plan` predicts what they determine.
 - held: free entries of the arm that stay as its file has them, and why."""
 
 EXPLORED_DEG = 20.0
@@ -172,7 +171,7 @@ def _boxes(arm: ArmModel) -> Sequence[Mapping[str, Any]]:
 
 
 def _millimetres(value_m: float) -> float:
-    """Round to 0.01 mm: nobody measures a mounting better."""
+    """Round to 0.01 mm, which is finer than a mounting can be measured."""
     return round(1e3 * value_m, 2)
 
 

@@ -157,7 +157,7 @@ class RvdtRemedy(StrictRecord):
         for before, after in pairwise(value):
             if after.reading_deg <= before.reading_deg:
                 raise refuse(
-                    f"{after.reading_deg:g} deg stands after {before.reading_deg:g} deg",
+                    f"{after.reading_deg:g} deg follows {before.reading_deg:g} deg",
                     "list the readings from the lowest to the highest",
                 )
         return value
@@ -217,7 +217,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return the shares of the parts of each variance (k,); those that round to zero are left out."""
+    """Return the share of each part in each variance (k,), by part, without those that round to zero."""
     found = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:
@@ -231,11 +231,11 @@ def complaints_of_correlations(
 ) -> Iterator[tuple[Path, str, str]]:
     """Yield place, text and remedy of correlations that do not match the calibrated entries."""
     if value and list(value) != list(names[1:]):
-        yield (), "are not of the calibrated entries after the first, in their order", _WHOLE
+        yield (), "do not belong to the calibrated entries after the first, in order", _WHOLE
         return
     for k, (name, row) in enumerate(value.items(), 1):
         if len(row) != k:
-            text = f"has {len(row)} correlations, {k} entries are calibrated before {name}"
+            text = f"has {len(row)} correlations instead of {k}, one for each entry calibrated before {name}"
             yield (name,), text, _WHOLE
 
 

@@ -1,11 +1,10 @@
 """The parameters document of a calibration (``sarcal/parameters/3``), for the controller.
 
-The document has the content of its file, in the units of the file (degrees, metres, millimetres,
-milliradians), so that writing and reading it changes no bit. `ParametersDocument.table` is in SI units. A document made
-by the program is checked when it is written, one from a file when it is read. Version 1 had no `side`, no `rvdt` and no
-`forced`. Version 2 was first written without `correlations` and `budget`, and programs of that time refuse these keys;
-any later key raises the version number, for which old programs have a clearer message. Version 3 adds ``beta_deg`` to
-rows; a document without any is written as version 2.
+The document has the content and the units of its file (degrees, metres, millimetres, milliradians), so that writing and
+reading it changes no bit; `ParametersDocument.table` is in SI units. It is checked when it is written or read. Version
+1 had no `side`, `rvdt` and `forced`. Version 2 was first written without `correlations` and `budget`, which programs of
+that time refuse; any later key raises the version number, for which old programs have a clearer message. Version 3 adds
+``beta_deg`` to rows; a document without any is written as version 2.
 """
 
 from __future__ import annotations
@@ -53,7 +52,7 @@ from solver.chain.parameters import DhEntry
 
 M = TypeVar("M")
 
-CHANGED_IN_ONE_PLACE = "the document was changed in one place only"
+CHANGED_IN_ONE_PLACE = "correct the other place too"
 UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
 
 
@@ -64,7 +63,7 @@ def _time_from_text(value: Any) -> datetime:
         except (ValueError, OverflowError):
             pass
     shown = repr(value)[:42]
-    raise refuse(f"{shown} is no UTC time", "write for example 2026-01-31T12:00:00Z")
+    raise refuse(f"{shown} is not a UTC time", "write for example 2026-01-31T12:00:00Z")
 
 
 def _time_in_text(value: datetime) -> str:

@@ -20,9 +20,9 @@ from solver.chain.sensors import NoSensor
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
 WITHOUT_BETA = "sarcal/parameters/2"
 RESULT = "the result"
-REMEDY = "this calibration cannot be exported: take more and different poses"
-OF_A_NEWER = "a newer sarcal may have written it: read the file with that one, or remove this key"
-"""Programs write this file, so an unknown key is no misspelling."""
+REMEDY = "this calibration cannot be exported: take more poses that differ more"
+OF_A_NEWER = "a newer sarcal may have written it: use that version, or remove this key"
+"""Remedy for an unknown key, which is not a misspelling, since programs write this file."""
 
 
 def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocument:
@@ -72,7 +72,7 @@ def format_parameters(document: ParametersDocument) -> bytes:
 
 
 def save_parameters(path: Path, document: ParametersDocument) -> None:
-    """Write a parameters file atomically; WriteError if the system refuses, otherwise as above."""
+    """Write a parameters file atomically; WriteError if the system refuses, else as `format_parameters`."""
     write_atomically(path, format_parameters(document))
 
 

@@ -2,8 +2,7 @@
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
 ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles and others
-have other names, see `measured_endpoints`) or three targets may follow. Columns may stand in any order: they are found
-by name.
+have other names, see `measured_endpoints`) or three targets may follow. The columns may have any order.
 """
 
 from __future__ import annotations
@@ -210,9 +209,14 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     turns = groups_in(sorted(there))
     targets = bool(there & {*TARGETS})
     if targets and (both := [c for c in names if c in POSITION_COLUMNS or group_of(c)]):
-        yield None, both[0], "the three targets say where the hand is", "keep these or those"
+        yield (
+            None,
+            both[0],
+            "the three targets already state the tool's pose",
+            "keep one of the two",
+        )
     for other in turns[1:]:
-        text = f"says how the target is turned, and so does {turns[0][0]}"
+        text = f"states the orientation, and so does {turns[0][0]}"
         yield None, other[0], text, "keep one of the two"
     for group, wanted, more, remedy in (
         (KEY, True, "", HEADER_EXAMPLE),
@@ -233,7 +237,7 @@ def _known(name: str) -> bool:
 
 
 def _in_our_unit(name: str, candidates: list[str]) -> str:
-    """Return the column of which this is a version in another unit; empty if there is none."""
+    """Return the column that this one states in another unit; empty if there is none."""
     unit = UNIT.fullmatch(name)
     return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
 
@@ -241,11 +245,11 @@ def _in_our_unit(name: str, candidates: list[str]) -> str:
 def _unknown(name: str, candidates: list[str]) -> tuple[str, str, str]:
     """Return text, remedy and the column that was probably meant."""
     if not name:
-        return "this column has no name", "name it or take it out", ""
+        return "this column has no name", "name it or remove it", ""
     text = "unknown column"
     if near := difflib.get_close_matches(name, candidates, n=1, cutoff=0.75):
         return text, f"did you mean {near[0]}?", near[0]
-    return text, "take it out, or put the text into note", ""
+    return text, "remove it, or put the text into note", ""
 
 
 # ---- the rows ----------------------------------------------------------------------------------
@@ -345,11 +349,11 @@ def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
     first = odd[0]
     fault = "has no zone, others have one" if zoned else "has a zone, others have none"
     if known[first] is None:
-        fault = "is no time"
+        fault = "is not a time"
     text = (
         f"{file}: utc of pose {poses.label[first]} (placement {poses.placement[first]}) is {given[first]!r}, "
-        f"which {fault} (write 2026-01-31T12:00:00Z): the times of this file take no part, and from "
-        "which side the joints came to a pose (their play) is not counted in"
+        f"which {fault} (write 2026-01-31T12:00:00Z): the times of this file are not used, nor is the "
+        "joints' direction of approach (their play)"
     )
     return (FileWarning(code="UTC_UNREADABLE", text=text),)
 
@@ -370,6 +374,6 @@ def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
         return ()
     text = (
         f"rx_deg,ry_deg,rz_deg are a rotation vector, and one of {longest_deg:.0f} deg is longer than half a "
-        "turn: Euler angles have names of their own, such as euler_zyx_1_deg or roll_deg"
+        "turn: Euler angles have other names, such as euler_zyx_1_deg or roll_deg"
     )
     return (FileWarning(code="EULER_SUSPECTED", text=text),)

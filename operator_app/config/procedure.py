@@ -68,8 +68,7 @@ class AcceptanceLimits(StrictRecord):
 class ProcedureBus(StrictRecord):
     """The bus, in python-can's terms; None: as in python-can's own configuration.
 
-    `sdo_timeout_s` is the time-out of an object access; `profile` names the bus
-    profile, by built-in name or path.
+    `sdo_timeout_s` is the time-out of an object access; `profile` names the bus profile, by built-in name or path.
     """
 
     interface: Text
@@ -146,7 +145,7 @@ class SettleRule(StrictRecord):
     def _longer_than_window(cls, value: int, info: ValidationInfo) -> int:
         window = info.data.get("window_syncs")
         if window is not None and value < window:
-            raise refuse(f"{value} SYNCs are over before the window of {window}", "allow more")
+            raise refuse(f"{value} SYNCs end before the window of {window}", "allow more")
         return value
 
 
@@ -204,7 +203,7 @@ class ExportChoice(StrictRecord):
 class ProcedureFile(StrictRecord):
     """The whole file, without its ``schema`` line; arm and fixture by name or path.
 
-    `home_deg` replaces the arm's home, which may be no pose in this fixture. `held` are free entries of the arm that
+    `home_deg` replaces the arm's home, at which this fixture may not close. `held` are free entries of the arm that
     are fixed here, each with the reason. `tracker` is the source of an instrument's measurements, as in ``--tracker``.
     """
 

@@ -171,7 +171,7 @@ def check_joints(
     if modes.trial and drives:
         yield document.problem(
             ("modes", "trial"),
-            "the drive joints are named, so there is nothing to try",
+            "the drive joints are listed, so that there is nothing to choose by trial",
             "write position: auto, or leave trial out",
         )
     yield from _check_exploration(found, drives, arm, document)
@@ -196,7 +196,7 @@ def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> It
         if name not in free:
             yield document.problem(
                 ("held", name),
-                "is none of the arm's free entries: it is held anyway",
+                "is not a free entry of the arm: it is fixed anyway",
                 f"leave it out; free are {', '.join(sorted(free))}",
             )
 
@@ -247,7 +247,7 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
     if slowest is not None:
         limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
         if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
-            text = f"is more than joint {slowest} may do ({limit:.6g} deg/s)"
+            text = f"exceeds the limit of joint {slowest} ({limit:.6g} deg/s)"
             yield document.problem(("capture", "speed_deg_per_s"), text, "slow down")
 
 
@@ -258,9 +258,7 @@ def check_requested(
     here: KeyPath = ("capture", "requested_sigma")
     asked = found.capture.requested_sigma
     if asked and found.capture.strategy != "planned":
-        yield document.problem(
-            here, "only a planned capture knows when it is reached", "add plan: planned"
-        )
+        yield document.problem(here, "only a planned capture evaluates it", "add plan: planned")
     known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
     for key in asked:
         if key in known:
@@ -272,4 +270,4 @@ def check_requested(
             remedy = f"known here: {', '.join(known)}"
         else:
             remedy = f"did you mean {meant or near[0]}?"
-        yield document.problem((*here, key), "is no parameter of this calibration", remedy)
+        yield document.problem((*here, key), "is not a parameter of this calibration", remedy)

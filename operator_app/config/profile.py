@@ -44,7 +44,7 @@ def _form(
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
-            raise refuse(f"{text[:40]!r} is no {what}", f"write e.g. {example}")
+            raise refuse(f"{text[:40]!r} is not a valid {what}", f"write e.g. {example}")
         return text
 
     return (

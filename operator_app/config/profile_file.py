@@ -124,7 +124,11 @@ def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]
         own = found.own(number)
         for key in ("commands", "answers"):
             if not getattr(own, key) and not getattr(found, key):
-                yield (key,), f"joint {number} has none", f"give {key} for all joints, or its own"
+                yield (
+                    (key,),
+                    f"joint {number} has none",
+                    f"give {key} for all joints, or its own",
+                )
                 return  # and so for the others
     yield from _check_unique(found, count)
 
@@ -134,12 +138,12 @@ def _check_supervisor(found: ProfileFile) -> Iterator[Complaint]:
         if found.serial_number is None:
             yield (
                 ("serial_number",),
-                "is missing: without a supervisor nobody else says which arm this is",
+                "is missing: without a supervisor only this file states which arm this is",
                 "add it",
             )
         return
     if found.serial_number is not None:
-        yield ("serial_number",), "is what the supervisor says", "leave it out"
+        yield ("serial_number",), "is stated by the supervisor", "leave it out"
     for k, joint in enumerate(found.joints):
         if joint.counts_otherwise:
             yield (
@@ -180,22 +184,22 @@ def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterato
                     remedy = f"as wide as {', '.join(map(str, FIELD_BITS))} bits"
                     yield at, f"{shown} cannot be read or written", remedy
             elif bits == 0 or bits % 8:
-                yield at, f"{shown} is no whole number of bytes", "map whole bytes in the drive"
+                yield at, f"{shown} is not a whole number of bytes", "map whole bytes in the drive"
             elif not sent and index not in ZERO_OBJECTS:
                 yield (
                     at,
-                    f"{shown} is nothing that this program commands",
-                    "take it out of this RPDO, in the drive as well",
+                    f"{shown} is not an object that this program commands",
+                    "remove it from this RPDO, in the drive too",
                 )
     for index, count in times.items():
         if count == 0:
-            yield place, f"nothing carries {index:04X}h", "map it, in the drive as well"
+            yield place, f"nothing carries {index:04X}h", "map it, in the drive too"
         elif count > 1 and index != CONTROLWORD and not sent:
             yield place, f"{index:04X}h is carried {count} times", "once is enough"
     if not sent and 0 < width[TARGET_POSITION] < 32:
         yield (
             place,
-            f"{width[TARGET_POSITION]} bits of target (607Ah) do not hold every position",
+            f"{width[TARGET_POSITION]} bits of target (607Ah) cannot hold every position",
             "map at least 32 bits",
         )
 
@@ -228,6 +232,6 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
                     yield (
                         here,
                         f"{pdo.cob_id:03X}h, for joint {number}, is taken by {used}",
-                        "choose another identifier, in the drive as well",
+                        "choose another identifier, in the drive too",
                     )
                 identifiers[pdo.cob_id] = f"joint {number}"

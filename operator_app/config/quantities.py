@@ -36,7 +36,7 @@ TO_SI: Mapping[str, tuple[str, Callable[[float], float]]] = {
 }
 
 LONGEST_M = 10.0
-"""No arm or fixture here is longer; a larger number of metres is an angle or millimetres."""
+"""Largest length of an arm or fixture; a larger number of metres is an angle or millimetres."""
 
 LARGEST_DEG = 3600.0
 """Sensor angles are continuous and may exceed one turn, but not ten; larger numbers are counts."""
@@ -63,7 +63,7 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def length_doubt(value_m: float) -> str:
-    """Return, as text, what a number of metres probably is instead; empty when it is plausible."""
+    """Return why a number of metres is implausible, as text; empty if it is plausible."""
     if abs(value_m) <= LONGEST_M:
         return ""
     return (
@@ -73,7 +73,7 @@ def length_doubt(value_m: float) -> str:
 
 
 def angle_doubt(value_deg: float) -> str:
-    """Return, as text, what a number of degrees probably is instead; empty when it is plausible."""
+    """Return why a number of degrees is implausible, as text; empty if it is plausible."""
     if abs(value_deg) <= LARGEST_DEG:
         return ""
     return (

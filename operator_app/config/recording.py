@@ -45,7 +45,7 @@ class JointRecording:
     source
         Topic or column of times.
     left_out
-        Number of messages or lines without the angle of a joint, or with the time of another one.
+        Number of messages or lines that lack a joint's angle or repeat the time of another one.
     """
 
     file: str
@@ -160,7 +160,7 @@ def recording_of(
     Raises
     ------
     ConfigError
-        No complete sample remains, or the values are no angles.
+        No complete sample remains, or the values are not angles.
     """
     whole = np.flatnonzero(np.isfinite(time_s) & np.all(np.isfinite(q_rad), axis=1))
     if not len(whole):

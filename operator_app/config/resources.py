@@ -117,7 +117,7 @@ def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
         problem = Problem(file=shown, text="there is no such file", remedy=remedy)
         raise ConfigError((problem,)) from error
     except IsADirectoryError as error:
-        problem = Problem(file=shown, text="is a folder, not a file", remedy="give the file in it")
+        problem = Problem(file=shown, text="is a folder, not a file", remedy="name the file in it")
         raise ConfigError((problem,)) from error
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
@@ -127,7 +127,7 @@ def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
         problem = Problem(
             file=shown,
             text=f"is larger than {limit // 1024} KiB",
-            remedy="this is not the file you mean",
+            remedy="this is probably the wrong file",
         )
         raise ConfigError((problem,))
     return data

@@ -40,7 +40,7 @@ class StrictModel(BaseModel):
 
 
 class StrictRecord:
-    """The same for frozen dataclasses."""
+    """Base of the models that are frozen dataclasses."""
 
     __slots__ = ()
     __pydantic_config__: ClassVar = ConfigDict(extra="forbid")
@@ -75,7 +75,7 @@ def check_numbered(info: ValidationInfo, items: Sequence[Any], first: int, key: 
             report(
                 info,
                 (str(info.field_name), k, key),
-                f"{key} {number} stands where {key} {place} belongs",
+                f"{key} {number} is listed in place of {key} {place}",
                 f"list {key}s {first} to n in order, each once",
             )
 
@@ -105,7 +105,7 @@ def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file:
         options = ", ".join(models)
         near = difflib.get_close_matches(str(which), list(models), n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        known = f"{value_in_words(which)} is no kind of {kind} known here"
+        known = f"{value_in_words(which)} is not a known kind of {kind}"
         text = known if "kind" in document.data else "is missing"
         problems.append(document.problem(("kind",), text, f"{hint}one of: {options}"))
         raise ConfigError(problems)
@@ -151,7 +151,9 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
         )
         if match is not None and match[1] != kind:
             problem = document.problem(
-                ("schema",), f"this is a file of kind {match[1]}", f"kind {kind} is wanted: {line}"
+                ("schema",),
+                f"this is a file of kind {match[1]}",
+                f"a file of kind {kind} is required: {line}",
             )
         elif match is not None:
             problem = document.problem(
@@ -242,7 +244,7 @@ def _unknown_key(
             continue
         if match[2] == "m" and isinstance(value, int | float) and length_doubt(value):
             text += f" ({length_doubt(value)})"
-        remedy = f"this file wants {UNITS[other[2]]}, not {UNITS[match[2]]}: write {candidate}"
+        remedy = f"this file uses {UNITS[other[2]]}, not {UNITS[match[2]]}: write {candidate}"
         path_meant = (*parent, candidate)
         return text, remedy, path_meant if path_meant in missing else None
     stems = {c: UNIT.fullmatch(c) for c in open_keys}

@@ -42,7 +42,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     Raises
     ------
     ConfigError
-        The file is no YAML mapping. Problems that leave the rest readable are in the result.
+        The file is not a YAML mapping. Problems that leave the rest readable are in the result.
     """
     text = _decode(data, file)
     if text.lstrip().startswith("<"):

@@ -214,7 +214,7 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
         at = parser.CurrentByteIndex
         match = _TAG.match(data, at)
         if match is None:
-            raise ValueError(f"no tag stands at byte {at}")
+            raise ValueError(f"there is no tag at byte {at}")
         if not way:
             cuts.append((at, at, xml_comment(comment)))
         if tag == "joint" and "type" in attributes and attributes.get("name") in origins:

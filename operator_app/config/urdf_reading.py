@@ -18,7 +18,7 @@ from operator_app.config.urdf_rows import AxisLine, meant_deg, rotation_of_rpy, 
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
-ONLY_REVOLUTE = "an arm here has revolute joints only: --base and --tip leave others out"
+ONLY_REVOLUTE = "only revolute joints are supported: exclude others by --base and --tip"
 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
@@ -109,7 +109,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     Raises
     ------
     ConfigError
-        The file is no URDF, or its joints are no serial chain of revolute ones; the text names the wrong one.
+        The file is not a URDF, or its joints are not a serial chain of revolute joints; the text names the wrong joint.
     """
     return UrdfTree.read(data, file).chain(base, tip)
 
@@ -124,7 +124,7 @@ class UrdfTree:
 
     @classmethod
     def read(cls, data: bytes, file: str) -> UrdfTree:
-        """Read a file; ConfigError if it is no URDF or has no joint."""
+        """Read a file; ConfigError if it is not a URDF or has no joint."""
         robot = _robot(data, file)
         joints = [e for e in robot.iter("joint") if e.get("type")]
         if not joints:

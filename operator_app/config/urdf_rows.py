@@ -178,7 +178,7 @@ def rpy_of(R: FloatArray) -> FloatArray:
 
 def origin_words(T: FloatArray) -> dict[str, str]:
     """Attributes of an <origin> for a pose (4, 4), m."""
-    # -0.0 and the rounding of sines are no figures.
+    # -0.0 and the rounding of sines are not written.
     numbers = {"xyz": T[:3, 3], "rpy": rpy_of(T[:3, :3])}
     return {
         key: " ".join(repr(float(v)) if abs(v) > 1e-16 else "0" for v in values)

@@ -81,8 +81,8 @@ def settings_if_right() -> tuple[UserSettings, str]:
         return load_settings(), ""
     except ConfigError:
         return UserSettings(), (
-            f"{settings_path()} is wrong, so no theme and no operator's name are taken from it: "
-            "`sarcal settings` says what is wrong, and mends it"
+            f"{settings_path()} is invalid, and its theme and operator are not used: "
+            "`sarcal settings` shows what is wrong, and corrects it"
         )
 
 
@@ -131,7 +131,7 @@ def changed(words: Mapping[str, str]) -> UserSettings:
     Raises
     ------
     ConfigError
-        A key is no setting, or the file is still wrong.
+        A key is not a setting, or the file is still wrong.
     """
     from hardware.buses.python_can import known_interfaces
 

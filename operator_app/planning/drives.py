@@ -24,7 +24,7 @@ from solver.design.paths import MotionLimits, PathGraph
 from solver.loops.closure import ClosureModel
 
 REGION_POSES = 700
-"""Enough to distinguish pairs of joints."""
+"""Poses of the region, enough to distinguish pairs of joints."""
 TRIED_SETS = 4
 """Number of sets for a trial."""
 MOST_SETS = 3
@@ -112,16 +112,16 @@ def predict_drives(
         )
     except ValueError as error:
         singular = isinstance(error, np.linalg.LinAlgError)
-        why = "the arm is singular at its present pose, e.g. stretched out" if singular else error
+        why = "the arm's present pose is singular, e.g. stretched out" if singular else error
         raise SessionError(
             f"drive joints cannot be ranked: {why}",
-            "check the arm's position and the fixture's measures, or name the joints: "
+            "check the arm's position and the fixture's measured values, or name the joints: "
             "modes: {position: [1, 5]}",
         ) from error
     if manifold.size < FEWEST_WAYPOINTS:
         raise SessionError(
             f"the arm can hardly move from its present pose{_beyond(arm, manifold)}",
-            "move it nearer to the middle of the ranges, or correct the fixture's measures",
+            "move it closer to the middle of the ranges, or correct the fixture's measured values",
         )
     return prediction
 
@@ -152,7 +152,7 @@ def choose_drives(
         raise SessionError(
             f"no joints can drive the chain from the present pose: with {joints_named(near.drives)}, "
             f"{near.reasons[0]}",
-            "move the arm away from the fold by hand, or mount the hinge elsewhere "
+            "move the arm away from the singularity by hand, or mount the hinge elsewhere "
             "(`sarcal plan --advise`)",
         )
     trial = rank_by_trial(trials) if trials else ()
@@ -185,7 +185,7 @@ def _beyond(arm: ArmModel, manifold: Manifold) -> str:
     if over[joint] <= 0.0:
         return ": every path soon reaches the end of a joint's range"
     return (
-        f": by the fixture's measures the nearest closed pose has joint {joint + 1} "
+        f": by the fixture's measured values the nearest closed pose has joint {joint + 1} "
         f"{np.rad2deg(over[joint]):.0f} deg beyond its range"
     )
 
@@ -211,7 +211,9 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
         "less",
     )
     move, reaches = ("move", "reach") if len(first.drives) > 1 else ("moves", "reaches")
-    return (f"{joints_named(first.drives)} {move} more at the present pose but {reaches} {reach}",)
+    return (
+        f"{joints_named(first.drives)} {move} the arm more at the present pose, but {reaches} {reach}",
+    )
 
 
 def _with_others(
@@ -248,12 +250,12 @@ def modes_problem(
         return None
     names = ", ".join(str(j) for j in sorted(set(position_joints))) or "none"
     fact = (
-        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}) where "
+        f"{have} joint{'s' if have != 1 else ''} in position mode ({names}), but "
         + ("an open arm leaves" if mobility == joint_count else f"a {kind} fixture leaves")
         + f" the arm {mobility} freedom{'s' if mobility != 1 else ''}"
     )
     consequence = (
-        "the other joints would not be held, and the arm would sag"
+        "nothing would hold the other joints, and the arm would sag"
         if have < mobility
         else "they would work against each other through the fixture, and torque would build up "
         "until a drive trips"

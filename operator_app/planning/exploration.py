@@ -1,7 +1,7 @@
 """Waypoints of the drive joints for explored captures, without a kinematic model; watches of a move.
 
 A low-discrepancy sequence fills the procedure's box of drive angles around home, so that even a short session covers
-all of it. Whether a waypoint can be reached is found by going there.
+all of it. Whether a waypoint can be reached shows only when the arm moves there.
 """
 
 from __future__ import annotations
@@ -160,7 +160,7 @@ def range_watch(arm: ArmModel, braking_s: float) -> Watch:
                 return f"joint {joint.joint} came close to the end of its range"
             if abs(joint.speed_rad_per_s) > 0.8 * limits.max_speed_rad_per_s:
                 degrees = np.rad2deg(abs(joint.speed_rad_per_s))
-                return f"joint {joint.joint} moved at {degrees:.0f} deg/s: a fold is near"
+                return f"joint {joint.joint} moved at {degrees:.0f} deg/s: a singularity is near"
         return overload(arm, snapshot) or None
 
     return watch

@@ -28,7 +28,7 @@ from solver.loops.open_arm import MeasuredClosure
 EACH_UP_TO = 100
 """Number of poses up to which each one is followed by an estimate."""
 GROWTH = 1.02
-"""Beyond, an estimate follows when the number of poses has grown by this factor."""
+"""Beyond that number, an estimate follows when the number of poses has grown by this factor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,7 +82,7 @@ def live_quality(
         if earlier is not None:
             quality = replace(quality, predicted_m=dict(earlier.predicted_m))
     for count in range(shared + 1, len(numbers) + 1):
-        # Of many at once, as after a resume, only the last estimate is shown.
+        # If many poses come at once, as after a resume, only the last estimate is shown.
         last_of_many = count == len(numbers) > shared + 1
         quality = _with_one_more(
             arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many
@@ -165,7 +165,7 @@ class Forecast:
 
     @property
     def reaches_nothing(self) -> bool:
-        """Whether no pose can be reached: usually because of wrong joint readings."""
+        """Whether no pose can be reached, usually because of wrong joint readings."""
         return not bool(self.reachable.any())
 
     def span_rad(self, joint: int, poses: int) -> tuple[float, float]:

@@ -159,7 +159,7 @@ def preview(
     except ValueError as error:
         raise SessionError(
             f"no plan can be made: {error}",
-            "ask for fewer poses, name other drive joints, or mount the hinge elsewhere "
+            "request fewer poses, name other drive joints, or mount the hinge elsewhere "
             "(`sarcal plan --advise`)",
         ) from error
     return Preview(

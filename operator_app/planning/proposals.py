@@ -59,7 +59,7 @@ def closing_home(
 ) -> tuple[FloatArray, Outlook] | None:
     """Return a home pose (n,) for the fixture and its outlook: within a degree of a closed pose, near home.
 
-    None if the arm's own home is good, by `from_home`, or if no pose was found.
+    None if the arm file's home is good, by `from_home`, or if no pose was found.
     """
     off = from_home.from_home_rad
     if not fixture.holds_hand or (
@@ -111,7 +111,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return velocities (m, 6, n + 1) of the tool at `q` (m, n), and of a hinge along `axis` (3,) in its frame."""
+    """Return velocities (m, 6, n + 1) of the tool at `q` (m, n) by joint, and last by a hinge on its `axis` (3,)."""
     theta_off, *rest = arm.table.stacked()
     frames = forward(q + theta_off, *rest)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]

@@ -108,7 +108,7 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
         ("as it is, implicit", "", _calibrated(procedure, taken, "implicit")),
         ("joints 6 and 7 unsensed", "4, first", _calibrated(procedure, taken, "implicit", (6, 7))),
         ("fixed lengths measured", "4, second", _calibrated(known, taken)),
-        ("a fixture that does not yield", "4, third", _calibrated(procedure, stiff)),
+        ("a rigid fixture", "4, third", _calibrated(procedure, stiff)),
         ("all three", "4", _calibrated(known, stiff, "implicit", (6, 7))),
     )
     return Published(

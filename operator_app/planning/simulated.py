@@ -105,9 +105,9 @@ def _moving(
         if reached.size >= least:
             return x, reached
     raise SessionError(
-        f"the loop of {arm.name} in fixture {fixture.name} does not close near home with room for "
-        f"{least} poses in any of {SIMULATION_TRIES} drawn mountings",
-        "check the fixture's placement and the arm's home pose (sarcal plan), or ask for fewer poses",
+        f"the loop of {arm.name} in fixture {fixture.name} does not close near home for "
+        f"{least} poses in any of {SIMULATION_TRIES} drawn placements",
+        "check the fixture's placement and the arm's home pose (sarcal plan), or request fewer poses",
     )
 
 

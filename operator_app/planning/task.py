@@ -56,7 +56,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
     """Raise SessionError for an open chain."""
     if isinstance(fixture, Measured):
         raise SessionError(
-            "planned poses need a closed chain, and an instrument does not close it",
+            "planned poses need a closed chain, which an instrument does not provide",
             "use a fixture, or capture explored poses (plan: explore)",
         )
 

@@ -33,7 +33,7 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "poses 10^30": (lambda _: ["run", "hinge", "--poses", "1" + "0" * 30], "up to 100000"),
     "poses of 5000 digits": (lambda _: ["run", "--poses", "9" * 5000], "up to 100000"),
     "poses to plan": (lambda _: ["plan", "hinge", "--poses", "1000000"], "up to 100000"),
-    "no pose": (lambda _: ["run", "hinge", "--poses", "0"], "Ask for at least 1"),
+    "no pose": (lambda _: ["run", "hinge", "--poses", "0"], "Request at least 1"),
     "channel": (lambda _: ["run", "hinge", "-i", "loopback", "-c", "a\x1bb"], "printable"),
     "long channel": (lambda _: ["run", "hinge", "-i", "loopback", "-c", "a" * 300], "255"),
     "half a channel": (lambda _: ["run", "hinge", "-i", "socketcan", "-c", "\udcff"], "printable"),

@@ -59,10 +59,10 @@ def test_everything_wrong_with_every_file_is_said_at_once(
         f"! a.yaml:{line_of('a.yaml', 'theta_of_deg')}: dh[row 2].theta_of_deg: unknown key; did you mean",
         f"! a.yaml:{line_of('a.yaml', 'home_deg')}: home_deg: has 8 angles for 7 joints",
         "! two.txt:1: has no schema; the first line must be `schema: sarcal/fixture/1`",
-        f"! two.txt:{line_of('two.txt', 'kind: hing')}: kind: the text 'hing' is no kind of fixture known here",
+        f"! two.txt:{line_of('two.txt', 'kind: hing')}: kind: the text 'hing' is not a known kind of fixture",
         f"! three:{line_of('three', 'forty')}: capture.poses: ",
         "! four.csv:2: theta3_deg: ",
-        "! five.yaml:1: nobody can tell what kind of file this is",
+        "! five.yaml:1: the kind of this file cannot be recognised",
         "! six.yaml: there is no such file",
     ):
         assert sum(line.startswith(start) for line in lines) == 1, (start, told.out)
@@ -90,7 +90,7 @@ def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(
         "Mobility 2: exactly 2 joints in position mode, the others free.",
         " would drive (reaches ",
         "14 parameters would be identified: theta_off_1,",
-        "The poses of table see all of them; scaled condition number ",
+        "The poses of table determine all of them; scaled condition number ",
         "_mm millimetres",
     ):
         assert words in said, (words, text)
@@ -135,7 +135,7 @@ def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(
     Path("p.yaml").write_text(text)
     assert main(["check", "p.yaml"]) == 5
     said = " ".join(capsys.readouterr().out.split())
-    assert "1 joint in position mode (5) where a hinge fixture leaves the arm 2 freedoms" in said
+    assert "1 joint in position mode (5), but a hinge fixture leaves the arm 2 freedoms" in said
     assert main(["check", "hinge"]) == 2
     assert "use --fixture hinge or --procedure hinge" in capsys.readouterr().err
     assert main(["check"]) == 2

@@ -79,7 +79,7 @@ def test_what_cannot_be_compared_ends_in_2_with_words(
     broken = tmp_path / "c.yaml"
     broken.write_text("schema: sarcal/parameters/1\n")
     for arguments, words in (
-        ([one, other], "serial SDA-0001, B of SDA-0002: drift is of one arm"),
+        ([one, other], "serial SDA-0001, B from SDA-0002: only one arm can drift"),
         ([one, str(broken)], "c.yaml"),
         ([one, str(tmp_path / "none")], "is not a session"),
         ([one, one, "--level", "2"], "--level 2: a probability is between 0 and 1"),

@@ -139,7 +139,7 @@ def test_a_session_is_shown_as_a_table(tmp_path: Path, capsys: pytest.CaptureFix
     assert "arm, serial number SDA-9" in lines
     assert f"poses read from {HINGE}" in lines
     assert "poses 60 poses that count" in lines
-    assert "exported nothing that its journal knows of" in lines
+    assert "exported nothing that its journal records" in lines
     assert any(
         line.startswith("solved accepted by implicit, scaled condition number") for line in lines
     )

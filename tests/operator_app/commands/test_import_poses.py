@@ -151,7 +151,7 @@ def test_poses_that_cannot_determine_it_all_are_kept_and_said(
     found = json.loads(capsys.readouterr().out)
     assert found["unidentifiable"]
     assert main(["report", found["session"]["folder"], "--text"]) == 5
-    assert "theta_off_7 cannot be told from" in capsys.readouterr().out
+    assert "theta_off_7 cannot be separated from" in capsys.readouterr().out
 
 
 def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> None:
@@ -270,9 +270,9 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ([bag, "--dwell-s", "0"], "--dwell-s 0: seconds"),
         (
             [bag, "--dwell-s", "3"],
-            "nowhere at rest for 3 s within 0.05 deg (its quietest 3 s spread",
+            "never at rest for 3 s within 0.05 deg (its quietest 3 s spread",
         ),
-        ([bag, "--dwell-s", "300"], "nowhere at rest for 300 s within 0.05 deg; give another"),
+        ([bag, "--dwell-s", "300"], "never at rest for 300 s within 0.05 deg; give another"),
         ([bag, "--spread-deg", "9"], "--spread-deg 9: degrees"),
         ([str(log), "--dwell-s", "1"], "name the time column of a log with --time"),
         ([str(log), "--time", "time"], "say --rad, or --deg"),
@@ -280,11 +280,11 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
         (
             [str(ms), "--time", "time", "--rad"],
-            "s apart (median), which a dwell of 1 s is too short",
+            "s apart (median), too far for a dwell of 1 s",
         ),
         (
             [str(tmp_path / "mid.csv"), "--time", "1", "--rad"],
-            "2 cells where the lines before have",
+            "2 cells; the lines before have",
         ),
     ):
         assert main(["import", *words, *PANDA, "--sessions", str(tmp_path / "s")]) == 2
@@ -322,7 +322,7 @@ def test_joints_are_found_by_the_numbers_in_a_headers_names(header: str, tmp_pat
 def test_names_that_are_ambiguous_are_asked_for(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     log.write_text("q1,q2,q3,q4,q5,q6,q7,v1,v2,v3,v4,v5,v6,v7\n" + "1," * 13 + "1\n")
-    with pytest.raises(ConfigError, match="say which are its joints"):
+    with pytest.raises(ConfigError, match="name those of the joints"):
         load_joint_log(log, joint_count=7)
 
 

@@ -154,11 +154,11 @@ def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(
         ("arm", "give --urdf FILE or --from NAME"),
         ("arm --from franka_panda --kind ball", "--kind is not an option of sarcal new arm"),
         ("arm --from nobody", "did you mean|is neither a built-in arm"),
-        ("fixture --kind hinge", "--kind, --arm and --hand-point"),
+        ("fixture --kind hinge", "--kind, --arm and the measured --hand-point"),
         ("fixture --from hinge --kind ball", "leave --kind out"),
         ("fixture --kind hinge --arm franka_panda --hand-point 1,2,3", "--hand-direction is missing"),
         ("fixture --kind hinge --arm franka_panda --hand-point 1,2 --hand-direction 1,0,0", "three numbers"),
-        ("fixture --kind hinge --arm franka_panda --hand-point 1,2,3 --hand-direction 0,0,0", "has a length"),
+        ("fixture --kind hinge --arm franka_panda --hand-point 1,2,3 --hand-direction 0,0,0", "cannot be 0,0,0"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,nan", "three numbers"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --hand-direction 1,0,0", "is a point"),
         ("fixture --kind ball --arm franka_panda --hand-point 1,2,3 --tolerance-mm -1", "tolerance_mm"),
@@ -195,4 +195,4 @@ def test_a_new_procedure_says_what_its_bus_means() -> None:
     assert main(line) == 0
     text = Path("go.yaml").read_text()
     assert "virtual is a simulated one" not in text
-    assert "virtual: whatever environment, can.conf or your settings name" in text
+    assert "virtual takes the bus of the environment, can.conf or your settings" in text

@@ -37,4 +37,4 @@ def test_with_nothing_tripped_it_says_what_connecting_reset(
     out, lines = said(capsys, {}, {})
     assert not lines
     assert "No drive has a fault" in out
-    assert "reset the communication of the nodes" in out
+    assert "reset the nodes' communication" in out

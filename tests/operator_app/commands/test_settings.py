@@ -181,8 +181,8 @@ def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
     file.write_text(WRONG)
     choices = choices_from(parser_of("run").parse_args(["hinge", "-i", "virtual"]))
     said = " ".join(capsys.readouterr().err.split())
-    assert f"{file} is wrong, so no theme and no operator's name are taken from it" in said
-    assert "`sarcal settings` says what is wrong" in said
+    assert f"{file} is invalid, and its theme and operator are not used" in said
+    assert "`sarcal settings` shows what is wrong" in said
     assert choices.operator is None
     opening = begin("hinge", choices, root=tmp_path)
     assert session_bus(choices, opening.procedure).interface == "virtual"

@@ -107,7 +107,7 @@ def rows(count: int) -> list[str]:
         ("nan", [HEADER, *rows(3), "1,4,0,0,nan,0,0,0,0"], ["nan.csv:5", "theta3_deg"]),
         ("six", [",".join(HEADER.split(",")[:-1]), "1,1,0,0,0,0,0,0"], ["six.csv:1", "theta7_deg"]),
         ("zero", [HEADER], ["zero.csv", "no pose"]),
-        ("one", [HEADER, *rows(1)], ["1 pose gives 5 equations", "some 20 to tell"]),
+        ("one", [HEADER, *rows(1)], ["1 pose gives 5 equations", "some 20 for a diagnosis"]),
         ("two", [HEADER, *rows(2)], ["2 poses give", "at least 3 poses are needed"]),
         ("twice", [HEADER, *rows(3), rows(1)[0]], ["twice.csv:5", "twice"]),
         (
@@ -175,7 +175,7 @@ def test_the_result_is_tested_on_a_second_file(
     said = capsys.readouterr().out
     assert said.startswith("ACCEPTED: the calibration meets its limits.\n")
     # A sound set may well lie far below 1: what is stated is the most that is allowed.
-    assert "1 or less when all is as stated" in " ".join(said.partition("HOLDS")[2].split())
+    assert "1 or less if errors are as stated" in " ".join(said.partition("HOLDS")[2].split())
     assert "sound sets lie between" not in said
     assert main(["solve", made, "--test", str(tmp_path / "other.csv")]) == 4
     said = capsys.readouterr().out

@@ -250,7 +250,7 @@ def test_joints_and_rows_belong_together() -> None:
     assert "6 joints for 7 D-H rows" in error.problems[0].text
     (problem,) = complaint(GOOD.replace("- joint: 2", "- joint: 3", 1)).problems
     assert problem.key == "joints[joint 3].joint"
-    assert "joint 2 belongs" in problem.text
+    assert "in place of joint 2" in problem.text
     (problem,) = complaint(GOOD.replace("free: [theta_off_1", "free: [theta_off_01", 1)).problems
     assert (problem.key, problem.remedy) == ("free[1]", "write theta_off_1")
 

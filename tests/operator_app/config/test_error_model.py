@@ -188,7 +188,7 @@ def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> No
         ("{position_mm: 51}", "give.position_mm: 51 mm is too large for an uncertainty"),
         ("{position_mm: -1}", "give.position_mm: must be at least 0, not -1"),
         ("{orientation_mrad: 300}", "give.orientation_mrad: 300 mrad is too large for"),
-        ("{orientation_deg: 1}", "this file wants milliradians, not degrees"),
+        ("{orientation_deg: 1}", "this file uses milliradians, not degrees"),
     ],
 )
 def test_a_give_that_cannot_be_is_refused(give: str, says: str) -> None:
@@ -256,14 +256,18 @@ def test_tolerances_are_each_links_own_and_down_has_any_length(length: float) ->
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ("{link: 2, mass_kg: 1.0", "{link: 3, mass_kg: 1.0", "link 3 stands where link 2 belongs"),
+        ("{link: 2, mass_kg: 1.0", "{link: 3, mass_kg: 1.0", "link 3 is listed in place of link 2"),
         ("  - {link: 7, mass_kg: 1.5, centre_m: [-0.05, 0, 0.02]}\n", "", "6 links for 7 D-H rows"),
         ("mass_kg: 4.0", "mass_kg: -4.0", "must be at least 0"),
         ("mass_kg: 4.0", "mass_kg: heavy", "must be a number"),
         ("[0, 0, 0.18]", "[0, 0, 180]", "metres"),
         ("[0, 0, 0.18]", "[0, 0.18]", "centre_m"),
         ("down: [-1, 0, 0]", "down: [0, 0, 0]", "points nowhere"),
-        ("gravity: {down: [-1, 0, 0], tolerance_deg: 3}\n", "", "no gravity says which way"),
+        (
+            "gravity: {down: [-1, 0, 0], tolerance_deg: 3}\n",
+            "",
+            "the direction of gravity is missing",
+        ),
         ("mass_kg: 4.0,", "mass_kg: 4.0, weight: 3,", "weight"),
     ],
 )

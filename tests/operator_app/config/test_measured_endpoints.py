@@ -89,7 +89,7 @@ def test_what_is_no_measurement_is_refused_in_words(line: str, approve: Approve)
 def test_a_heading_without_a_point_is_refused_before_any_row() -> None:
     with pytest.raises(BadLine, match="has no z_m"):
         require_heading("pose,x_m,y_m")
-    with pytest.raises(BadLine, match="2 cells below 3 columns"):
+    with pytest.raises(BadLine, match="2 cells for 3 columns"):
         read_row("x_m,y_m,z_m", "1,2")
 
 
@@ -223,8 +223,11 @@ def test_its_noise_is_that_of_the_triangle() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda p: p[6, 3:6].__iadd__(0.02), "pose 7: its targets are"),
-        (lambda p: p[6].__setitem__(slice(None), np.roll(p[6], 3)), "pose 7: its targets are"),
+        (lambda p: p[6, 3:6].__iadd__(0.02), "pose 7: its targets differ by"),
+        (
+            lambda p: p[6].__setitem__(slice(None), np.roll(p[6], 3)),
+            "pose 7: its targets differ by",
+        ),
         (lambda p: p.__setitem__((slice(None), slice(3, 9)), np.tile(p[:, :3], 2)), "in line"),
     ],
 )
@@ -248,7 +251,7 @@ def csv(q: np.ndarray, points: np.ndarray, columns: tuple[str, ...] = TARGETS) -
     ("columns", "words"),
     [
         (TARGETS[:-1], "z3_m: this column is missing"),
-        ((*TARGETS[:8], "x_m"), "x_m: the three targets say where the hand is"),
+        ((*TARGETS[:8], "x_m"), "x_m: the three targets already state the tool's pose"),
     ],
 )
 def test_columns_that_are_not_three_targets_are_named(columns: tuple[str, ...], words: str) -> None:

@@ -184,7 +184,7 @@ def test_lines_are_counted_through_notes_of_several_lines() -> None:
 def test_a_file_that_is_wrong_all_over_is_not_a_thousand_complaints() -> None:
     found = problems(text(rows=("1,1,a,b,c",) * 1000))
     assert MOST_PROBLEMS <= len(found) <= MOST_PROBLEMS + 3
-    assert "the rest of the file was not looked at" in found[-1][3]
+    assert "the rest of the file was not read" in found[-1][3]
 
 
 def test_radians_are_suspected_but_not_refused() -> None:
@@ -201,9 +201,9 @@ def test_radians_are_suspected_but_not_refused() -> None:
     [
         (
             ("2026-01-31T12:00:00Z", "yesterday"),
-            "utc of pose 2 (placement 1) is 'yesterday', which is no time",
+            "utc of pose 2 (placement 1) is 'yesterday', which is not a time",
         ),
-        (("", "2026-01-31T12:00:00Z"), "utc of pose 1 (placement 1) is '', which is no time"),
+        (("", "2026-01-31T12:00:00Z"), "utc of pose 1 (placement 1) is '', which is not a time"),
         (("2026-01-31T12:00:00Z", "2026-01-31T12:01:00"), "which has no zone, others have one"),
         (("2026-01-31T12:00:00Z", "2026-01-31T12:01:00+01:00"), ""),
         (("2026-01-31T12:00:00", "2026-01-31T12:01:00"), ""),

@@ -120,7 +120,7 @@ def test_any_joint_may_drive_where_the_program_chooses() -> None:
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
     start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     fast = (text[:start] + text[end:]).replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
-    with pytest.raises(ConfigError, match="more than joint"):
+    with pytest.raises(ConfigError, match="exceeds the limit of joint"):
         parse(fast)
 
 

@@ -44,7 +44,7 @@ def test_what_is_wrong_with_a_bag_is_one_sentence(
     for kwargs, words in (
         ({"topic": "/states"}, "/joint_commands, /joint_states"),
         ({"columns": "panda_joint1,q2"}, "there is no joint 'q2'"),
-        ({"joints": ARM[:6]}, "is not clear: finger_joint1, panda_joint1"),
+        ({"joints": ARM[:6]}, "cannot be recognised: finger_joint1, panda_joint1"),
     ):
         with pytest.raises(ConfigError, match=words):
             load_bag(file, **{"joints": ARM, **kwargs})

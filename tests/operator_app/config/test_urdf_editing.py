@@ -181,10 +181,10 @@ def test_check_urdf_passes(tmp_path: Path) -> None:
 def test_a_file_of_another_arm_is_refused() -> None:
     _, arm = arm_of(URDF.encode())
     longer = off_by(arm.table, {"a_2": 0.3})
-    with pytest.raises(ConfigError, match="its a_2 is 6 times further"):
+    with pytest.raises(ConfigError, match="its a_2 differs from six's 6 times more"):
         with_calibration(URDF.encode(), "x.urdf", replace(arm, table=longer), longer, [])
     named = replace(arm, joints=(replace(arm.joints[0], name="elbow"), *arm.joints[1:]))
-    with pytest.raises(ConfigError, match="4 turning joints from l2b to l6; six has 6"):
+    with pytest.raises(ConfigError, match="4 revolute joints from l2b to l6; six has 6"):
         with_calibration(URDF.encode(), "x.urdf", named, arm.table, [])
 
 

@@ -171,7 +171,7 @@ def test_a_file_without_joints_says_so() -> None:
 def test_a_name_or_a_parent_given_twice_is_refused() -> None:
     joints = six()
     twice = [*joints[:2], joints[2].replace('"j3"', '"j2"'), *joints[3:]]
-    with pytest.raises(ConfigError, match="several joints named 'j2' on the way to 'flange'"):
+    with pytest.raises(ConfigError, match="several joints named 'j2' on the path to 'flange'"):
         parse_urdf(robot(*twice), "a.urdf")
     with pytest.raises(ConfigError, match="'l3' is the child of two joints, 'j3' and 'other'"):
         parse_urdf(robot(*joints, joint("other", "l0", "l3", axis="0 0 1")), "a.urdf")

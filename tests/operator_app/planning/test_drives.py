@@ -63,7 +63,7 @@ def test_a_trial_overrules_the_prediction(prediction: DrivePrediction) -> None:
 
 def test_when_no_tried_set_moves_the_reason_is_said(prediction: DrivePrediction) -> None:
     trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
-    with pytest.raises(SessionError, match="only 10% of what it was told"):
+    with pytest.raises(SessionError, match="only 10% of its commanded angle"):
         choose_drives(prediction, trials=trials)
 
 

@@ -170,7 +170,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """chi2/dof that remains with the best explanation of the last round, if there is one."""
+    """Return chi2/dof with the best explanation of the last round, if there is one."""
     last = diagnosis.rounds[-1][0].evidence if diagnosis.rounds else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
@@ -189,10 +189,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 
 
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return each code once: a cause found again was only partly removed before.
-
-    One that blocks remains blocking.
-    """
+    """Return each code once, blocking if any finding with it blocks: a cause found again was only partly removed."""
     found: dict[str, Finding] = {}
     for cause in causes:
         first = found.setdefault(cause.code, cause)
@@ -243,7 +240,7 @@ def little_motion(
     known: Mapping[str, float] = NOTHING_KNOWN,
     narrows: Callable[[str], str] | None = None,
 ) -> tuple[Finding, ...]:
-    """Return the parameters with large sigmas (P,) because the poses differ little.
+    """Return the parameters whose sigmas (P,) are large because the poses differ little.
 
     `known`: standard uncertainty (rad, m) of parameters in the files, by name. A larger sigma is reported; it blocks if
     it is uselessly large. `narrows`: source of error that dominates one parameter's sigma; empty where only other poses

@@ -69,7 +69,7 @@ UNEXPLAINED_KINDS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorInformation:
-    """Findings before and beside the fit.
+    """Findings made before the fit or independently of it.
 
     Attributes
     ----------
@@ -222,7 +222,7 @@ def adjudicate(
 
 
 class _Misfit(NamedTuple):
-    """Causes of a misfit, those that are alternative models, and whether the poses are from another arm."""
+    """Causes of a misfit, which of them are alternative models, and whether the poses are from another arm."""
 
     causes: tuple[Finding, ...]
     alternatives: tuple[Finding, ...]
@@ -260,7 +260,7 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
 
 
 def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
-    """Return that the solution is far from the nominal values, with an alternative near them that fits as well."""
+    """Return the finding that the solution is far from nominal while an alternative near nominal fits as well."""
     if case.known.search is not None or case.model.unsensed_joints:
         return ()
     far = local_minimum_causes(
@@ -286,7 +286,7 @@ def stated_by_fixture(
 ) -> dict[str, float]:
     """Standard uncertainty (rad, m) of each entry in the fixture's file, by name.
 
-    Those of the arm are not included: its offsets are to be identified.
+    The arm's entries are not included, since its offsets are to be identified.
     """
     placed = fixture.tolerance
     arms = {entry.name for entry in arm.free}
@@ -298,7 +298,7 @@ def stated_by_fixture(
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Parameters that such poses hardly determine at any solution, so that their values may be arbitrary.
+    """Parameters that these poses hardly determine, whatever the solution, so that their values may be arbitrary.
 
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Empty where the nominal
     geometry itself is the cause.
@@ -356,9 +356,9 @@ def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
 
 
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
-    """Sources larger than stated when all are fitted at once; the sigmas include this.
+    """Sources estimated larger than stated when all are fitted at once; the sigmas include this.
 
-    Of linearity deviations only those that a test found beyond their specification.
+    A linearity deviation is included only if a test found it beyond its specification.
     """
     found: dict[str, Finding] = {}
     fired = {test.code for test in diagnosis.tests if test.fires}
@@ -402,7 +402,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """A fixture mounted so that its entries are nearly ambiguous (Hayati)."""
+    """Causes from a fixture mounted so that its entries are nearly ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

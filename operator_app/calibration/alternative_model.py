@@ -113,8 +113,8 @@ def is_near(alternative: AlternativeModel) -> bool:
 def closes(alternative: AlternativeModel, *, far: float) -> bool:
     """Whether a loop closes in another fixture much better than noise explains.
 
-    `far` is the mean square closure error in the fixture of the file: with rotations included, noise leaves a few times
-    more, a tilting tool a hundred times more.
+    `far` is the mean square closure error in the file's fixture, rotations included: noise makes it a few times larger
+    than in the other one, a tilting tool a hundred times.
     """
     cost = cost_of(alternative)
     return (

@@ -46,7 +46,7 @@ LEAST_M = 2e-3
 LEAST_CHANGE_RAD = np.deg2rad(0.05)
 """Offsets below this count as zero in either unit."""
 
-TRIED = 3
+SOLVED_ALTERNATIVES = 3
 """Number of the most promising alternatives that are solved completely."""
 
 LONGEST_S = 4.0
@@ -214,7 +214,7 @@ def _unread(stated: AlternativeModel) -> Iterator[AlternativeModel]:
 def _shifted(
     blind: AlternativeModel, unsensed: tuple[int, ...]
 ) -> list[tuple[AlternativeModel, float, int]]:
-    """The joint that `blind` does not use, with a step removed from its readings: that alternative, solved."""
+    """Return the solved alternative in which the joint that `blind` ignores is used, less a step in its readings."""
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:
         return []
@@ -252,5 +252,7 @@ def _screened(
         costs.append((cost_of(alternative), number, alternative))
     costs.sort(key=lambda cost: cost[:2])
     return [
-        alternative for cost, _, alternative in costs[:TRIED] if np.isfinite(cost) and cost <= below
+        alternative
+        for cost, _, alternative in costs[:SOLVED_ALTERNATIVES]
+        if np.isfinite(cost) and cost <= below
     ]

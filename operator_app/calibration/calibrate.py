@@ -503,12 +503,12 @@ def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
 
 
 def _starts(screened: Screened) -> Iterator[FloatArray | None]:
-    """Starts of the fit: fixture only, first estimate, nominal values, best solution about these."""
+    """Starts of the fit: fixture only, first estimate, nominal values, best solution near the nominal values."""
     prepared, model = screened.before, screened.model
     loops, task = prepared.loops, prepared.task
     q, identifiable = loops.q, loops.identifiable
     if screened.prior and not task.search and not task.unsensed_joints:
-        # Within the stated tolerances of the arm, from the fixture's placement that follows.
+        # The best fixture placement for an arm within its stated tolerances.
         fixture_only = prepared.hard.without(screened.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
     x0 = loops.x0 if loops.paper is None else loops.paper.x

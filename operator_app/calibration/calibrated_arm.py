@@ -44,14 +44,14 @@ TIP_NAMES = frozenset(TIP)
 class CalibratedArm:
     """Links 1..n of an arm, and the point of its tool at the fixture.
 
-    The base is the arm's own: entries that count from the fixture's place have their values in the arm's file.
+    The base is the arm's own: entries that count from the fixture's placement keep the values of the arm's file.
 
     Attributes
     ----------
     flange
         Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     hand
-        The same with the calibrated tool side of the fixture: its last frame carries the tip.
+        These rows with the calibrated tool side of the fixture: its last frame carries the tip.
     tip_m
         The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
         axis is the z axis of that frame, and for a rigid attachment.
@@ -313,7 +313,7 @@ NEGLIGIBLE = 2e-3
 
 
 def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:
-    """Joints (1-based) whose readings are used and whose offset is no parameter of a loop."""
+    """Joints (1-based) whose readings are used and whose offset is not a parameter of a loop."""
     sought = {p.name.partition("[")[0] for p in model.parameters}
     return tuple(
         j
@@ -355,7 +355,7 @@ def with_held(
 def _rate(
     found: CalibratedArm, joint: int, taken_over: dict[str, float], q: FloatArray
 ) -> FloatArray:
-    """Rate (m/rad) of the tool with an offset at readings `q`, the other parameters being fitted again: (m,)."""
+    """Rate (m/rad) of the tool with an offset at readings `q`, with the other parameters refitted: (m,)."""
     moved = {name.partition("[")[0]: rate for name, rate in reversed(taken_over.items())}
     rows = found.hand.stacked()
     offset = DhEntry(DhKind.THETA_OFF, joint)

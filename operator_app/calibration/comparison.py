@@ -1,11 +1,9 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-Pure: takes two parameter documents. A loop has eight equivalent parameter vectors, so the one of the second document
-nearest to the first is used. A difference counts as drift when it is improbable under both documents' standard
-deviations, at a level that is corrected for the number of free parameters compared (Bonferroni). Lengths and twists
-that were corrected within a tolerance are compared as well and not counted: most of their standard deviation is the
-maker's tolerance, which is the same in both. Two estimates from the same poses cannot show a change of the arm, so none
-of their differences counts.
+Of a loop's eight equivalent parameter vectors, the one of the second document nearest to the first is used. A
+difference counts as drift if it is improbable under both standard deviations, at a level corrected for the number of
+free parameters compared (Bonferroni). Not counted are lengths and twists corrected within a tolerance, most of whose
+sigma is the maker's tolerance in both, and differences of two estimates from the same poses.
 """
 
 from __future__ import annotations
@@ -42,13 +40,13 @@ class IncomparableError(SessionError):
 class Side(Enum):
     """Side of a parameter: arm, ground or tool.
 
-    Those of ground and tool change whenever the fixture is mounted again,
-    theta_off_1 and the last joint's offset among them: these are measured to the fixture's axis.
+    Parameters of ground and tool change with every mounting of the fixture. These include the offsets of the first and
+    the last joint, which are measured to the fixture's axis.
     """
 
     ARM = "arm"
     GROUND = "ground side of the fixture"
-    HAND = "hand side of the fixture"
+    HAND = "tool side of the fixture"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -162,7 +160,7 @@ def compare(
         sigma = math.hypot(scales[0] * item.sigma, scales[1] * later[item.entry])
         sigma = math.radians(sigma) if angle else sigma
         change = float(wrap_angle(b - a)) if angle else b - a
-        # Without any noise stated, the smallest difference is real; rounding is not.
+        # Where no noise is stated every difference is real, except for rounding.
         real = not same and abs(change) > max(threshold * sigma, 1e-12)
         drifts.append(
             Drift(
@@ -214,13 +212,13 @@ def _same_poses(a: ParametersDocument, b: ParametersDocument) -> bool:
 def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, ...]:
     reasons = []
     if a.arm.model != b.arm.model:
-        reasons.append(f"A is of a {a.arm.model}, B of a {b.arm.model}")
+        reasons.append(f"A is from a {a.arm.model}, B from a {b.arm.model}")
     elif len(a.joints) != len(b.joints):
         reasons.append(f"A has {len(a.joints)} joints, B {len(b.joints)}")
     if a.arm.serial != b.arm.serial:
         reasons.append(
-            f"A is of the arm with serial {a.arm.serial}, B of {b.arm.serial}: drift is of one arm "
-            "(own poses: name it with sarcal import --serial)"
+            f"A is from the arm with serial {a.arm.serial}, B from {b.arm.serial}: only one arm can drift "
+            "(for imported poses, name it with sarcal import --serial)"
         )
     return tuple(reasons)
 

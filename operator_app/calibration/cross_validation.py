@@ -41,7 +41,7 @@ class Checks:
     held_out
         Parts of the poses, tested with the estimate from the others.
     far_block
-        The same for one block of poses far from the rest: extrapolation.
+        Test of one block of poses far from the rest: extrapolation.
     """
 
     jackknife_sd: FloatArray | None = None

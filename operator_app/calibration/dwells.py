@@ -1,7 +1,7 @@
 """Dwells of a recorded arm: one pose for each time at rest.
 
-In every window of the stated time all joints stay within the stated spread, and over the whole dwell they drift by
-less than half of it. Times without samples do not count.
+In every window of the stated duration all joints stay within the stated spread, and they drift by less than half of
+it over the whole dwell. Times without samples do not count.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from solver.chain.poses import PoseSet
 
 DWELL_S = 1.0
 DWELL_SPREAD_RAD = float(np.deg2rad(0.05))
-"""Default duration of a dwell, and largest spread in it (largest minus smallest reading of each joint)."""
+"""Default least duration of a dwell, s, and largest spread in it (largest minus smallest reading of each joint)."""
 
 LEAST_SAMPLES = 5
 GAP_STEPS, GAP_SHARE = 5.0, 0.25
@@ -42,7 +42,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """Almost a dwell: it was too short, or `joint` (from 1) moved by `moved_rad`."""
+    """A rest that is no dwell: it was too short, or `joint` (1-based) moved by `moved_rad`."""
 
     start_s: float
     seconds: float

@@ -90,7 +90,7 @@ def _open_words(paper: Estimate) -> str:
     left, turned = paper.sigmas.position_m.rms, paper.sigmas.orientation_rad
     also = "" if turned is None else f" and {SIGMA_ORI(turned.rms).with_unit}"
     return (
-        f"the loops stay open by {SIGMA_POS(left).with_unit}{also} (rms) whatever the parameters: look for readings "
+        f"no parameters close the loops better than {SIGMA_POS(left).with_unit}{also} (rms): look for readings "
         "far noisier than the arm file states, an arm that moved while it was read, or poses of another arm"
     )
 
@@ -105,7 +105,7 @@ def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
 LEAST_NOISE_RAD = 1e-4
 
 
-LOOSE = 100.0
+UNKNOWN_ANGLE_SIGMA = 100.0
 """Standard deviation of a joint of unknown angle, relative to the others."""
 
 
@@ -116,7 +116,7 @@ def turned_unread(
     after_rad: FloatArray,
     still: Sequence[int],
 ) -> tuple[int, float] | None:
-    """Joint that turned between two readings although it reads the same, and the angle (rad); None if none did.
+    """Return the joint that turned between two readings although it reads the same, and its angle (rad), or None.
 
     Closes the loop at the second reading, corrected by the closure error of the first: with the joints at rest, and
     with one of them turned. The placement error is in both readings and cancels, and no motion is linearised.
@@ -141,7 +141,7 @@ def turned_unread(
     best: tuple[float, int, float] | None = None
     for joint in still:
         loose = sigma.copy()
-        loose[joint - 1] = LOOSE
+        loose[joint - 1] = UNKNOWN_ANGLE_SIGMA
         found = _correction(model, x, start, loose)
         if found is not None:
             turn = float(found[joint - 1])
@@ -156,7 +156,7 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Smallest correction (n,) in this measure that closes the loop; None if it does not close."""
+    """Smallest correction (n,), in sigmas, that closes the loop; None if none does."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 
@@ -173,7 +173,7 @@ def explained(
                 error.directions,
                 code=f"FROZEN_JOINT_{joint}",
                 stuck_joint=joint,
-                note=f"yet the loop says that joint {joint} turned through {WHOLE_DEGREES(moved).with_unit}: "
+                note=f"yet the loop shows that joint {joint} turned through {WHOLE_DEGREES(moved).with_unit}: "
                 f"its sensor is stuck; check it, or calibrate with --unsensed {joint}",
             )
     return error

@@ -18,14 +18,14 @@ from solver.diagnostics.stated_sizes import ExceededSpecification
 from solver.estimators.effects import LinearModel
 
 RESTARTED_RAD = np.deg2rad(5.0)
-"""A larger step is no count loss: a node that restarted counts from another zero."""
+"""A larger step is not a count loss but a restarted node, which counts from another zero."""
 
 RANGE_KINDS = {
     ReadingFault.OUTSIDE: (FindingKind.OUT_OF_RANGE, FindingKind.OUT_OF_RANGE_NOTICE),
     ReadingFault.WHOLE_TURN: (FindingKind.WHOLE_TURN_OFF, FindingKind.WHOLE_TURN_OFF_NOTICE),
     ReadingFault.SATURATED: (FindingKind.SATURATED, FindingKind.SATURATED_NOTICE),
 }
-"""Kinds as a cause of a verdict, whose code has the joint, and as a notice, whose code has not."""
+"""Kinds of a cause of a verdict, whose code names the joint, and of a notice, whose code does not."""
 
 EXCEEDED_KINDS = {
     "rvdt": FindingKind.RVDT_NOISE_EXCEEDS,

@@ -149,7 +149,7 @@ def history_of(
     skipped = list(left_out)
     poses: dict[str, str] = {}
     for past in ordered:
-        # Only new poses are a new measurement; the same poses again are none.
+        # The same poses again are not a new measurement.
         earlier = poses.setdefault(past.document.pose_set_sha256, past.session)
         if earlier == past.session:
             kept.append(past)

@@ -45,7 +45,7 @@ class Innovation:
     chi2, dof
         chi2 of the reading; infinite where the loop does not close at it.
     usual
-        Largest chi2 of those poses, each predicted by the others: large as well if the files are wrong.
+        Largest chi2 of those poses, each predicted by the others: also large if the files are wrong.
     shifts
         Shifts by joint (1-based) whose reading is used.
     """

@@ -111,7 +111,8 @@ def far_from_nominal(
 ) -> list[tuple[Parameter, float]]:
     """Parameters whose values (P,) are implausibly far from nominal, and how far.
 
-    With `sd` (P,), only those that are also farther by three of these: weakly determined ones may have any value.
+    With standard deviations `sd` (P,), only parameters that are also more than three of them away: weakly determined
+    ones may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = [
@@ -150,7 +151,7 @@ def local_minimum_causes(
     )
     better = best < limits.OTHER_SOLUTION_COST_SHARE * own
     if not better and p.name in SOCKET:
-        # Its place follows from the poses: a note (`socket_elsewhere`).
+        # The poses determine its position, so that it is only a note (`socket_elsewhere`).
         return ()
     return (
         Finding(

@@ -44,22 +44,22 @@ MOST = 1000
 """Poses of a calibration, evenly among all, used for the prediction: more do not improve it."""
 
 FIXTURE = "fixture"
-"""Subject of a shift that is not of a joint."""
+"""Subject of a shift of the fixture."""
 
 
 def shift_in_words(shift: CommonShift) -> str:
     """Return the shift, its size, and the remedy, as text."""
     if shift.subject == FIXTURE or shift.size is None or shift.sigma is None:
         return (
-            "the fixture stands elsewhere than the calibration has it, in all these poses alike: was it moved "
-            "or remounted since? Calibrate again"
+            "in all these poses the fixture is not where the calibration found it: if it was moved or remounted since, "
+            "calibrate again"
         )
     turned = ", or the fixture has turned about the axis of joint 1" if shift.subject == "1" else ""
     more = "more" if shift.size > 0.0 else "less"
     return (
-        f"joint {shift.subject} reads {SLIP_SIGMA(abs(shift.size)).with_unit} {more} than the calibration foretells "
-        f"(sigma {SLIP_SIGMA(shift.sigma).with_unit}), in all these poses alike: its offset is wrong, or it has "
-        f"slipped since{turned}. Look at the coupling and the counter of joint {shift.subject}, then calibrate again"
+        f"joint {shift.subject} reads {SLIP_SIGMA(abs(shift.size)).with_unit} {more} than the calibration predicts "
+        f"(sigma {SLIP_SIGMA(shift.sigma).with_unit}) in all these poses: its offset is wrong, or it has "
+        f"slipped since{turned}. Check the coupling and the counter of joint {shift.subject}, then calibrate again"
     )
 
 
@@ -93,7 +93,7 @@ def predict_new_poses(
     new: PoseSet,
     start: Mapping[str, float],
 ) -> PredictedPoses | None:
-    """Predict new poses by the calibration's own poses; None where no model fits both.
+    """Predict new poses from the poses of the calibration; None where no model fits both.
 
     `start`: values (rad, m) of parameters that the calibration lacks, such as the place of another socket.
     """
@@ -117,7 +117,7 @@ def predict_new_poses(
         return None
     given = None
     if solution.estimate.estimator == "paper":
-        # That is no optimum of these equations: it is tested at its own values.
+        # The estimate is not an optimum of these equations: it is tested at its own values.
         at = here.state.x if isinstance(here, Linearisation) else found.x
         hard = design.hard_index
         covariance = _covariance(solution.estimate, [column[k] for k in hard])
@@ -263,7 +263,7 @@ def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
 
 
 def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
-    """Both pose sets as one, the old ones first; data recorded in only one of them are left out."""
+    """Return both pose sets as one, the old poses first, without data that only one of them has."""
     ends = [p.endpoint for p in (old, new) if p.endpoint is not None]
     columns = min((e.shape[1] for e in ends), default=0)
 

@@ -178,7 +178,7 @@ def _by_files(
 ) -> FloatArray:
     """Standard deviation (P,) of each unknown.
 
-    Offsets have at least the uncertainty of a protractor, even if the arm's file states less: the arm may not be
+    An offset has at least the uncertainty of a protractor, even if the arm's file states less, as the arm may not be
     calibrated yet.
     """
     offset = max(ROUGH_PLACEMENT.orientation_rad / WITHIN, arm.offset_tolerance_rad or 0.0)

@@ -20,7 +20,7 @@ from solver.design.motion import chain_motion
 from solver.loops.closure import ClosureModel
 
 LEAST_GIVE_RAD, LEAST_GIVE_M = 1e-4, 1e-4
-"""Shape of a slip of a fixture that is stated to be rigid."""
+"""Turn and shift by which a slip of a fixture stated to be rigid is scaled."""
 
 SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 """Multiples of the stated compliance at which a slip of the fixture is tried."""
@@ -106,7 +106,7 @@ def compare_readings(
     closed = close_loops(model, x, np.asarray(first_rad)[None])
     motion = chain_motion(model, x, closed.q, closed.u)
     difference = np.asarray(again_rad - first_rad)
-    # Off the motions: J dq = f for a fixture displaced by f, and any dq with that differs by motions.
+    # Orthogonal to the motions: J dq = f for a fixture displaced by f; all such dq differ by motions only.
     basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
     off = basis[:, motion.degrees :]
     d: FloatArray = np.asarray(off.T @ (difference[used] / sigma), dtype=np.float64)
@@ -114,7 +114,7 @@ def compare_readings(
     rows = by_give.shape[1]
     stated = np.repeat([compliance.orientation_rad, compliance.position_m], 3)[6 - rows :]
     bends = by_give * stated
-    # White under everything stated: noise has unit variance here, the give two draws.
+    # Whitened by all stated errors: unit variance of the noise, and two draws of the compliance.
     L = np.linalg.cholesky(np.eye(len(d)) + 2.0 * bends @ bends.T)
     d = np.asarray(np.linalg.solve(L, d), dtype=np.float64)
     by_joint = np.linalg.solve(L, off.T)
@@ -141,12 +141,12 @@ def compare_readings(
 
 
 def _of_joint(explained: float) -> float:
-    """Log-likelihood gain of a slip of one joint, at its most likely variance."""
+    """Log-likelihood gained by a step change of one joint's reading, at its most likely variance."""
     return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Return the same for a slip of the fixture, and the slip in units of the columns."""
+    """Log-likelihood gained by a slip of the fixture, and that slip in units of the columns."""
     values, vectors = np.linalg.eigh(columns @ columns.T)
     along = vectors.T @ d
     spread = 1.0 + SLIP_SIZES[:, None] ** 2 * np.maximum(values, 0.0)
@@ -168,7 +168,7 @@ def repeats_of(
 
     On an open arm the drives alone determine the repeated pose.
     """
-    if model.parts()[0][0].hold is None:
+    if model.parts()[0][0].constrained_part is None:
         return ()
     return tuple(
         (

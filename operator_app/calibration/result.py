@@ -84,7 +84,7 @@ class Solution:
     distances
         Distances between the placements of a ball.
     length_tolerance_m
-        Standard deviation of lengths, if requested other than in the arm's file.
+        Standard deviation of lengths requested in place of the arm file's; None if not requested.
     truth
         Errors against the truth; None where it is unknown, as for any real arm.
     """

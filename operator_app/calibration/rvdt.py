@@ -65,21 +65,23 @@ def check_rvdts(
         return tuple(undecided(j, s, reason, noise.get(j)) for j, s in sensors.items())
 
     if len(poses.placements) > 1:
-        return none_decided("it is measured on one placement only: solve one placement alone")
+        return none_decided("an RVDT is tested with one placement only: solve one placement alone")
     blind = tuple(sorted({*sensors, *whole.linear.design.model.unsensed_joints}))
     loop = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
     model = loop.at_poses(distinct).without(fixed)
     q = poses.q_rad[distinct]
     without = f"without the readings of {joints_named(tuple(sensors))}"
     if len(q) * model.equations_per_pose <= len(model.parameters):
-        return none_decided(f"{without} these poses are too few: take more")
+        return none_decided(f"{without}, these poses are too few: take more")
     names = tuple(p.name for p in model.parameters)
     unseen = identifiability_of_fit(
         whole.linear, names, taken=whole.order, without=tuple(sensors)
     ).directions
     if unseen:
         blurred = ", ".join(dict.fromkeys(d.parameters[0] for d in unseen))
-        return none_decided(f"{without} these poses leave {blurred} open: judge it in the hinge")
+        return none_decided(
+            f"{without}, these poses do not determine {blurred}: test it in the hinge"
+        )
     model, tolerance = free_within_tolerance(
         model, arm, length_tolerance_m=length_tolerance_m, fixed=fixed
     )

@@ -1,12 +1,10 @@
 """Converts a calibration to plain data for the journal and back, exactly, so that nothing is solved twice.
 
-Follows the dataclasses: a field more or less needs no change here. Data that do not fit today's
-dataclasses are refused as a whole (`RecordError`); a field with a default may be missing, and one that is no longer
-known is ignored.
+The dataclasses define the format, so that adding or removing a field needs no change here. Data that do not fit
+them are refused as a whole (`RecordError`); a field with a default may be missing, and an unknown one is ignored.
 
 A dataclass becomes an object of its fields, an array ``{"shape": .., "values": [..]}``, an enum its
-name; doubles are written so that the same bits are read back, and what JSON has no number for as
-``"inf"``, ``"-inf"``, ``"nan"``.
+name. Doubles are read back bit for bit; those that JSON cannot write are ``"inf"``, ``"-inf"``, ``"nan"``.
 """
 
 from __future__ import annotations
@@ -56,9 +54,7 @@ def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
             raise ValueError(f"version {data['version']} of the record")
         found: T = _decoded(of, data)
     except (KeyError, ValueError, TypeError, AttributeError, OverflowError) as error:
-        raise RecordError(
-            f"no record of a {of.__name__} as this version knows it: {error}"
-        ) from error
+        raise RecordError(f"not a {of.__name__} as this version stores it: {error}") from error
     return found
 
 
@@ -102,7 +98,7 @@ def _decoded(hint: Any, data: Any) -> Any:
         return _decoded(hint, data)
     if origin is Literal:
         if data not in arguments:
-            raise ValueError(f"{data!r} is none of {arguments}")
+            raise ValueError(f"{data!r} is not one of {arguments}")
         return data
     if origin is np.ndarray:
         array = np.array([float(v) for v in data["values"]]).astype(get_args(arguments[1])[0])

@@ -57,7 +57,8 @@ class Fixed:
     rvdt_sd_rad
         Estimated noise and curve of RVDT joints, by joint.
     fixture_variance
-        Estimated compliance variance of the fixture (6,), or None. Both are used only where they are less than stated.
+        Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only where they are
+    less than stated.
     unsensed_joints
         Joints whose readings the calibration did not use.
     """
@@ -80,7 +81,7 @@ class VerificationResult:
     nominal
         Closure sigmas of the same poses at the nominal parameters, for comparison.
     odd_poses
-        Indices of poses too improbable to be chance, the worst first; one sound set in 1000 has any.
+        Indices of poses too improbable to be chance, the worst first; found in one of 1000 sound sets.
     poses
         Number of tested poses.
     shift
@@ -239,7 +240,7 @@ def _with_prediction(
 
 
 def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
-    """Placement number of new poses in the same placement, whatever their file states."""
+    """Return the new poses with the calibration's placement number, whatever their file states."""
     known = made.poses.placements
     return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
@@ -307,7 +308,7 @@ def _stood(
     q: FloatArray,
     unknown: tuple[str, ...],
 ) -> tuple[FloatArray, FloatArray]:
-    """Find the place of the fixture from the poses themselves, without a prior."""
+    """Find the placement of the fixture from the poses themselves, without a prior."""
     here = [k for k, p in enumerate(model.parameters) if p.name in unknown]
     x, covariance = x.copy(), covariance.copy()
     for _ in range(NEWTON_STEPS):
@@ -324,7 +325,7 @@ def _in_order(model: ClosureModel, fixed: Fixed) -> tuple[FloatArray, FloatArray
     names = [p.name for p in model.parameters]
     strange = sorted(set(known) - set(names))
     if strange:
-        raise ValueError(f"{strange[0]} is no parameter of this arm in this fixture")
+        raise ValueError(f"{strange[0]} is not a parameter of this arm in this fixture")
     x = np.array([fixed.values.get(p.name, p.nominal) for p in model.parameters])
     covariance = np.zeros((len(names), len(names)))
     here = [names.index(name) for name in known]

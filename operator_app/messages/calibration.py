@@ -61,18 +61,18 @@ SOURCE_REMEDIES = {
     "offsets": "find the joints' zeros by another method and state offset_tolerance_deg",
     "placement": "measure the fixture's placement twice as accurately and state its tolerance",
     "encoder_accuracy": "centre the encoders twice as accurately and state their accuracy_deg",
-    "fixture_give": "mount a fixture twice as stiff, or pull less at it, and state its give",
+    "fixture_give": "mount a fixture twice as stiff, or load it less, and state its give",
     "joint_play": "halve the joints' play and state it",
     "sag": "state the links' masses, or by how much less the joints sag",
     "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",
-    "discrepancy": "find what bends with the pose and is stated in no file",
-    "counts": "fit encoders with more counts: averaging does not help one that stands still",
+    "discrepancy": "find the deflection that depends on the pose and that no file states",
+    "counts": "fit encoders with more counts: averaging does not help an encoder at rest",
 }
 """Remedies by source of the budget, without the joint's number."""
 
 _FIX_BOLTS = "tighten its bolts and check for play; otherwise state its give in the fixture file"
 _UNSENSED = "calibrate with --unsensed {joint}"
-_NEARER = "take more poses that differ, or state nominal values nearer the truth"
+_NEARER = "take more poses that differ, or state nominal values closer to the true ones"
 _REPEAT_JOINT = (
     "check the coupling and cable of joint {joint}'s sensor (count loss, a slipped coupling), home the joint and "
     "take all poses again"
@@ -91,9 +91,9 @@ _WHOLE_TURN = (
 _SATURATED = (
     (
         "joint {joint} reads {size:READING} in {poses}, the end of its sensor's full scale ({range}): the sensor reads "
-        "this for every angle beyond"
+        "the same for every angle beyond it"
     ),
-    "take these poses nearer the middle of the sensor's range, or leave them out",
+    "take these poses closer to the middle of the sensor's range, or exclude them",
 )
 _HOLDS_ONLY = (
     ". No file states how well {fixed} is known: the stated tool accuracy holds only if the fixed value is right; "
@@ -102,9 +102,10 @@ _HOLDS_ONLY = (
 )
 
 _DISTANCE = "measure it again and correct it in the file; it scales the arm's lengths"
+_DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
 _NOT_REPEATED = (
     "pose {first}{placement} was not measured again after pose {last} ({reported}): only the poses themselves show "
-    "whether a joint or the fixture slipped since pose {since}, and a slip in the last ones is hard to detect"
+    "whether a joint or the fixture slipped since pose {since}, and a slip in the last poses is hard to detect"
 )
 
 MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
@@ -136,14 +137,14 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         _FIX_BOLTS,
     ),
     K.WRONG_FIXTURE_HINGE: (
-        "the loops close as those of a hinge, not of a {name} fixture",
+        "the loops close like those of a hinge, not of a {name} fixture",
         "calibrate with the fixture file of that hinge; this command writes one from these poses: {last_name}",
     ),
     K.WRONG_FIXTURE_BALL: (
-        "the loops close as those of a ball that turns freely, not of a {name} fixture",
+        "the loops close like those of a ball that turns freely, not of a {name} fixture",
         (
-            "find what lets the fixture tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
-            "--drop-unidentifiable (with a ball the first joint's offset cannot be separated from the ball's place); "
+            "find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
+            "--drop-unidentifiable (with one the first joint's offset cannot be separated from the socket's place); "
             "this command writes one from these poses: {last_name}"
         ),
     ),
@@ -180,7 +181,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.MOTION_DURING_SAMPLING: (
         (
             "the readings of joint {joint} spread by up to {size:SCATTER} within {poses}, more than the noise of its "
-            "{sensor_name}: it moved or shook while it was read"
+            "{sensor_name}: it moved or vibrated while it was read"
         ),
         "wait until the arm has settled, check for vibration, and take these poses again",
     ),
@@ -314,7 +315,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
             "files state, and no fault of a joint, a length or a pose explains it"
         ),
         (
-            "check whether they are of another arm, of another fixture or of an arm changed since, and what was done "
+            "check whether they belong to another arm or fixture, or to this arm before a change, and what was done "
             "between the poses; try --global-start"
         ),
     ),
@@ -381,7 +382,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.SAME_PLACEMENT: (
         (
             "placements {numbers} of the fixture are the same within their sigmas (largest difference: {name}, "
-            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or stands "
+            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or is "
             "exactly where it was; together they determine no more than one placement"
         ),
         "mount it elsewhere within its tolerance and take another placement",
@@ -416,7 +417,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     # The solution.
     K.NOT_CONVERGED: (
         "the iteration did not converge in {iterations:d} rounds",
-        "see the warnings for what is wrong with the readings, or try --global-start",
+        "see the warnings about the readings, or try --global-start",
     ),
     K.OTHER_SOLUTION: (
         (
@@ -430,8 +431,8 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "check how the fixture is mounted and what the arm file states, or search everywhere with --global-start",
     ),
     K.SOCKET_ELSEWHERE: (
-        "the ball's socket is not where the fixture's file has it: {name} is {size:FAR_ANGLE|FAR_LENGTH} from there",
-        "the calibration uses where the poses saw it; correct the file's ground_mm if the socket stays there",
+        "the ball's socket is not where the fixture's file states: {name} is {size:FAR_ANGLE|FAR_LENGTH} from there",
+        "the calibration uses the position found from the poses; correct the file's ground_mm if the socket stays",
     ),
     K.SECOND_SOLUTION: ("{solutions:d} distinct solutions fit these poses equally well", _NEARER),
     K.PAPER_OFF: (
@@ -444,16 +445,16 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.PARALLEL_AXES: ("{reported}", "{reported_remedy}"),
     K.DIVERGED: (
         (
-            "the solution diverged: it lies far from all that the files state, or its sigmas are useless. None of its "
-            "figures describes the arm or the fixture, and no advice is derived from them"
+            "the solution diverged: it is far from what the files state, or its sigmas are useless. None of its "
+            "figures describes the arm or the fixture"
         ),
         "remove the first cause and calibrate again",
     ),
     K.CHI2_EXCEEDS: (
         (
             "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
-            "specification. The sigmas include its estimated size; the causes and the sources of error show which it "
-            "may be"
+            "specification. The sigmas include its estimated size; the causes and the sources of error show which "
+            "error it may be"
         ),
         "",
     ),
@@ -473,40 +474,40 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "calibrate again with --length-tolerance 1.5 (mm) and compare",
     ),
     K.SETUP_CHECK: ("{reported}", "{reported_remedy}"),
-    K.LIMIT_SIGMA_POS: ("sigma_pos {size:POS_LIMIT} is above {limit:POS_LIMIT}", ""),
-    K.LIMIT_SIGMA_ORI: ("sigma_ori {size:ORI_LIMIT} is above {limit:ORI_LIMIT}", ""),
+    K.LIMIT_SIGMA_POS: ("sigma_pos {size:POS_LIMIT} is above {limit:POS_LIMIT}", _DISTURBED),
+    K.LIMIT_SIGMA_ORI: ("sigma_ori {size:ORI_LIMIT} is above {limit:ORI_LIMIT}", _DISTURBED),
     K.LIMIT_CHI2: (
         (
             "chi2/dof {size:CHI2} is above {limit:CHI2}: these readings exceed the specifications of the sensors and "
             "the fixture"
         ),
-        "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name",
+        _DISTURBED,
     ),
     # Sessions, reports and files.
     K.REPORTED: ("{reported}", "{reported_remedy}"),
-    K.JOURNAL_TORN: ("{reported}: nothing that counted was in it", ""),
+    K.JOURNAL_TORN: ("{reported}: it held no accepted pose", ""),
     K.SOLVED_AGAIN: ("solved again for this report: {reported}", ""),
     K.NOT_CROSS_VALIDATED: (
         (
-            "how well parts of the poses are predicted by the rest (hold-out) was not computed when this session was "
-            "solved"
+            "the hold-out test, which predicts parts of the poses from the rest, was not computed when this session "
+            "was solved"
         ),
         "sarcal run --resume {name} computes it",
     ),
     K.CIRCULAR_TABLE: (
-        "the RVDT table came from these very poses: how well the loops close now says nothing about the sensor",
-        "take new poses and correct those",
+        "the RVDT table was made from these same poses: their closure says nothing about the sensor",
+        "take new poses and correct their readings",
     ),
     # Comparisons of two calibrations.
-    K.COMPARED_BACKWARDS: ("B is older than A: changes go backwards in time", ""),
+    K.COMPARED_BACKWARDS: ("B is older than A: changes go backwards in time", "exchange the two"),
     K.COMPARED_SAME_POSES: (
-        "both are of the same poses: any difference comes from the estimator, its options or the program",
+        "A and B are from the same poses: any difference comes from the estimator, its options or the program",
         "",
     ),
     K.COMPARED_FIXTURE_KINDS: ("A used a {name} fixture, B a {last_name}", ""),
     K.COMPARED_FIXTURES: ("A used fixture {name}, B {last_name}", ""),
     K.COMPARED_ESTIMATORS: (
-        "A was estimated by {name}, B by {last_name}: systematic errors of the sensors enter the two differently",
+        "A was estimated by {name}, B by {last_name}: systematic sensor errors affect the two estimates differently",
         "",
     ),
     K.COMPARED_ENTRIES: (

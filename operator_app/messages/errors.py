@@ -156,7 +156,7 @@ def unwatching_words(identity: ArmIdentity) -> str:
     which = f"{'Joints' if several else 'Joint'} {', '.join(map(str, joints))}"
     return (
         f"{which}: the drive{'s have' if several else ' has'} no heartbeat timeout (1016h). When this program ends, "
-        f"{'they' if several else 'it'} may stay driven or free. Keep a hand on the hardware stop; sarcal arm-check "
+        f"{'they' if several else 'it'} may stay powered or free. Keep a hand on the hardware stop; sarcal arm-check "
         "shows what happens"
     )
 
@@ -172,16 +172,16 @@ def configured_words(identity: ArmIdentity) -> str:
             (
                 pdos,
                 "PDO",
-                "of the drives set up as the bus profile asks, until the next connection or a loss of power",
+                "of the drives set up as the bus profile requires, until the next connection or a loss of power",
             ),
-            (zeroed, "torque or offset", "in the drives set to 0, and not set back"),
+            (zeroed, "torque or offset", "in the drives set to 0, not restored afterwards"),
         )
         if changed
     ]
-    return f"{''.join(parts)}The session's journal has them all" if parts else ""
+    return f"{''.join(parts)}The session's journal lists them all" if parts else ""
 
 
 def by_hand_words(targets_rad: Mapping[int, float]) -> str:
     """Return the instruction to move the joints of an arm without drives by hand."""
     ways = " and ".join(f"J{j} to {REACH(q).with_unit}" for j, q in sorted(targets_rad.items()))
-    return f"By hand: take {ways}, then let it stand"
+    return f"By hand: take {ways}, then leave it at rest"

@@ -171,7 +171,7 @@ class Finding:
     sizes
         Sizes of several parameters.
     reported
-        Text and remedy from a lower layer that writes its own (fixtures, solver, file readers).
+        Text and remedy written by a lower layer (fixtures, solver, file readers).
     probability
         Probability relative to all other explanations, including no fault.
     doubted

@@ -81,7 +81,7 @@ def diverged_solution() -> Solution:
 
 
 @pytest.mark.parametrize(
-    "advice", ["Believe implicit", "remount the hinge", "poses that differ more", "To halve it"]
+    "advice", ["Use implicit", "remount the hinge", "poses that differ more", "To halve it"]
 )
 def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
     diverged_solution: Solution, advice: str
@@ -98,7 +98,7 @@ def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
 def test_a_sound_solution_is_not_astray() -> None:
     found = calibrate(ARM, HINGE, poses_of(session(7)))
     assert not found.adjudication.diverged
-    assert "Believe implicit" in facts_text(facts_of(found))
+    assert "Use implicit" in facts_text(facts_of(found))
 
 
 def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -> None:

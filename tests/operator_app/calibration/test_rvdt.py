@@ -115,7 +115,7 @@ def test_a_table_is_applied_to_readings_from_the_command_line(
     (circular,) = (
         w for w in json.loads(capsys.readouterr().out)["warnings"] if w["code"] == "CIRCULAR_TABLE"
     )
-    assert "came from these very poses" in circular["text"]
+    assert "was made from these same poses" in circular["text"]
 
 
 def test_a_file_without_a_table_or_of_another_arm_is_refused(
@@ -126,4 +126,4 @@ def test_a_file_without_a_table_or_of_another_arm_is_refused(
     assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2
     assert "no RVDT table" in capsys.readouterr().err
     assert main(["solve", str(CURVED), "--arm", "franka_panda", "--rvdt-table", str(file)]) == 2
-    assert "sarcos_dextrous, these poses are of franka_panda" in capsys.readouterr().err
+    assert "sarcos_dextrous, these poses are from franka_panda" in capsys.readouterr().err

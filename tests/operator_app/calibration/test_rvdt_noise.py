@@ -46,7 +46,7 @@ def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
         assert verdict.noise is not None
         assert not verdict.noise.determined
         assert verdict.noise.high > 1.0
-        assert "cannot be told from these poses, below" in verdict.text
+        assert "not determined by these poses, below" in verdict.text
         assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
 
 
@@ -73,7 +73,9 @@ def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
         assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
         assert verdict.verdict is Soundness.CANNOT_DECIDE
-        assert "without the readings of joints 6 and 7 these poses leave" in verdict.text
+        assert (
+            "without the readings of joints 6 and 7, these poses do not determine" in verdict.text
+        )
         assert "mrad" not in verdict.text
 
 

@@ -46,7 +46,7 @@ def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it() -> No
     assert found.figures.linearity > 0.02
     assert found.verdict is Soundness.CURVED
     assert "within specification" not in found.text
-    assert "by no more than chance" in found.text
+    assert "not significantly beyond its specification" in found.text
     assert f"(sigma {100.0 * found.figures.linearity_sd:.2f} %, specification 2 %)" in found.text
 
 

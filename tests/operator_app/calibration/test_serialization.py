@@ -138,5 +138,5 @@ def test_a_field_more_or_one_with_a_default_less_does_no_harm() -> None:
     "data", [{}, {"version": 0, "value": 1.0}, {"version": 1}, {"version": 1, "value": [1.0]}]
 )
 def test_what_is_no_record_is_refused_as_one(data: dict[str, object]) -> None:
-    with pytest.raises(RecordError, match="no record of a Figure"):
+    with pytest.raises(RecordError, match="not a Figure"):
         from_dict(Figure, data)

@@ -21,7 +21,7 @@ from tests.oracles.approved import Approve
     "error",
     [
         BusError("The arm has gone silent. Check power and cable, then reconnect."),
-        OtherMaster("Somebody else commands this arm. End that program, then connect again."),
+        OtherMaster("Another program commands this arm. End that program, then connect again."),
         NodeRestarted((5,), ["joint 5"]),
         SensorFault(3, "jumped by +2223 counts", since_sync=1),
         SensorFault(3, "stands still", stuck=True),

@@ -17,8 +17,8 @@ def lateness_text(times: int, longest_s: float) -> str:
     how = f"was late by {longest_s:.1f} s" if times == 1 else f"was late {times} times"
     most = "" if times == 1 else f", by {longest_s:.1f} s at most"
     return (
-        f"this computer {how}{most}: it was too busy to read the bus, and sent no new targets meanwhile. "
-        "The session goes on, unless drives missed the heartbeat (8130h). End other programs on it"
+        f"this computer {how}{most}: it was too busy to read the bus and sent no new targets. "
+        "The session goes on, unless drives missed the heartbeat (8130h). End other programs on this computer"
     )
 
 
@@ -47,7 +47,7 @@ class LatenessRecorder:
 
     @property
     def recorded(self) -> HostLatency:
-        """Lateness recorded for this connection."""
+        """Host latency recorded so far for this connection."""
         return self._recorded
 
     def restart(self) -> None:

@@ -46,7 +46,7 @@ def require_plausible_readings(
 
     Returns
     -------
-    Joints (1-based) of which a shift since the last pose would not show at the present pose.
+    Joints (1-based) whose shift since the last pose, if any, would not show at the present pose.
 
     Raises
     ------
@@ -98,24 +98,24 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
 LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12
 """Probability of refusing an arm within its stated tolerances (taken as three standard deviations).
 
-As small as this, because files can be far off: offsets by 25 deg, hinges by 40 mm and 15 deg.
+It is this small because files can be far off: offsets by 25 deg, hinges by 40 mm and 15 deg.
 """
 
 FALSE_REFUSAL_PROBABILITY_KNOWN_ARM = 1e-5
-"""The same where earlier placements have determined the offsets and the error of the hinge placement."""
+"""That probability if earlier placements have determined the offsets and the error of the hinge placement."""
 
 RESET_PROBABILITY = 1e-2
 """Probability of the chi2 increase from using a counter, below which a counter at zero was reset.
 
-A joint is at zero by chance in one of 30,000 positions. Within ten times that distance it is ten times as
-often, and the limit is ten times lower.
+A joint is at zero by chance in one of 30,000 positions. Within ten times that distance chance is ten times as
+likely, and the limit is ten times lower.
 """
 
 HOME_AT_ZERO_RAD = float(np.deg2rad(5.0))
-"""A joint whose home is this close to zero is often there."""
+"""Distance of a joint's home from zero within which it is often at zero."""
 
 RESET_PROBABILITY_HOME_AT_ZERO = 1e-6
-"""The same for joints whose home is at zero."""
+"""`RESET_PROBABILITY` of joints whose home is at zero."""
 
 EXPLAINED_PROBABILITY = 1e-2
 """Probability of the remaining chi2 above which one joint alone explains the closure error."""
@@ -238,7 +238,7 @@ def _not_closing_text(explaining: dict[int, ClosureFit]) -> str:
         "the loop cannot close with the present joint readings, within the tolerances of the files"
     )
     if not explaining:
-        return f"{said}; leaving out any one joint does not help"
+        return f"{said}; ignoring any one joint's reading does not help"
     joints = list(explaining)[:MAX_NAMED_JOINTS]
     near = {j: REACH(float(explaining[j].q_rad[j - 1])).with_unit for j in joints}
     would = " or ".join(f"joint {j} near {angle}" for j, angle in near.items())

@@ -41,7 +41,7 @@ AT_ZERO_COUNTS = 2.5
 """Largest reading of a counter that was just reset: the noise of its last bit."""
 
 MAX_SAG_RAD = float(np.deg2rad(5.0))
-"""Largest sag since the reset. By chance a joint is rarely this close to zero."""
+"""Largest sag since the reset; a joint is rarely this close to zero by chance."""
 
 
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
@@ -99,7 +99,7 @@ FALSE_REFUSAL_PROBABILITY = 1e-4
 """Probability of refusing an unchanged arm and fixture."""
 
 INNOVATION_PROBABILITY = 1e-6
-"""The same for the innovation check by nearby poses: none of 105 arms three times worse than stated is refused."""
+"""Probability of refusal by the innovation check: none of 105 arms three times worse than stated is refused."""
 
 CHI2_RATIO_TO_WORST_POSE = 4.0
 """Limit relative to the largest chi2 of the session's poses: a wrong model raises both."""
@@ -111,7 +111,7 @@ CHI2_RATIO_TO_LIMIT = 2.0
 """A shift counts as detectable where its expected chi2 is this many times the limit."""
 
 NEAR_ZERO_RATIO = 100.0
-"""Distance from zero, in units of a fresh counter reset, within which a joint is blamed for a closure error.
+"""Distance from zero, in units of `AT_ZERO_COUNTS`, within which a joint may be named for a closure error.
 
 By chance a joint is that close in one of 300 positions.
 """
@@ -169,7 +169,7 @@ def check_identity(state: SessionState, identity: ArmIdentity) -> None:
     ]
     if changed:
         raise GuardError(
-            f"{'; '.join(changed)}: another drive or sensor has another zero",
+            f"{'; '.join(changed)}: a replaced drive or sensor has another zero",
             "install the drive that the poses were captured with, or start a new session",
         )
 
@@ -249,8 +249,8 @@ def check_closure_by_poses(
     off = "" if not closes else f" (probability {probability:.0e})"
     if not fixture.holds_hand:
         raise ClosureRefusedError(
-            f"the tracker measures the target elsewhere than this session's {len(state.used_poses)} poses "
-            f"predict{off}: a joint's zero, the target or the tracker has changed",
+            f"the tracker does not measure the target where this session's {len(state.used_poses)} poses "
+            f"predict it{off}: a joint's zero, the target or the tracker has changed",
             NEW_SESSION_REMEDY,
             probability=probability,
         )

@@ -23,7 +23,7 @@ from solver.chain.rotations import rotation_matrix
 from solver.chain.sensors import NoSensor
 
 FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
-"""More than the compliance of a slender fixture (paper, section 4); smaller changes are left to the verdict."""
+"""More than the compliance of a slender fixture (paper, section 4); the verdict tests for smaller changes."""
 
 
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
@@ -82,7 +82,7 @@ def repeat_text(state: SessionState, procedure: Procedure) -> str:
 
 
 def _fixture_moved_text(pose: int, found: Repeat) -> str:
-    """Return the message about a fixture that has moved by a little."""
+    """Return the message about a fixture that has moved slightly."""
     return (
         f"Pose {pose} differs from its first reading, as if the fixture had moved by about "
         f"{SHIFTED(found.shifted_m).with_unit}: it was remounted, or is more compliant than its file states. The "

@@ -102,9 +102,9 @@ def joint_number(value: Any, joints: int | None) -> str:
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Accept the number of a joint as the text that JSON has for a key."""
+    """Accept the number of a joint as text, as JSON writes keys."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
-    return joint_number(int(value), joints) if known else f"{_quoted(value)} is no joint"
+    return joint_number(int(value), joints) if known else f"{_quoted(value)} is not a joint"
 
 
 def one_of(*options: str) -> Check:
@@ -113,7 +113,7 @@ def one_of(*options: str) -> Check:
     def check(value: Any, _: int | None) -> str:
         if isinstance(value, str) and value in options:
             return ""
-        return f"{_quoted(value)} is none of {', '.join(options)}"
+        return f"{_quoted(value)} is not one of {', '.join(options)}"
 
     return check
 
@@ -142,7 +142,7 @@ def per_joint(item: Check) -> Check:
         if problem := list_of(item)(value, joints):
             return problem
         if joints is not None and len(value) != joints:
-            return f"has {len(value)} items, {joints} joints need {joints}"
+            return f"has {len(value)} items instead of {joints}, one for each joint"
         return "" if 1 <= len(value) <= MOST_JOINTS_RECORDED else f"has {len(value)} items"
 
     return check
@@ -189,7 +189,7 @@ def anything(_: Any, __: int | None) -> str:
 def _outside(value: float, least: float, most: float) -> str:
     if value < least:
         return f"{_quoted(value)} is less than {least:g}"
-    # A number that is not one (NaN) is in no range either.
+    # NaN fails this comparison too.
     return "" if value <= most else f"{_quoted(value)} is more than {most:g}"
 
 

@@ -51,10 +51,7 @@ def new_folder(root: Path, name: str, utc: datetime) -> Path:
 
 
 def next_order(root: Path, *, but: Path | None = None) -> int:
-    """Return the order number of a new session below `root`: the largest existing one plus 1.
-
-    `but` is the new session's own folder, which is not counted.
-    """
+    """Return the order number of a new session below `root`: the largest existing one plus 1, except that of `but`."""
     try:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
@@ -70,7 +67,7 @@ def _order_in(path: Path) -> int:
 def find_session(root: Path, reference: str) -> Path:
     """Return the folder of a session named by path, by name below `root`, or ``latest``."""
     if reference == "latest":
-        # Sessions that only verify another one are no calibration. Sessions with poses come first.
+        # Sessions that only verify another one do not count. Sessions with poses come first.
         found = [
             entry
             for entry in list_sessions(root)

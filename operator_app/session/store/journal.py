@@ -80,7 +80,7 @@ class Journal:
         for candidate in numbered_folders(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
-        raise AssertionError("names do not end")
+        raise AssertionError("there is always a next name")
 
     @classmethod
     def create(cls, folder: Path) -> Journal:
@@ -98,7 +98,7 @@ class Journal:
         except OSError as error:
             raise JournalError(
                 f"cannot write {path}: {error.strerror}",
-                "choose a folder with space that you may write to",
+                "choose a folder with free space and write permission",
             ) from error
         lock(descriptor, path)
         fsync_folder(folder)
@@ -182,8 +182,8 @@ class Journal:
             raise self._loss
         if self._broken:
             raise JournalError(
-                f"{self.path} cannot be written any more: {self._broken}",
-                "repair the disk, then resume this session and look at its last entry",
+                f"{self.path} can no longer be written: {self._broken}",
+                "repair the disk, then resume this session and check its last entry",
             )
         event = JournalEvent(
             seq=self._seq + 1,
@@ -234,7 +234,7 @@ class Journal:
         except (FileNotFoundError, NotADirectoryError):
             return "was deleted, moved or renamed"
         except OSError as error:
-            return f"cannot be reached any more ({error.strerror})"
+            return f"can no longer be reached ({error.strerror})"
         if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
             return "was replaced by another file"
         if here.st_size < self._size:
@@ -328,5 +328,5 @@ def lock(descriptor: int, path: Path) -> None:
         os.close(descriptor)
         raise JournalError(
             f"{path} is in use by another sarcal process",
-            "close that one first: one process at a time may use a session",
+            "close that process first: only one at a time may use a session",
         ) from error

@@ -113,7 +113,7 @@ def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, s
     BadLineError
         The checksum does not match, or the line is not an event.
     JournalForeignError
-        A version of this program that is not known here wrote it.
+        An unknown version of this program wrote it.
     """
     split = split_checksum(line)
     if split is None:
@@ -160,7 +160,7 @@ def parse_journal(raw: bytes, path: Path) -> Parsed:
     JournalDamagedError
         A complete line was changed.
     JournalForeignError
-        It is not a journal, or of a version that is not known here.
+        It is not a journal, or its version is unknown.
     """
     *complete, rest = raw.split(b"\n")
     require_own_format(complete, rest, path)

@@ -103,7 +103,7 @@ def repair_journal(folder: Path) -> RepairResult:
     except OSError as error:
         raise JournalError(
             f"cannot repair {path}: {error.strerror}",
-            "free space, or copy the folder to where you may write",
+            "free space, or copy the folder to one with write permission",
         ) from error
     finally:
         os.close(descriptor)
@@ -153,7 +153,7 @@ def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, 
         whole = _with_checksum(line, chain)
         exact = whole == line
         return whole, chain, "" if exact else "restored: only the checksum was damaged"
-    said = "restored: one flipped bit, the checksum matches without it"
+    said = "restored: the checksum matches with one bit flipped back"
     for k, byte in enumerate(line):
         if byte ^ NEWLINE in BITS and (chain := _checksum_if_stated(line[:k], before)) is not None:
             if line[k + 1 :]:
@@ -222,7 +222,7 @@ def _event_hint(line: bytes) -> str:
 
 
 def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
-    """Remove valid lines whose data no session can use."""
+    """Remove lines with a valid checksum whose data no session can use."""
     counted = Counter(
         joints
         for line in lines

@@ -58,7 +58,7 @@ def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
     if not reason.strip():
         raise GuardError(
             f"the calibration was not accepted: {'; '.join(solution.reasons)}",
-            f"do what the reasons ask for, or state why these parameters are to be used ({say_it_by})",
+            f"correct what the reasons name, or state why these parameters are to be used ({say_it_by})",
         )
     return reason
 
@@ -73,7 +73,7 @@ def parameters_document(
 ) -> ParametersDocument:
     """Return the parameters document of a session's calibration.
 
-    A calibration that was not accepted has that as its first warning, with the reason `forced`.
+    For a calibration that was not accepted, its first warning says so, with the reason `forced`.
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
@@ -211,5 +211,5 @@ def _in_spite_of(solution: Solution, reason: str) -> tuple[DocumentWarning, ...]
 
 
 def _figures(reading: TwoReadings) -> TwoFigures:
-    """m to mm, rad to mrad."""
+    """Convert m to mm and rad to mrad."""
     return TwoFigures(rms=1e3 * reading.rms, as_printed=1e3 * reading.as_printed)

@@ -104,7 +104,7 @@ class SessionState:
     order
         Order number in its folder, from 1; 0 in journals of earlier versions.
     after
-        In those: name of the session opened before this one if the clock was set back in between.
+        In journals of earlier versions: the session opened before this one, if the clock was set back in between.
     imported
         File that the poses were read from; empty if an arm captured them.
     sources
@@ -237,7 +237,7 @@ class SessionState:
 
     @property
     def rereads(self) -> tuple[Reread, ...]:
-        """The same for the diagnosis of a calibration."""
+        """Repeated poses for the diagnosis of a calibration."""
         return tuple(
             Reread(
                 label=str(r.first.number),
@@ -251,7 +251,7 @@ class SessionState:
         )
 
     def wanted_poses(self, capture: CapturePlan) -> int:
-        """Number of poses the procedure asks for; planned ones are in addition to explored ones."""
+        """Number of poses that the procedure requires; planned ones are in addition to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":
             return capture.poses + len(used) - len(self.poses_here)

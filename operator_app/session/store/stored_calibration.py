@@ -55,7 +55,7 @@ def session_calibration(
     Parameters
     ----------
     procedure
-        The session's procedure with the arm that was really there.
+        The session's procedure, with the arm that was connected.
     estimator, unsensed_joints
         None: as in the journal's calibration, else as in the procedure.
 
@@ -76,7 +76,7 @@ def session_calibration(
         )
         if asked == then:
             return read
-        why = f"the session was solved by {then[0]}, joints {list(then[1])} unsensed"
+        why = f"the session was solved by {then[0]} with joints {list(then[1])} unsensed"
     else:
         why = read
     before = _with_recorded_options(state, procedure)
@@ -140,7 +140,7 @@ def solution_data(
         "parameters": {
             p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
         },
-        # Infinite where poses do not determine a parameter that is known otherwise; JSON has no such number.
+        # Infinite where the poses do not determine a parameter known from the files; JSON has no such number.
         **({"scaled_condition_number": condition} if math.isfinite(condition) else {}),
         "accepted": solution.accepted,
         "made_with": versions(),
@@ -151,7 +151,7 @@ def solution_data(
 def journal_calibration(state: SessionState) -> StoredCalibration | str:
     """Return the journal's calibration of the used poses, or why there is none."""
     if not state.solution:
-        return "the journal holds poses and no calibration of them"
+        return "the journal holds poses but no calibration of them"
     try:
         solution = from_dict(Solution, state.solution)
         checks = from_dict(Checks, state.checks) if state.checks else None
@@ -159,7 +159,7 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
         return "another version of this program wrote the solution in the journal"
     used = [pose.number for pose in state.used_poses]
     if state.solved.get("poses", used) != used:
-        return "the solution in the journal is of other poses"
+        return "the solution in the journal is from other poses"
     dropped = set(solution.dropped_flipped)
     estimates = (solution.estimate, solution.paper, solution.implicit)
     if not dropped <= set(range(len(used))) or not all(

@@ -135,7 +135,7 @@ def home(context: ActionContext) -> None:
         if mode is JointMode.POSITION and s.arm is not None
     ]
     text = (
-        "The drive joints go straight home at 5 deg/s, the free ones follow: "
+        "The drive joints go straight home at 5 deg/s, and the free joints follow: "
         + ", ".join(f"J{j} by {MOVED(float(way)).with_unit}" for j, way in ways)
         + ". Check that the path is clear, and stand clear of the arm. Any key stops it."
     )

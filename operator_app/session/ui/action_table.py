@@ -129,8 +129,8 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            help="Find the arm on the bus and check its identity.", steps=_at(Step.CONNECT),
            guard=guards.may_connect, work=action_handlers.connect),
     Action(name="stop_tested", keys=("t",), shown="t", label="Stop tested",
-           prompt="Confirm: the hardware stop was pressed and every drive dropped out",
-           help="Confirm that the hardware stop was pressed and every drive dropped out.",
+           prompt="Confirm: the hardware stop was pressed and every drive switched off",
+           help="Confirm that the hardware stop was pressed and every drive switched off.",
            steps=_at(Step.CONNECT), footer=_at(Step.CONNECT), offered=lambda s: not s.simulated,
            work=stop_tested),
     Action(name="resume", keys=("o",), shown="o", label="Open session",
@@ -177,8 +177,8 @@ ACTIONS: tuple[Action | OnScreen, ...] = (
            work=action_handlers.task(TaskKind.WIGGLE, "trial wiggle", lambda o: o.wiggle())),
     Action(name="automatic", keys=("a",), shown="a", label="Automatic",
            prompt="Capture the remaining poses automatically",
-           help="Move, settle and capture until there are enough poses; on a real arm after a question. Any "
-           "key stops.", steps=_at(Step.CAPTURE),
+           help="Move, settle and capture until there are enough poses; on a real arm it asks first. "
+           "Any key stops.", steps=_at(Step.CAPTURE),
            guard=guards.may_run_automatically, work=action_handlers.automatic),
     Action(name="go", keys=("g",), shown="g", label="Go", prompt="Move to the next pose",
            help="Move to the next planned pose. Any key stops.", steps=_at(Step.CAPTURE),

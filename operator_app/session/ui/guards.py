@@ -32,12 +32,12 @@ def missing_for(step: Step, s: SessionSnapshot) -> Missing:
 
 
 def fixture_ready(s: SessionSnapshot) -> Missing:
-    """Fixture needs a connected arm, and on a real one a tested hardware stop."""
+    """Fixture needs a connected arm, and on a real arm a tested hardware stop."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if not s.simulated and not s.stop_tested:
         return (
-            "the hardware stop is not tested: press it, check that all drives drop out, confirm",
+            "the hardware stop is not tested: press it, check that all drives switch off, confirm",
         )
     return ()
 
@@ -233,7 +233,7 @@ def may_remount(s: SessionSnapshot) -> Missing:
     if s.procedure.capture.strategy == "planned":
         return ("a planned capture has one placement of the fixture",)
     if s.state.placement >= MOST_PLACEMENTS:
-        return (f"{MOST_PLACEMENTS} placements is the limit",)
+        return (f"at most {MOST_PLACEMENTS} placements are possible",)
     if s.state.sensor_jump:
         return (s.state.sensor_jump,)
     left = s.procedure.capture.poses - len(s.state.poses_here)
@@ -282,7 +282,7 @@ def may_force(s: SessionSnapshot) -> Missing:
 
 def _may_send(s: SessionSnapshot) -> Missing:
     if s.identity is not None and not s.identity.keeps_parameters:
-        return ("this arm stores no parameters: they are in the session folder",)
+        return ("this arm stores no parameters: use the files in the session folder",)
     return may_use_data(s)
 
 
@@ -297,13 +297,13 @@ def may_show_history(s: SessionSnapshot) -> Missing:
 
 
 def may_verify(s: SessionSnapshot) -> Missing:
-    """Verifying needs a calibration, and modes that are set or can be."""
+    """Verifying needs a calibration, and modes that are set or can be set."""
     missing = idle(s) or results_ready(s) or may_use_data(s)
     return missing or (() if in_modes(s) else may_apply_modes(s))
 
 
 def in_modes(s: SessionSnapshot) -> bool:
-    """Whether the drives are enabled, as many in position mode as the chain has freedoms."""
+    """Whether the drives are enabled, as many of them in position mode as the chain has freedoms."""
     return s.drives_ready and sum(m is JointMode.POSITION for m in s.modes) == s.mobility
 
 

@@ -91,13 +91,13 @@ def _connect(s: SessionSnapshot) -> NextAction:
         what = "the simulated arm" if s.simulated else "the arm"
         hint = f"Enter connects to {what} on {s.bus}"
         if s.state.unconfirmed_placement:
-            hint = f"placement {s.state.placement}: when the fixture is mounted and all stand clear, {hint}"
+            hint = f"placement {s.state.placement}: when the fixture is mounted and everybody is clear, {hint}"
         return _propose("connect", "Connect", hint)
     if not s.simulated and not s.stop_tested:
         return _propose(
             "stop_tested",
             "Stop tested",
-            "press the hardware stop, check that every drive drops out, release it; then Enter",
+            "press the hardware stop, check that every drive switches off, release it; then Enter",
         )
     if needs_reconnect(s):
         return _propose(
@@ -191,7 +191,7 @@ def _results(s: SessionSnapshot) -> NextAction:
         return _propose(
             "step_4",
             "Capture more",
-            "not accepted: capture poses as the warnings say, or exclude bad ones, and solve again",
+            "not accepted: follow the warnings, or exclude bad poses, and calibrate again",
         )
     return _next(Step.EXPORT, "the calibration is accepted")
 

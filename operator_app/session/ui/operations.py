@@ -154,7 +154,7 @@ class Operations:
             if not (away.reached and back.reached):
                 raise GuardError(
                     f"The trial wiggle of J{joint} was stopped: {away.reason or back.reason}",
-                    "Check what is in the way before anything else moves",
+                    "Clear the way before anything else moves",
                 )
             moved = [MOVED(v) for v in (there - before).tolist()]
             followed = ", ".join(f"J{j} {m.shown}" for j, m in enumerate(moved, 1) if j != joint)
@@ -190,7 +190,7 @@ class Operations:
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
         if suspect := outlier_warning(self._session):
-            # A new plan knows no path back to the first pose.
+            # A new plan has no path back to the first pose.
             if self._session.procedure.capture.strategy != "planned":
                 first = self._session.state.poses_here[0].number
                 suspect += (
@@ -238,9 +238,7 @@ class Operations:
     def redo(self) -> None:
         """Redo the last undone change, unless there was another change since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
-            raise GuardError(
-                "There is no undone change since the last change", "Undo a change first (u)"
-            )
+            raise GuardError("There is nothing to redo", "Undo a change first (u)")
         last = self._undone.pop()
         number = last.before.number
         if last.removed:

@@ -52,7 +52,7 @@ class Sessions:
     lost
         The error of its lost journal, if it was lost.
     not_held
-        The error of an arm that is not known to be held, if there is one.
+        The error of an arm that may not be held, if there is one.
     """
 
     def __init__(

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 STALE_S = 0.1
 """Older data are marked as stale and not used."""
 LOST_S = 1.0
-"""After a longer silence of the arm there is an alarm, and the arm is stopped."""
+"""A longer silence of the arm raises an alarm and stops it."""
 HUNG_S = 10.0
-"""The same limit where the host is late."""
+"""Limit in place of `LOST_S` while the host is late."""
 
 
 class DataState(Enum):

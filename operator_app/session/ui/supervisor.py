@@ -44,7 +44,7 @@ class Motion:
     Attributes
     ----------
     sync_rate_hz
-        SYNC messages a second.
+        SYNC messages per second.
     speed_rad_per_s
         (n,) slopes of lines fitted to the measured angles.
     still
@@ -222,7 +222,7 @@ class Supervisor:
             drives_stopped=resting,
             acknowledged_after_s=self._monotonic() - report.asked_s if done else None,
         )
-        # A newer STOP or a reset may have replaced the report meanwhile.
+        # A newer STOP or a reset may have replaced the report since.
         self._runner.publish(lambda s: replace(s, stop=counted) if s.stop is report else s)
 
 

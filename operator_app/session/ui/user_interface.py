@@ -1,4 +1,4 @@
-"""Actions, and what they may ask of a user interface: full screen or plain mode.
+"""Actions, and the interface that they require of the full screen and plain mode.
 
 The guard of an action is checked when it is chosen, and again when its question is answered.
 """
@@ -18,7 +18,7 @@ from operator_app.session.ui.snapshot import DataState, SessionSnapshot, TaskKin
 from operator_app.session.ui.steps import Step
 
 SNAPSHOTS_TRIED = 4
-"""Snapshots tried before an action is refused for stale data: on a busy computer data are late for a moment."""
+"""Snapshots tried before an action is refused for stale data, which a busy computer may have for a moment."""
 
 # -- questions -------------------------------------------------------------------------------------
 

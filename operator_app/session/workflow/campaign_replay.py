@@ -16,13 +16,13 @@ from solver.design.actions import Action, CampaignSettings, Capture, ChangeDrive
 from solver.design.campaign import Campaign
 
 SAME_POSITION_RAD = float(np.deg2rad(1.5))
-"""An arm this close to its last position in the journal was not moved meanwhile."""
+"""An arm this close to its last position in the journal has not been moved since."""
 SAME_TARGET_RAD = 1e-6
 """Largest difference between targets of a replayed decision."""
 
 
 class ReplayDivergedError(Exception):
-    """The policy decides otherwise than recorded in the journal."""
+    """The policy decides differently from the journal."""
 
 
 def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
@@ -64,7 +64,7 @@ def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionSt
     Raises
     ------
     ReplayDivergedError
-        The policy decides otherwise than recorded.
+        The policy decides differently from the journal.
     """
     campaign = campaign_from_log(arm, fixture, state)
     readings = {p.number: p.mean_rad for p in state.used_poses}

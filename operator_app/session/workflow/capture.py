@@ -167,7 +167,7 @@ def _check_unresolved_joints(session: Session, listener: Listener) -> None:
 
 
 def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still missing: a step change after the last one does not affect the calibration."""
+    """Whether poses are still missing; if not, a later step change does not affect the calibration."""
     if planned is not None:
         return not planned.complete
     return len(session.state.poses_here) < session.procedure.capture.poses
@@ -208,7 +208,7 @@ def _check_last_pose(session: Session, listener: Listener, planned: PlannedCaptu
     _repeat_first_pose_and_come_back(session, listener, planned, suspect=True)
     if len(session.state.repeats) > before:
         listener.report(
-            f"Pose {state.poses_here[0].number} is unchanged; the calibration decides about pose {number}."
+            f"Pose {state.poses_here[0].number} is unchanged; the calibration decides whether {number} is an outlier."
         )
 
 
@@ -217,12 +217,12 @@ def _repeat_first_pose(
 ) -> tuple[MoveStart, ...]:
     """Repeat the first used pose: the difference shows step changes independently of the model.
 
-    An explored capture moves straight within its box; a planned one needs a path from its plan. A pose that cannot
-    be reached is recorded, and the capture goes on without it.
+    An explored capture moves there in a straight line within its box, a planned one on paths of its plan. If the pose
+    cannot be reached, that is recorded, and the capture goes on.
 
     Returns
     -------
-    The moves of a planned capture, to go back.
+    The moves of a planned capture, by which it can go back.
 
     Raises
     ------
@@ -294,7 +294,7 @@ def _repeat_first_pose_and_come_back(
     if not back.reached:
         raise GuardError(
             f"the arm does not reach its position before the drift check: {back.reason}",
-            "check what is in the way, then go on with this session",
+            "clear the way, then go on with this session",
         )
 
 
@@ -307,7 +307,7 @@ def verify(
     """
     if not session.state.poses_here:
         raise GuardError(
-            f"the fixture was remounted since: the calibration has no pose of placement {session.state.placement}",
+            f"the fixture was remounted: the calibration has no pose of placement {session.state.placement}",
             "go on with the session (sarcal run --resume), then verify",
         )
     require_in_box(session)
@@ -324,7 +324,7 @@ def verify(
     else:
         raise GuardError(
             f"only {len(session.state.readings) - before} of {poses} new poses could be reached",
-            "ask for fewer, or drive another pair of joints",
+            "request fewer, or drive another pair of joints",
         )
     taken = pose_set_of(session.state.readings[before:])
     taken = replace(taken, placement=np.full(len(taken), session.state.placement))

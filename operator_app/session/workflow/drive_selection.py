@@ -1,6 +1,6 @@
-"""The drive joints of a session: their selection, exploring the box of their angles, homing an arm that is outside.
+"""The drive joints of a session: selects them, explores the box of their allowed angles, homes an arm from outside.
 
-Inside the box the drives may move without asking. From outside they move only if the operator agrees: straight home,
+Inside the box the drives may move without asking. An arm outside it moves only if the operator agrees: straight home,
 slowly, once.
 """
 
@@ -184,8 +184,8 @@ def require_in_box(session: Session) -> None:
         require_no_reset_counter(session)
         raise GuardError(
             f"the arm is outside the box of this procedure: {away}",
-            "move it there by hand while its drives are off, or agree that it goes there by itself, straight "
-            "and at 5 deg/s (--go-home; in the terminal app: Go home)",
+            "move it there by hand while its drives are off, or let it go home by itself, straight and at 5 deg/s "
+            "(--go-home; in the terminal app: Go home)",
         )
 
 
@@ -203,7 +203,7 @@ def go_home(session: Session) -> str:
     if not moved.reached:
         raise GuardError(
             f"the arm was stopped on its way home: {moved.reason}",
-            "the arm holds; check what is in the way, and move it home by hand while its drives are off",
+            "the arm holds; clear the way, and move it home by hand while its drives are off",
         )
     return "Home: " + ", ".join(
         f"joint {j} at {REACH(float(q[j - 1])).with_unit}" for j in box.joints
@@ -265,7 +265,7 @@ def reach(
         if loaded and still and not back.reached and moved.syncs <= STARTING_SYNCS:
             raise GuardError(
                 f"the arm cannot start to move: {moved.reason}",
-                "check what holds or pushes it, and the drive of that joint; no waypoint was skipped: then go on "
+                "no waypoint was skipped. Check what blocks it, and the drive of that joint, then go on "
                 "with this session",
             )
     return moved

@@ -168,7 +168,7 @@ class ImportedSession:
         except OSError as error:
             raise JournalError(
                 f"cannot write {path}: {error.strerror}",
-                "choose a folder with space that you may write to",
+                "choose a folder with free space and write permission",
             ) from error
         return folder
 
@@ -310,7 +310,7 @@ def _require_reproducible(folder: Path, events: Sequence[JournalEvent]) -> None:
         return
     raise JournalError(
         f"{folder} holds a session captured on an arm, or edited",
-        "name another folder: such a session is never replaced, not even with overwrite=True",
+        "name another folder: such a session is not replaced even with overwrite=True",
     )
 
 

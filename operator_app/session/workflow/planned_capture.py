@@ -82,7 +82,7 @@ class PlannedCapture:
     Attributes
     ----------
     campaign
-        What plans the poses; None before the start, and where a journal cannot be replayed.
+        The policy that plans the poses; None before the start, and where a journal cannot be replayed.
     """
 
     def __init__(
@@ -177,7 +177,7 @@ class PlannedCapture:
                     after_pose()
                     campaign.captured(pose.mean_rad)
                 case ChangeDrives():
-                    self._say(f"{_capitalized(action.why)}: they drive from here.")
+                    self._say(f"{_capitalized(action.why)}. They are the drive joints from now on.")
                     session.set_modes(action.drives)
                     session.settle()
                     q = session.arm.snapshot().positions_rad
@@ -192,7 +192,7 @@ class PlannedCapture:
 
         Returns
         -------
-        Why the pose was not reached ("" if it was), and the start of each move, to go back.
+        Why the pose was not reached ("" if it was), and the start of each move, by which to go back.
         """
         campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad
@@ -224,7 +224,7 @@ class PlannedCapture:
             if not moved.reached:
                 raise GuardError(
                     f"the arm does not reach its position before the drift check: {moved.reason}",
-                    "check what is in the way, then go on with this session",
+                    "clear the way, then go on with this session",
                 )
 
     # -- carrying out ----------------------------------------------------------------------------
@@ -264,7 +264,7 @@ class PlannedCapture:
                 f"the arm does not return to its last position in this session: joint {joint} is "
                 f"{WHOLE_DEGREES(float(off.max())).with_unit} off"
                 + ("" if moved.reached else f" ({moved.reason})"),
-                "move it near its home by hand, then resume again; or start a new session",
+                "move it close to its home by hand, then resume again; or start a new session",
             )
         self._moved = False
 

@@ -138,7 +138,7 @@ class Instrument:
         said = f"; it sent pose {other}" if other else ""
         return InstrumentError(
             f"the tracker at {self.name} measured nothing for {self._patience_s:.0f} s at pose {pose}{said}. "
-            "Check that it is on, sees its target and sends; then go on with this session: no pose is lost"
+            "No pose is lost. Check that it is on, sees its target and sends; then go on with this session"
         )
 
 
@@ -152,7 +152,7 @@ def port_of(source: str) -> LinePort:
     match = re.fullmatch(r"(.+):(\d{1,5})", rest)
     if kind == "tcp" and match and 0 < int(match[2]) < 65536:
         return TcpLines(match[1].strip("[]"), int(match[2]))
-    raise SessionError(f"{source!r} is not a port of a tracker", f"write {SOURCES}")
+    raise SessionError(f"{source!r} is not a tracker port", f"write {SOURCES}")
 
 
 class PoseReader:
@@ -178,7 +178,7 @@ class PoseReader:
             return
         if self._instrument is None:
             raise SessionError(
-                f"{self._logbook.procedure.fixture.name} is an instrument, and its port is not known",
+                f"the port of the instrument {self._logbook.procedure.fixture.name} is not stated",
                 f"name its port: --tracker {SOURCES}; or tracker: in the procedure",
             )
         self._instrument.open()
@@ -216,7 +216,7 @@ class PoseReader:
         if not self.settle():
             raise GuardError(
                 f"the arm does not come to rest{self._restless()}",
-                "check what moves or pushes it, then capture again",
+                "find what moves it, then capture again",
             )
         with self._sensor_faults.recorded():
             reading = self._arm.capture(self._logbook.procedure.capture.samples_per_pose)
@@ -244,7 +244,7 @@ class PoseReader:
                 **data,
                 **({"placement": placement} if placement > 1 else {}),
                 **({} if endpoint is None else {"endpoint": endpoint.tolist()}),
-                # The angles a poses file can hold, so that poses.csv is these very poses.
+                # Rounded as in a poses file, so that poses.csv holds exactly these poses.
                 "mean_rad": np.deg2rad(degrees_for_file(reading.mean_rad)).tolist(),
                 "sd_rad": np.deg2rad(degrees_for_file(reading.sd_rad)).tolist(),
                 "samples": reading.samples,
@@ -265,6 +265,6 @@ class PoseReader:
         if np.any(moved > self._rule.spread_rad(self._logbook.model)):
             raise GuardError(
                 f"joint {int(np.argmax(moved)) + 1} moved while the tracker measured",
-                "check what moves or pushes the arm, then capture again",
+                "find what moves the arm, then capture again",
             )
         return found

@@ -53,9 +53,7 @@ def _keep(folder: Path, name: str, placement: int) -> None:
 def require_mountable(procedure: Procedure, wanted: int) -> int:
     """Return `wanted`, or raise SessionError if the fixture cannot be mounted that often."""
     if not 1 <= wanted <= MOST_PLACEMENTS:
-        raise SessionError(
-            f"{wanted} placements were asked for", f"ask for 1 to {MOST_PLACEMENTS} of them"
-        )
+        raise SessionError(f"{wanted} placements were asked for", f"request 1 to {MOST_PLACEMENTS}")
     if wanted > 1 and not procedure.fixture.fixture.holds_hand:
         raise SessionError(
             f"{procedure.fixture.name} is an instrument: there is no fixture to remount",
@@ -74,7 +72,7 @@ def remounting_steps(procedure: Procedure) -> tuple[str, ...]:
     kept = procedure.fixture.fixture.stays_on_hand
     part = "; its part on the tool stays" if kept else " and off the tool"
     return (
-        "1. Secure the arm against falling, by hand or by a strap. Somebody has a hand on the hardware stop.",
+        "1. Secure the arm against falling, by hand or by a strap, with a second person at the hardware stop.",
         f"2. Take the {procedure.fixture.name} off the table{part}.",
         "3. Mount it again, turned and shifted within the tolerance that its file states.",
         "4. Move the arm to its home, by hand or with its controller; close the loop; go through the check list.",

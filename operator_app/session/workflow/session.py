@@ -60,7 +60,7 @@ class Session(Logbook):
     instruct
         Called with instructions to the person who moves the arm by hand.
     unresolved_joints
-        Joints (1-based) of which a shift since the last pose would not show at the present pose.
+        Joints (1-based) whose shift since the last pose, if any, would not show at the present pose.
     held
         Whether the arm confirmed at the last `let_go` that no drive follows commands any more.
     """
@@ -283,7 +283,7 @@ class Session(Logbook):
         self._sensor_faults.record_stop_cause()
 
     def reset_stop(self) -> None:
-        """Clear STOP and what tripped, once the journal says why the arm was stopped; the drives stay disabled.
+        """Clear STOP and drive faults after recording why the arm was stopped; the drives stay disabled.
 
         Raises
         ------
@@ -352,11 +352,11 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> NotLetGoError | None:
-        """The error of an arm that is not known to be held after `let_go`; None if it is held."""
+        """The error of an arm that may not be held after `let_go`; None if it is held."""
         return None if self.held else NotLetGoError(self._powered)
 
     def require_let_go(self) -> None:
-        """Raise NotLetGoError unless all drives are known to be off: nobody may go to the fixture before."""
+        """Raise NotLetGoError unless all drives are known to be off; until then nobody may touch the fixture."""
         if self._powered or not self.held:
             raise NotLetGoError(self._powered)
 

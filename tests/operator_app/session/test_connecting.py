@@ -22,7 +22,7 @@ def test_what_was_written_into_drives_is_said_and_journalled(make_session: MakeS
     publisher.say = lambda level, text: told.append(f"{level.value}: {text}")
     connect(session, listener)
     assert told[0].startswith(
-        "2 PDOs of the drives set up as the bus profile asks, until the next connection or a loss of power: "
+        "2 PDOs of the drives set up as the bus profile requires, until the next connection or a loss of power: "
     )
     assert "joint 1 (node 1): RPDO2 is this; and so on" in told[0]
     Operations(session, publisher).connect()
@@ -41,7 +41,9 @@ def test_what_was_set_to_zero_in_drives_is_no_pdo(make_session: MakeSession) -> 
     listener.report = told.append
     connect(session, listener)
     assert told[0].startswith("1 PDO of the drives set up")
-    assert f"1 torque or offset in the drives set to 0, and not set back: {zeroed}." in told[0]
+    assert (
+        f"1 torque or offset in the drives set to 0, not restored afterwards: {zeroed}." in told[0]
+    )
 
 
 def test_a_drive_that_does_not_say_that_it_misses_its_operator_is_named(

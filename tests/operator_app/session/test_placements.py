@@ -126,7 +126,7 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     [
         (["hinge_planned", "--placements", "2"], "one placement"),
         (["open_loop", "--placements", "2"], "no fixture to remount"),
-        (["hinge", "--placements", "21"], "Ask for 1 to 20"),
+        (["hinge", "--placements", "21"], "Request 1 to 20"),
         (["hinge", "--placements", "0"], "not a whole number from 1"),
     ],
 )

@@ -160,7 +160,7 @@ def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(tmp_path: Path) 
         take_poses(session, hearing, (1, 5))
     assert len(session.state.poses) == 15
     assert len(session.state.repeats) == 1
-    assert "Pose 1 is unchanged; the calibration decides about pose 13." in hearing.said
+    assert "Pose 1 is unchanged; the calibration decides whether 13 is an outlier." in hearing.said
     session.close("left")
 
 

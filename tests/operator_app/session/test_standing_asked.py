@@ -185,7 +185,7 @@ def test_two_joints_exchanged_are_no_single_joint_s_fault(tmp_path: Path) -> Non
     q = arm.snapshot().positions_rad
     arm.off_rad[[1, 2]] = q[[2, 1]] - q[[1, 2]]
     said = refused(tmp_path / "s", arm, procedure, homing=False)
-    assert "leaving out any one joint does not help" in said
+    assert "ignoring any one joint's reading does not help" in said
     assert "order of the joints" in said
 
 

@@ -208,7 +208,7 @@ def test_a_journal_that_cannot_take_a_line_back_takes_no_more(
     left = (tmp_path / JOURNAL_NAME).read_bytes()
     for _ in range(2):
         with pytest.raises(
-            JournalError, match=r"cannot be written any more.*the disk failed.*resume"
+            JournalError, match=r"can no longer be written.*the disk failed.*resume"
         ):
             journal.append("after", {})
     assert (tmp_path / JOURNAL_NAME).read_bytes() == left

@@ -82,7 +82,7 @@ def test_other_options_and_old_journals_are_solved_and_said(
     assert session_calibration(state, procedure).solution.model.unsensed_joints == (7,)
     other = session_calibration(state, procedure, unsensed_joints=())
     assert other.solution.model.unsensed_joints == ()
-    assert "by implicit, joints [7] unsensed" in other.recalculated_because
+    assert "by implicit with joints [7] unsensed" in other.recalculated_because
     old = replace(state, solution={})
     again = session_calibration(old, procedure)
     assert "no calibration" in again.recalculated_because
@@ -146,7 +146,7 @@ def test_a_solution_of_other_poses_than_those_that_count_is_made_again(
     state = session.state
     assert not isinstance(journal_calibration(state), str)
     fewer = replace(state, poses=state.poses[1:])
-    assert journal_calibration(fewer) == "the solution in the journal is of other poses"
+    assert journal_calibration(fewer) == "the solution in the journal is from other poses"
     together = "the solution in the journal is not consistent"
     old = {key: value for key, value in state.solved.items() if key != "poses"}
     assert journal_calibration(replace(fewer, solved=old)) == together

@@ -161,7 +161,7 @@ def test_nobody_there_and_somebody_gone_are_said_with_the_remedy() -> None:
         instrument = Instrument(TcpLines("127.0.0.1", server.getsockname()[1]), full_pose=True)
         instrument.open()
         server.accept()[0].close()
-        with pytest.raises(InstrumentError, match="hung up"):
+        with pytest.raises(InstrumentError, match="closed the connection"):
             instrument.measure("1")
 
 
@@ -232,7 +232,7 @@ def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> 
     pipe = tmp_path / "rows.csv"
     os.mkfifo(pipe)
     for place in (pipe, tmp_path, Path("/dev/zero")):
-        with pytest.raises(InstrumentError, match="is no file but a folder, a pipe or a device"):
+        with pytest.raises(InstrumentError, match="is a folder, a pipe or a device, not a file"):
             port_of(f"file:{place}").open()
     with pytest.raises(InstrumentError, match="cannot be read"):
         port_of("file:x\0y").open()
@@ -256,7 +256,7 @@ def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
 def test_a_carriage_return_in_a_line_is_said(tmp_path: Path) -> None:
     file = tmp_path / "rows.csv"
     file.write_bytes(b"x_m,y_\rm,z_m\n")
-    with pytest.raises(InstrumentError, match=r"the heading of file:.* is no line of CSV"):
+    with pytest.raises(InstrumentError, match=r"the heading of file:.* is not a line of CSV"):
         Instrument(GrowingFile(file), full_pose=False).open()
 
 

@@ -76,7 +76,7 @@ class ConsoleListener(Listener):
 
     def drives_chosen(self, choice: DriveChoice) -> None:
         """Report the drive joints and the reasons."""
-        self.say(f"Chosen to drive: {joints_named(choice.drives)} ({'; '.join(choice.reasons)}).")
+        self.say(f"Drive joints: {joints_named(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Report the drive joints."""
@@ -164,7 +164,7 @@ def _danger(found: CutShort) -> list[str]:
 
 
 def _late(found: CutShort) -> str:
-    """Return that this computer was late, if drives tripped on its missing heartbeat."""
+    """Return the message that this computer was late, if drives tripped on its missing heartbeat."""
     cause = found.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""

@@ -177,7 +177,7 @@ class Plain:
         """Return a fresh snapshot; write the new messages."""
         s = self.runner.snapshot()
         if self.runner.defect is not None:
-            raise RuntimeError("the worker of the session failed") from self.runner.defect
+            raise RuntimeError("the session's worker thread failed") from self.runner.defect
         for message in s.messages:
             if message.number > self._heard:
                 self._heard = message.number

@@ -108,7 +108,7 @@ def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> st
 
 
 _WORD = "mounted"
-"""A word instead of Enter, which may be left from before: the arm moves afterwards."""
+"""Word to be typed, since an Enter may be left from before, and the arm moves afterwards."""
 
 
 def next_placement(
@@ -197,7 +197,7 @@ def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
     )
     number = opening.placement + 1
     lines = [
-        f"Placement {opening.placement} of {opening.procedure.placements} has its poses.",
+        f"All poses of placement {opening.placement} of {opening.procedure.placements} are captured.",
         f"{off} Leave its controller on, so that no counter is reset.",
         *remounting_steps(opening.procedure),
     ]

@@ -139,7 +139,7 @@ def into_description(found: Calibration, data: bytes, file: str) -> bytes:
         )
         if p.name in own
     ]
-    comments = ["Nothing but origins of joints is changed.", *_provenance(found), *figures]
+    comments = ["Only joint origins are changed.", *_provenance(found), *figures]
     return with_calibration(data, file, found.arm, found.by_itself.table(), comments)
 
 
@@ -167,8 +167,8 @@ def _provenance(found: Calibration) -> list[str]:
         f"{found.arm.name}, serial {found.serial_number}, calibrated by sarcal {version('sarcal')}",
         f"from {found.solution.poses} poses (SHA-256 {found.poses.sha256()}).",
         "Joint values are sensor readings: the joint-angle offsets are in the origins.",
-        f"Calibrated: {', '.join(arm.identified) or 'nothing of the arm itself'}.",
-        "As in the arm file, for they belong to the mounting and not to the arm:",
+        f"Calibrated: {', '.join(arm.identified) or 'no entry of the arm itself'}.",
+        "As in the arm file, because they belong to the mounting:",
         f"{', '.join(mounting)}.",
     ]
     if not found.solution.accepted:

@@ -229,7 +229,7 @@ def _repeatability(solution: Solution) -> FloatArray | None:
 
 
 EVERY = 4
-"""Every how many rows of a correction table one is shown."""
+"""Step between the rows of a correction table that are shown."""
 
 
 def side_note(solution: Solution) -> str:
@@ -237,13 +237,13 @@ def side_note(solution: Solution) -> str:
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)
-    said = [f"Arm: {', '.join(names['arm'])}." if names["arm"] else "Nothing is of the arm alone."]
+    said = [f"Arm: {', '.join(names['arm'])}." if names["arm"] else "Arm: none."]
     said += [
         f"{side.capitalize()}: {', '.join(names[side])}."
         for side in ("ground", "hand")
         if names[side]
     ]
-    return " ".join([*said, "What is of the arm outlives the mounting."])
+    return " ".join([*said, "Parameters of the arm stay valid in another mounting."])
 
 
 def remedy_table(solution: Solution) -> FactTable | None:

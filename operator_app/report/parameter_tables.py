@@ -122,13 +122,13 @@ def parameter_table(
         title="Identified parameters",
         columns=tuple(columns),
         rows=tuple(rows),
-        note="Joint angles are the reading plus theta_off; change is identified less nominal, "
+        note="Joint angle = reading + theta_off; change = identified - nominal, "
         "angles the short way round."
         + (
             ""
             if repeatability is None
             else " Sigma is the combined standard uncertainty of all stated sources; type A is the scatter of "
-            "the same poses taken again."
+            "the same poses, if taken again."
         )
         + (f" {note}" if note else ""),
     )
@@ -185,9 +185,9 @@ def estimators_table(
         rows=tuple(rows),
         note="The solution diverged: neither estimate is usable."
         if diverged
-        else "Believe implicit: it weighs every reading by its noise and knows of lengths, twists and "
-        "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only what "
-        "its own residuals scatter"
+        else "Use implicit: it weights every reading by its noise and includes errors of lengths, twists and "
+        "curves. The paper's counts 1 m as 1 rad and takes every joint as read, so its sigma is only the "
+        "scatter of its residuals"
         + (
             f", and it is as much as {most:.0f} of them from implicit."
             if most >= SEVERAL_SIGMAS
@@ -269,7 +269,7 @@ def jackknife_table(estimate: Estimate, spread: FloatArray | None) -> FactTable 
         title="Sigma by leaving out each pose in turn",
         columns=(*words("parameter", "unit"), *figures("sigma", "jackknife")),
         rows=tuple(rows),
-        note="Where the jackknife is much larger than sigma, the stated noise is too small. The jackknife "
+        note="If the jackknife is much larger than sigma, the stated noise is too small. The jackknife "
         "shows errors that differ from pose to pose, not those that all poses share, such as lengths.",
     )
 
@@ -331,6 +331,6 @@ def correlation_table(estimate: Estimate) -> FactTable:
         rows=tuple(
             (name, *(cell(k, j) for j in range(len(listed)))) for k, name in enumerate(listed)
         ),
-        note=f"Hardest to tell apart: {largest}.",
+        note=f"Most correlated: {largest}.",
         detail=True,
     )

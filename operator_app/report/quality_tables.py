@@ -42,7 +42,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         f"{name} {significant(weight, 2)}"
         for name, weight in zip(seen.weakest.parameters[:4], seen.weakest.weights, strict=False)
     )
-    freedom = f"{plural(solution.model.equations_per_pose, 'equation')} a pose, less parameters"
+    freedom = f"{plural(solution.model.equations_per_pose, 'equation')} per pose, minus parameters"
     ended = "converged" if estimate.converged else "did not converge"
     if solution.adjudication.diverged and estimate.converged:
         ended += ", astray"
@@ -66,7 +66,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
         rows[1:1] = [("scaled, at the joints as read", figure, "as the paper took it")]
     if (stated := solution.adjudication.stated_chi2_per_dof) is not None:
         ratio = CHI2(stated, key=("stated_chi2_per_dof",))
-        rows.append(("chi2/dof at stated noise", ratio, "1 or less when all is as stated"))
+        rows.append(("chi2/dof at stated noise", ratio, "1 or less if errors are as stated"))
     rows += [
         ("degrees of freedom", Figure(estimate.dof, places=0, key=("dof",)), freedom),
         ("iterations", Figure(estimate.iterations, places=0, key=("iterations",)), ended),
@@ -81,7 +81,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
 
 
 def trend_table(solution: Solution) -> FactTable | None:
-    """Return the condition number over the first so many poses; None where it is not known."""
+    """Return the table of the condition number over the number of poses; None where it is not known."""
     trend = solution.seen.trend
     if len(trend) < 2:
         return None
@@ -97,7 +97,7 @@ def trend_table(solution: Solution) -> FactTable | None:
         )
     return FactTable(
         ident="trend",
-        title="Condition number as the poses came (no unit)",
+        title="Condition number by number of poses (no unit)",
         columns=(
             *figures("first poses", "scaled"),
             Column("log scale: ten # are a factor of ten", words=True, summary=True),
@@ -113,13 +113,13 @@ def hand_table(solution: Solution) -> FactTable | None:
         return None
     return FactTable(
         ident="hand",
-        title="How far off the hand may be (one sigma)",
+        title="Tool position uncertainty (one sigma)",
         columns=(*words("at the poses of this calibration"), *figures("sigma [mm]")),
         rows=tuple(
             (name, Figure(value, CLOSURE_LENGTH, key=("tip_sigma_mm", key)))
             for name, key, value in (("rms", "rms", hand.rms), ("worst pose", "worst", hand.worst))
         ),
-        note="By the parameters' covariance, of the tool in the arm's base frame; errors of the readings add "
+        note="From the covariance of the parameters, in the arm's base frame; errors of the readings add "
         "to it.",
     )
 
@@ -149,7 +149,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         )
     return FactTable(
         ident="accuracy",
-        title="What it brings: how far off the hand is [mm]",
+        title="Tool position error before and after calibration [mm]",
         columns=(
             *words("over the ranges of all joints"),
             *figures(*("before", "after, one sigma", "if stated")[: len(columns)]),
@@ -314,7 +314,7 @@ def causes_table(solution: Solution) -> FactTable | None:
         (
             cause.code,
             Figure(cause.probability, SHARE, digits=2, role="warn" if cause.blocking else "text"),
-            "it is refused for this" if cause.blocking else "a warning",
+            "a reason for not accepting" if cause.blocking else "a warning",
             cause.text,
             cause.remedy,
         )
@@ -347,9 +347,9 @@ def tests_table(solution: Solution) -> FactTable | None:
     )
     return None if not rows else FactTable(
         ident="tests",
-        title="Tests that the verdict rests on (no unit)",
+        title="Tests behind the verdict (no unit)",
         columns=(*words("test"), *figures("statistic", "threshold", "false alarm")),
         rows=rows,
-        note="A test fires (▲) above its threshold; false alarm is how often a sound set fires it.",
+        note="A test fires (▲) above its threshold; false alarm is the rate at which sound sets fire it.",
         detail=True,
     )  # fmt: skip

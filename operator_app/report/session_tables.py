@@ -88,7 +88,7 @@ def joint_table(subject: Subject, estimate: Estimate | None) -> FactTable:
         ),
         rows=tuple(rows),
         note="Noise: of one reading. Stated: by the arm's file, of sensor, play and sag. "
-        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times that. Shaded in the plot: one noise.",
+        f"▲ marks joints whose corrections exceed {CORRECTION_ODD:g} times that. Shaded in the plot: the noise.",
     )
 
 
@@ -202,5 +202,5 @@ def pose_table(subject: Subject, estimate: Estimate | None) -> FactTable:
 def _remark(subject: Subject, number: int, note: str, excluded: str) -> str:
     parts = [f"✕ excluded: {excluded}"] if excluded else []
     if number in subject.flipped:
-        parts.append("✕ left out: hand upside down on the hinge (flipped branch)")
+        parts.append("✕ left out: tool upside down on the hinge (flipped branch)")
     return "; ".join([*parts, note] if note else parts)

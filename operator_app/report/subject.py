@@ -201,7 +201,7 @@ def no_facts(s: SessionSnapshot) -> str:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)
     if counting != s.solution.poses + len(s.solution.dropped_flipped):
-        return "the calibration is of other poses than those that count now: calibrate again"
+        return "the poses have changed since the calibration: calibrate again"
     return ""
 
 

@@ -82,7 +82,7 @@ class FactTable:
 
     def __post_init__(self) -> None:
         if any(len(row) != len(self.columns) for row in self.rows):
-            raise ValueError("a row has one cell a column")
+            raise ValueError("a row has one cell per column")
 
     @property
     def brief(self) -> FactTable:

@@ -44,7 +44,7 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
     if facts.accepted:
         codes = _said_first(facts)
         said = tuple(n.sentence for n in facts.notices if n.code in codes)
-        head = f"{head} the calibration meets its limits.{' What may be off:' if said else ''}"
+        head = f"{head} the calibration meets its limits.{' Possible causes of error:' if said else ''}"
     if failed:
         head = paragraph(head)
     return "\n".join((head, *(paragraph(f"- {text}", indent=2) for text in said)))

@@ -207,7 +207,7 @@ class SarcalApp(App[str]):
         if runner is None or not self.main.is_running:
             return
         if runner.defect is not None:
-            raise RuntimeError("the session's worker met a defect") from runner.defect
+            raise RuntimeError("the session's worker thread failed") from runner.defect
         self.picture = runner.snapshot()
         self.interface.follow(self.picture)
         self.main.show(self.picture)
@@ -289,7 +289,7 @@ class SarcalApp(App[str]):
         if self.interface.press(event.key, event.character):
             return True
         if event.is_printable:
-            self.main.refuse(f"{event.character} does nothing in this step: ? lists the keys")
+            self.main.refuse(f"{event.character} is not a key of this step: ? lists the keys")
             self.poll()
         return False
 

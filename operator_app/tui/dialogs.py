@@ -106,7 +106,7 @@ class Ask(Dialog):
     def body(self) -> ComposeResult:
         """An input line and its error message."""
         yield Input(value=harmless(self._value), id="answer", compact=True)
-        yield Static(self._plain("Enter takes it, Esc leaves everything as it is"), id="said")
+        yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
 
     def on_mount(self) -> None:
         """Type at once."""

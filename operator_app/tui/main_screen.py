@@ -175,7 +175,7 @@ class Footer(Lines, can_focus=False):
         at = 1
         if self.app.screen is not self.screen:
             # The keys of this step have no meaning there.
-            return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " leaves everything as it is")]
+            return [line((" F8", "key"), " STOP  ", ("Esc", "key"), " cancels")]
         if stops_on_any_key(s.task):
             return [
                 line((" SPACE/F8", "key"), " STOP  ", ("any other key", "key"), " ends the motion")
@@ -214,7 +214,7 @@ class TooSmall(Lines, can_focus=False):
         self.show_lines(
             [
                 (),
-                *wrapped(text + " Make it larger or its letters smaller; STOP still works.", width),
+                *wrapped(text + " Enlarge the window or reduce its font; STOP still works.", width),
             ]
         )
 

@@ -45,7 +45,7 @@ ABOUT = {
     Step.MODES: "Choose which joints drive the closed chain and which follow.",
     Step.CAPTURE: "Move through the plan and read all joints at each pose while the arm stands still.",
     Step.CALIBRATE: "Find the parameters that close every loop.",
-    Step.RESULTS: "Judge the calibration before anything is changed.",
+    Step.RESULTS: "Check the calibration before anything is changed.",
     Step.EXPORT: "Write the parameters, upload them to the controller, verify with new poses.",
 }
 
@@ -289,7 +289,7 @@ class ScreenInterface:
             self.app.leave("left")
             return
         poses = len(s.state.poses)
-        text = f"All joints are held and the session is kept with its {poses} poses; resume it any time."
+        text = f"All joints are held and the session is kept with its {poses} poses; it can be resumed."
         question = YesNo(title="Leave?", text=text, yes="Leave, hold all")
         self.ask(question, lambda _: self.app.leave("left"))
 

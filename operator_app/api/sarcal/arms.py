@@ -140,7 +140,7 @@ def snapshot_of(
 ) -> ArmSnapshot:
     """Return the state of an arm from its latest sample, number `sample`, `age_s` old.
 
-    `angles_rad`, `torques_nm` and `modes` have one entry a joint; without torques they are zero.
+    `angles_rad`, `torques_nm` and `modes` have one entry per joint; missing torques are taken as zero.
     """
     joints = order.description.joints
     angles = np.asarray(angles_rad, dtype=float)
@@ -234,7 +234,7 @@ class SimulatedChain:
     def step(self, modes: Sequence[JointMode | None], targets_rad: FloatArray) -> FloatArray:
         """Advance 10 ms; return the angles.
 
-        `modes` has one entry a joint, None where the drive is off and the joint is blocked; `targets_rad` (n,) is
+        `modes` has one entry per joint, None where the drive is off and the joint is blocked; `targets_rad` (n,) is
         used in position mode.
         """
         found = self._plant.step(

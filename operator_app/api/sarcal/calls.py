@@ -1,4 +1,4 @@
-"""Calls of the library: checks the arguments before anything is computed, by one BLAS thread.
+"""Calls of the library: checks the arguments before anything is computed, with one BLAS thread.
 
 An error names the argument, its value and the valid values: TypeError for a wrong type, ValueError for a wrong value.
 Knows no arm's model and no file.
@@ -61,13 +61,13 @@ def numbers(name: str, value: Any) -> FloatArray:
             found = found.astype(np.float64)
     if found.dtype.kind not in "iuf":
         kind = "complex numbers" if found.dtype.kind == "c" else shown(value)
-        raise TypeError(f"{name}: give real numbers, and not {kind}")
+        raise TypeError(f"{name}: give real numbers, not {kind}")
     found = found.astype(np.float64)
     if not np.isfinite(found).all():
         where = [int(k) for k in np.argwhere(~np.isfinite(found))[0]]
         place = f" at index {where[0] if len(where) == 1 else where}" if where else ""
         raise ValueError(
-            f"{name} holds {found[tuple(where)]}{place}: every number must be finite; leave out what was not read"
+            f"{name} holds {found[tuple(where)]}{place}: every number must be finite; leave out unread poses"
         )
     return found
 
@@ -126,7 +126,7 @@ def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatA
         q, joint = found[tuple(far[0])], int(far[0][-1])
         raise ValueError(
             f"{name} holds {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
-            f"{upper_rad[joint]:.3g} rad: of degrees make radians with np.deg2rad"
+            f"{upper_rad[joint]:.3g} rad: convert degrees to radians with np.deg2rad"
         )
     return found
 
@@ -135,7 +135,7 @@ def shape_wanted(shape: tuple[int, ...], joint_count: int) -> str:
     """Return the required shape of readings, as text."""
     turned = len(shape) == 2 and shape[0] == joint_count
     return (
-        f"the arm has {joint_count} joints; give one column a joint, in its order, and one row a pose"
+        f"the arm has {joint_count} joints; give one column per joint, in the arm's order, and one row per pose"
         f"{' (transposed: .T)' if turned else ''}"
     )
 
@@ -149,7 +149,7 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     Matrices here have some tens of rows: more threads wait for each other and, on busy cores, take seconds
     instead of a third of one. The limit holds for the whole process until `function` returns; then the caller's
-    setting is back.
+    setting is restored.
     """
 
     @wraps(function)

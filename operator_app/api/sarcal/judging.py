@@ -39,7 +39,7 @@ class Verification:
 
     @property
     def chi2_per_dof(self) -> float:
-        """Squared misfit over what the files state; 1 or less when all is as stated."""
+        """chi2/dof by the uncertainties that the files state; 1 or less if these are right."""
         return self._found.verification.chi2.per_dof
 
     @property

@@ -81,13 +81,13 @@ def plan(
     poses
         Number of poses.
     drive_joints
-        Joints (from 1) for position mode; None ranks them all and takes the best.
+        Joints (from 1) for position mode; None takes the best of all sets.
     unsensed_joints
         Joints whose readings will not be used.
     samples
         Readings averaged into one pose.
     seed
-        Seed of the cover of the reachable poses.
+        Seed of the candidate poses.
 
     Raises
     ------

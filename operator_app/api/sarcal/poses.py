@@ -61,7 +61,7 @@ class Poses:
 
     @property
     def q_deg(self) -> FloatArray:
-        """The same in degrees."""
+        """Readings in degrees."""
         return np.rad2deg(self._set.q_rad)
 
     @property
@@ -129,18 +129,18 @@ def poses_of(
     >>> sarcal.poses_of(q_rad=[0.1, 0.2])
     Traceback (most recent call last):
     ...
-    ValueError: q_rad has shape (2,): it must have one row a pose and one column a joint
+    ValueError: q_rad has shape (2,): it must have one row per pose and one column per joint
     """
     if (q_rad is None) == (q_deg is None):
-        raise ValueError("give the readings once: q_rad=... or q_deg=...")
+        raise ValueError("give the readings in one unit only: q_rad=... or q_deg=...")
     name = "q_deg" if q_rad is None else "q_rad"
     given = numbers("q_rad", q_rad) if q_deg is None else np.deg2rad(numbers("q_deg", q_deg))
     if given.ndim != 2 or 0 in given.shape:
         raise ValueError(
-            f"{name} has shape {given.shape}: it must have one row a pose and one column a joint"
+            f"{name} has shape {given.shape}: it must have one row per pose and one column per joint"
         )
     if isinstance(names, str):
-        raise TypeError(f"names={names!r}: give one name a pose, in a list")
+        raise TypeError(f"names={names!r}: give a list of one name per pose")
     m = len(given)
     found = PoseSet(
         placement=_one_a_pose("placement", 1 if placement is None else placement, m),
@@ -158,7 +158,7 @@ def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
     given = [value] * poses if np.ndim(value) == 0 else value
     found = [whole(name, number, least=1) for number in given]
     if len(found) != poses:
-        raise ValueError(f"{name} has {len(found)} entries for {poses} poses: give one a pose")
+        raise ValueError(f"{name} has {len(found)} entries for {poses} poses: give one per pose")
     try:
         return np.array(found, dtype=np.int64)
     except OverflowError:
@@ -170,7 +170,7 @@ def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:
     found = numbers("sd_rad", value)
     if found.shape not in (shape, shape[1:], ()):
         raise ValueError(
-            f"sd_rad has shape {found.shape}: give {shape} as the readings, one a joint {shape[1:]}, or one "
+            f"sd_rad has shape {found.shape}: give {shape} like the readings, {shape[1:]} for one per joint, or one "
             "number"
         )
     return np.broadcast_to(found, shape)
@@ -181,7 +181,7 @@ def _endpoint_m(value: Any, poses: int) -> FloatArray:
     found = numbers("endpoint_m", value)
     if found.shape not in ((poses, 3), (poses, 6)):
         raise ValueError(
-            f"endpoint_m has shape {found.shape}: give {(poses, 3)}, x, y, z a pose, or {(poses, 6)}, with a "
+            f"endpoint_m has shape {found.shape}: give {(poses, 3)}, x, y, z per pose, or {(poses, 6)}, with a "
             "rotation vector"
         )
     return found
@@ -228,7 +228,7 @@ def load_poses(
         )
     if columns is None:
         raise TypeError(
-            "a bare array does not say its unit: use sarcal.poses_of(q_rad=...) or "
+            "a bare array does not state its unit: use sarcal.poses_of(q_rad=...) or "
             "sarcal.poses_of(q_deg=...)"
         )
     read = parse_poses(_csv_of(source, [str(c) for c in columns]), FRAME, joint_count=joint_count)

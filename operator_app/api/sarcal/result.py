@@ -175,7 +175,7 @@ class Result:
         return draw_figure(self._subject, name)
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object of ``sarcal solve --json``: deg and m, as its keys say."""
+        """Return the object of ``sarcal solve --json``: deg and m, by the endings of its keys."""
         return self._facts.json
 
     @property
@@ -256,8 +256,8 @@ class Result:
         """
         if isinstance(self._origin, Journalled):
             raise SessionError(
-                f"this result is that of the session {self._origin.folder}",
-                "copy that folder; export writes single files",
+                f"this result was read from the session {self._origin.folder}",
+                "copy that folder, or write single files with export",
             )
         where, session = Path(folder), self._session(self._origin)
         session.write(
@@ -292,8 +292,8 @@ class Result:
             Its ending selects the format: ``.yaml`` parameters file, ``.json`` everything, ``.csv`` one row for each
             parameter, ``.urdf`` the arm's own side, ``.mat`` MATLAB.
         force
-            Reason for using a calibration that is not accepted; it is written into the file. Without effect on one that
-            is accepted.
+            Reason for using a calibration that is not accepted; it is written into the file. It has no effect on an
+            accepted one.
         into
             Your own URDF, xacro with literal numbers or UR ``default_kinematics.yaml``: the output is that file with
             only the joint origins changed, whatever the ending.
@@ -309,7 +309,7 @@ class Result:
             table of the whole loop (a ball).
         """
         if not isinstance(force, str):
-            raise TypeError(f'force={force!r}: say why, as force="why"')
+            raise TypeError(f'force={force!r}: state the reason, as force="reason"')
         target = Path(path)
         kind = target.suffix.removeprefix(".")
         if into is None and kind not in (*YAML, *EXPORT_FILES):

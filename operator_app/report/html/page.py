@@ -190,7 +190,7 @@ def banner(subject: Subject) -> Html:
     if not subject.simulated:
         return Html("")
     scenario = subject.state.settings.get("scenario")
-    words = "SIMULATED: the drives said that they are virtual"
+    words = "SIMULATED: the drives report that they are virtual"
     return element("p", f"{words}; scenario {scenario}" if scenario else words, class_="simulated")
 
 

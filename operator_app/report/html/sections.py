@@ -48,9 +48,9 @@ CURVE_WORDS = (
     "sensor's curve, not noise: no number of poses averages it out, and it biases the parameters."
 )
 CLOSURE_WORDS = (
-    "How far the loops fail to close at the joints as measured, so that both estimators are judged on "
-    "one scale. The implicit estimator does not minimise this figure: it puts the error where the "
-    "sensors are poor, and may leave a larger one here with better parameters."
+    "Closure error at the measured joints, one scale for both estimators. "
+    "The implicit estimator does not minimise it: it puts the error where the "
+    "sensors are poor, and better parameters may leave a larger error here."
 )
 METHOD_WORDS = (
     (
@@ -75,14 +75,14 @@ HEADINGS = {
     "truth": "The truth",
     "causes": "What may be wrong",
     "dh": "D-H table",
-    "hand": "How far off the hand may be",
+    "hand": "Tool position uncertainty",
     "accuracy": "Before and after",
     "trend": "Condition number, pose by pose",
     "determined": "How well the poses determine them",
     "closure": "Residuals by pose",
     "estimators": "Both estimators",
     "jackknife": "Jackknife",
-    "noise": "Noise found with the parameters",
+    "noise": "Noise estimated with the parameters",
     "rvdt-remedy": "Corrections of RVDT readings",
     "budget": "Uncertainty budget",
     "halving": "What narrows the widest sigmas",
@@ -170,14 +170,14 @@ def _before_and_after(subject: Subject) -> list[str]:
 
 def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
     words = (
-        "The 95 % interval holds what sigma does."
+        "The 95 % interval includes the same sources of error as sigma."
         if estimate.chi2 is not None
         else "Sigma and the 95 % interval (Student's) follow from the size of the residuals."
     )
     if subject.solution is not None and subject.solution.paper is None:
-        words += " The paper's estimator needs every joint sensed and is not shown beside it."
+        words += " The paper's estimator, which needs every joint sensed, is not shown."
     elif subject.implicit is None:
-        words += " The implicit estimator found no solution to show beside it."
+        words += " The implicit estimator found no solution."
     return words
 
 
@@ -311,7 +311,7 @@ def _method(subject: Subject) -> Section:
             )
         )
         loop = (
-            f"The hand closes a loop through the fixture. Each pose gives {equations} after the angles without "
+            f"The tool closes a loop through the fixture. Each pose gives {equations} after the angles without "
             "a sensor are eliminated."
         )
         nearest = (

@@ -43,7 +43,7 @@ class Pair:
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
-    """Return tool position errors over the ranges of all joints; None where they were not computed."""
+    """Return the pictures of tool position errors over the joints' ranges, before and after; None if not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -104,16 +104,16 @@ HELD = _Words(
     where="where it is held",
 )
 MEASURED = _Words(
-    title="the hand of pose {} is {} from where it was measured",
-    worst="whose hand was farthest from where it was measured",
-    where="where the instrument saw it",
+    title="the tool of pose {} is {} from where it was measured",
+    worst="whose tool was farthest from where it was measured",
+    where="where the instrument measured it",
     there="as measured",
 )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """Arm and fixture by one set of parameters, in the arm's base frame, m; an axis of length 0 means none."""
+    """Points of arm and fixture by one set of parameters, in the arm's base frame, m; a zero axis is not drawn."""
 
     chain: FloatArray
     hand_axis: FloatArray

@@ -32,7 +32,7 @@ class Canvas:
     columns, rows
         Size in cells.
     ascii_only
-        One mark a cell instead of braille.
+        One mark per cell instead of braille.
     """
 
     def __init__(self, columns: int, rows: int, *, ascii_only: bool) -> None:

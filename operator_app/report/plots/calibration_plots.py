@@ -57,7 +57,7 @@ def costs(steps: Sequence[tuple[int, float]]) -> Picture:
     return Picture(
         ident="cost",
         title="Cost by iteration",
-        description="What is left to be explained, iteration by iteration.",
+        description="Cost that remains after each iteration.",
         x=axis("iteration", numbers, whole=True),
         y=axis("cost, power of ten", powers),
         layers=[Marks(x=numbers, y=powers)],
@@ -65,13 +65,13 @@ def costs(steps: Sequence[tuple[int, float]]) -> Picture:
 
 
 def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture:
-    """Return the scaled condition number of the first so many poses, on a log scale, with the limit."""
+    """Return the plot of the scaled condition number over the number of poses, on a log scale, with the limit."""
     numbers, values = [float(n) for n, _ in trend], [value for _, value in trend]
     x = axis("poses", numbers, whole=True)
     tips = [f"{n} poses: {CONDITION(value).shown}" for n, value in trend]
     return Picture(
         ident="condition-trend",
-        title="Condition number as the poses came",
+        title="Condition number by number of poses",
         description=f"Scaled condition number of the first {trend[0][0]} to {trend[-1][0]} poses, log scale: "
         f"from {CONDITION(values[0]).shown} to {CONDITION(values[-1]).shown}; lower is better.",
         x=x,
@@ -163,7 +163,7 @@ def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture
     return _of_rvdt(
         subject,
         ident=f"rvdt-{joint}",
-        title=f"Joint {joint}: reading less the angle the loop measures",
+        title=f"Joint {joint}: reading minus the angle measured by the loop",
         description=f"Curve from {low.shown} to {high.with_unit}; noise of a "
         f"single reading {Figure(found.noise.lsb, LSB, digits=2).with_unit}. The specification allows "
         f"±{Figure(allowed, CLOSURE_ANGLE).with_unit} about the best-fit line.",

@@ -1,6 +1,6 @@
 """Figures for a paper as files: the report's own pictures as SVG and, with the extra ``[plots]``, as PDF.
 
-One column of a journal is 88 mm wide, two are 180 mm. Colours are those of the page in daylight; bars have
+One column of a journal is 88 mm wide, two are 180 mm. Colours are those of the page's light theme; bars have
 the colours of Okabe and Ito, which colour-blind readers tell apart, and marks differ in shape as well.
 """
 

@@ -240,7 +240,7 @@ def corrections_by_joint(subject: Subject, estimate: Estimate | None) -> Html | 
         strips(
             ident="corrections",
             title="Corrections of the joint readings by pose, in mrad",
-            description="One row a joint, each on its own scale; shaded: one standard deviation of the "
+            description="One row per joint, each on its own scale; shaded: one standard deviation of the "
             "joint's sensor. The table of joints has the same figures.",
             unit=CLOSURE_ANGLE.unit,
             x=pose_axis(subject),
@@ -271,13 +271,13 @@ def coverage(subject: Subject) -> Html:
         for j, joint in enumerate(subject.procedure.arm.joints, 1)
     ]
     least = min(rows, key=lambda row: row.covered)
-    title = "Joint ranges and what the poses cover of them"
+    title = "Joint ranges and the part that the poses cover"
     return figure(
         title,
         ranges(
             ident="coverage",
             title=title,
-            description=f"One bar a joint from end to end of its range, one tick a pose. "
+            description=f"One bar per joint from end to end of its range, one tick per pose. "
             f"{least.name.capitalize()} is covered least, "
             f"{Figure(least.covered, SHARE, places=0).with_unit}.",
             unit=ANGLE.unit,

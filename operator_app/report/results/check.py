@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 UNITS_NOTE = (
     "Units are in the keys and columns: _deg degrees, _m metres, _mm millimetres, _mrad milliradians. "
-    "Angles are what the sensors read; joint angle = reading + theta_off."
+    "Angles are sensor readings; joint angle = reading + theta_off."
 )
 FORECAST_NOTE = (
     "! Whether these poses allow a calibration was not checked: name the arm and the fixture "
@@ -128,7 +128,7 @@ def _arm(arm: ArmModel) -> str:
     lines = [f"Arm {arm.name}", aligned(rows, left=True)]
     others = [e.name for e in arm.free if e.kind is not DhKind.THETA_OFF]
     if others:
-        lines.append(paragraph(f"Free beside the offsets: {', '.join(others)}."))
+        lines.append(paragraph(f"Free in addition to the offsets: {', '.join(others)}."))
     lines.append(
         paragraph(
             f"Lengths are taken as known to {LENGTH_TOLERANCE(max(arm.length_tolerance_m)).with_unit}, "
@@ -137,7 +137,7 @@ def _arm(arm: ArmModel) -> str:
     )
     if arm.hayati_rows:
         listed = ", ".join(map(str, arm.hayati_rows))
-        lines.append(f"Parallel axes meet in D-H row {listed}: beta (Hayati) stands in place of s.")
+        lines.append(f"Parallel axes in D-H row {listed}: beta (Hayati) is used in place of s.")
     if arm.assumed:
         lines.append(
             paragraph(f"Assumed, as the file does not state it: {', '.join(arm.assumed)}.")
@@ -148,11 +148,11 @@ def _arm(arm: ArmModel) -> str:
 def _sensor(joint: Joint) -> str:
     match joint.sensor:
         case Encoder() as encoder:
-            return f"encoder, {encoder.counts_per_rev} counts a turn"
+            return f"encoder, {encoder.counts_per_rev} counts per turn"
         case Rvdt() as rvdt:
             return f"RVDT, {rvdt.bits} bits over {SPAN(rvdt.full_scale_rad).with_unit}"
         case _:
-            return "none: the loop measures it, no drive can hold it"
+            return "none: the loop measures its angle, and no drive can hold it"
 
 
 def _chain(chain: Chain) -> str:
@@ -170,9 +170,9 @@ def _chain(chain: Chain) -> str:
     lines = [
         f"{arm.name} in {spec.name}",
         paragraph(
-            f"The {spec.kind}'s place is taken as known to {LENGTH_TOLERANCE(spec.tolerance_m).with_unit} "
+            f"The {spec.kind}'s placement is taken as known to {LENGTH_TOLERANCE(spec.tolerance_m).with_unit} "
             f"and {ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}"
-            + (f"; under load it gives {' and '.join(yields)}." if yields else ".")
+            + (f"; under load it deflects by {' and '.join(yields)}." if yields else ".")
         ),
         *(paragraph(text) for text in _freedom(chain)),
         paragraph(_unknowns(found)),
@@ -191,9 +191,9 @@ def _chain(chain: Chain) -> str:
         if immobile.isdisjoint(d.immobile_joints)
     ]
     lines += _other_home(chain)
-    lines += [paragraph(f"{name} is held: {why}.") for name, why in chain.held.items()]
+    lines += [paragraph(f"{name} is fixed: {why}.") for name, why in chain.held.items()]
     if found.seen is not None and not found.refused:
-        lines.append(_well("Poses all over what can be reached", found.seen))
+        lines.append(_well("Poses over the whole reachable region", found.seen))
     for file, seen in chain.poses:
         lines.append(_well(f"The poses of {file}", seen))
         lines += [paragraph(f"! not identifiable: {d}", indent=2) for d in seen.directions]
@@ -211,7 +211,7 @@ def _freedom(chain: Chain) -> list[str]:
         f"Mobility {found.mobility}: exactly {plural(found.mobility, 'joint')} in position mode{others}."
     ]
     if not chain.fixture.fixture.holds_hand:
-        lines = [f"Nothing holds the hand: all {n} joints in position mode."]
+        lines = [f"The tool is free: all {n} joints in position mode."]
     if found.choice is not None:
         chosen = f"{joints_named(found.choice.drives).capitalize()} would drive"
         lines.append(f"{chosen} ({'; '.join(found.choice.reasons)}).")
@@ -234,7 +234,7 @@ def _other_home(chain: Chain) -> list[str]:
     well = (
         []
         if found.seen is None
-        else [_well("Poses all over what can be reached from there", found.seen)]
+        else [_well("Poses over the whole region reachable from there", found.seen)]
     )
     return [
         paragraph(
@@ -254,9 +254,9 @@ def _unknowns(found: Outlook) -> str:
 
 def _well(what: str, seen: Identifiability) -> str:
     if seen.directions:
-        return paragraph(f"{what} see {seen.rank} combinations of the parameters, not all.")
+        return paragraph(f"{what} determine only {seen.rank} combinations of the parameters.")
     return paragraph(
-        f"{what} see all of them; scaled condition number {CONDITION(seen.scaled_condition_number).shown}, "
+        f"{what} determine all of them; scaled condition number {CONDITION(seen.scaled_condition_number).shown}, "
         f"weakest: {', '.join(seen.weakest.parameters[:4])}."
     )
 

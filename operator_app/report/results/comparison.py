@@ -66,7 +66,7 @@ def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
 
 def _reading(found: CalibrationComparison) -> str:
     """Return a note on how to read the table."""
-    change = "Change is B less A, angles the short way round."
+    change = "Change = B - A, angles the short way round."
     if found.same_poses:
         return f"{change} Sigma applies to new poses; it is not used for the verdict here."
     return (
@@ -98,7 +98,7 @@ def _verdict(found: CalibrationComparison, table: FactTable) -> str:
         )
     elif MADE_OTHERWISE & {n.code for n in found.notices}:
         advice = (
-            "A and B were made in different ways (see below), which alone moves parameters. Calibrate both in "
+            "A and B were made in different ways (see below), which by itself changes parameters. Calibrate both in "
             "the same way and compare again before suspecting the arm."
         )
     else:

@@ -18,9 +18,9 @@ from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 HOW = (
     f"Mean is that of the baseline. A session leaves mean +- limit (Shewhart), or the mean of the last {RECENT} "
     f"its own limit (EWMA), by chance in {100.0 * CONTROL_CHART_FALSE_ALARM_PROBABILITY:g} % of sessions, all "
-    "entries together. Limits are made of the scatter between sessions, not of sigma: most of sigma is the same in "
-    "every session. Type A is what the same poses taken again would scatter; shift is what the next three sessions "
-    "would show in 90 % of cases. NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
+    "entries together. Limits come from the scatter between sessions, not from sigma: most of sigma is the same in "
+    "every session. Type A is the scatter if the same poses were taken again; shift is the size that the next three "
+    "sessions would show in 90 % of cases. NIST/SEMATECH e-Handbook, 2.3.5 and 6.3.2."
 )
 
 
@@ -105,7 +105,7 @@ def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
         return "\n".join(["SHIFTED:", *lines])
     if (most := _most_sessions(found)) <= BASELINE:
         return paragraph(
-            f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions by one fixture before the one that is judged, "
+            f"TOO EARLY TO JUDGE: limits need {BASELINE} sessions with one fixture before the session to be judged; "
             f"there are {most} in all. Compare two sessions with sarcal compare.",
             width=width,
         )
@@ -227,7 +227,7 @@ def _shift_text(part: EntryHistory, shift: EntryShift) -> str:
     sigma = Figure(shift.sigma, unit, places=3).with_unit
     by = {"shewhart": "Shewhart", "ewma": "EWMA"}[shift.chart]
     advice = (
-        "look at the encoder's home mark and the coupling of that joint"
+        "check the encoder's home mark and the coupling of that joint"
         if part.side is Side.ARM
         else "the fixture's mounting has moved, or it was remounted: omit --kept-mounted"
     )

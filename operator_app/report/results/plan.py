@@ -53,7 +53,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
         _drives(shown),
         _poses(shown),
         _sigmas(shown),
-        "Where the drive joints go: dots can be reached, S is the start, lines the way\n"
+        "Plan of the drive joints: dots can be reached, S is the start, lines are the path\n"
         + "\n".join(region_lines(shown, ascii_only=ascii_only)),
         f"Ranges of the joints, deg: {'-' if ascii_only else '─'} can be reached, "
         f"{'#' if ascii_only else '█'} planned poses\n"
@@ -100,7 +100,7 @@ def _drives(shown: Preview) -> str:
     count = shown.mobility
     head = (
         f"Drive joints: exactly {count} in position mode, the others free. Reach: share of the "
-        "poses inside the ranges. Leverage: 0 at a fold, median of what is reached and at the "
+        "poses inside the ranges. Leverage: 0 at a singularity; its median over the region, and at the "
         "start. Passive: the free joint that moves most, by how much more than the drives."
     )
     drives = shown.choice.drives
@@ -110,7 +110,7 @@ def _drives(shown: Preview) -> str:
     others = [d for d in shown.choice.sets if d != shown.choice.drives]
     if others:
         also = ", ".join(joints_named(d) for d in others)
-        lines.append(paragraph(f"A session may change to {also} to reach what they cannot."))
+        lines.append(paragraph(f"A session may change to {also} to reach further poses."))
     return "\n".join(lines)
 
 

@@ -57,7 +57,7 @@ def recording_text(
 def recording_json(
     recording: JointRecording, dwells: Sequence[Dwell], refused: Sequence[RefusedDwell]
 ) -> dict[str, Any]:
-    """Return the same, with every stretch; times in s as in the recording."""
+    """Return the recording's data with every stretch; times in s as in the recording."""
     return {
         "file": recording.file,
         "joints": list(recording.joints),

@@ -31,8 +31,8 @@ def published_text(found: Published) -> str:
     blocks = [
         paragraph(
             "Giugovaz and Hollerbach, Closed-Loop Kinematic Calibration of the Sarcos Dextrous Arm: a specimen "
-            f"of their arm in {found.poses} poses, by their estimator. The specimen errs as they suspect theirs "
-            "to; it is not their arm, and figures agree in size."
+            f"of their arm in {found.poses} poses, by their estimator. The specimen has the errors they suspect in "
+            "theirs; it is not their arm, and figures agree in size only."
         ),
         *([] if table is None else [table_text(table)]),
         table_text(_identified(found)),
@@ -44,7 +44,7 @@ def published_text(found: Published) -> str:
 
 
 def published_json(found: Published) -> dict[str, Any]:
-    """Return the same figures; angles in deg, lengths in m, closure in mm and mrad."""
+    """Return the figures of all tables; angles in deg, lengths in m, closure in mm and mrad."""
     estimate = found.solution.estimate
     sigmas = estimate.sigmas
     turned = sigmas.orientation_rad
@@ -113,8 +113,8 @@ def _identified(found: Published) -> FactTable:
             *figures("printed", "specimen", "difference", "its sigma"),
         ),
         rows=tuple(rows),
-        note="The specimen's truth is what the paper prints: the difference is the estimator's error for the "
-        f"three sources, as much as {found.farthest_sigmas:.0f} times its own sigma, which knows of none of them.",
+        note="The published values are the specimen's truth: the difference is the estimator's error due to the "
+        f"three sources, up to {found.farthest_sigmas:.0f} times its sigma, which includes none of them.",
     )
 
 
@@ -180,7 +180,7 @@ def _shares(found: Published) -> FactTable:
 def _remedies(found: Published) -> FactTable:
     return FactTable(
         ident="remedies",
-        title="What each planned remedy brings (section 4): rms error against the truth",
+        title="Effect of each planned remedy (section 4): rms error against the truth",
         columns=(
             *words("remedy", "section"),
             *figures("offsets [deg]", "lengths [mm]"),

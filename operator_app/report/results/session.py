@@ -66,7 +66,7 @@ def session_json(
 def unidentifiable_json(
     error: UnidentifiableError, *, parameters: int, folder: Path, state: SessionState
 ) -> dict[str, Any]:
-    """Return the same for a session whose poses leave parameters undetermined."""
+    """Return the object of `sarcal run --json` for poses that leave parameters undetermined."""
     from operator_app.report.json_schema import unidentifiable_data
 
     poses = len(state.used_poses)
@@ -183,11 +183,11 @@ def _exported(state: SessionState) -> str:
     exported = state.exported
     if not exported:
         # `sarcal export` writes files from any session; its journal records only an upload.
-        return "nothing that its journal knows of"
+        return "nothing that its journal records"
     uploaded = exported["uploaded"]
     where = f", slot {uploaded['slot']} of the controller" if uploaded else ", nothing uploaded"
     if exported.get("unknown"):
-        where = ", what the controller has of it is not known"
+        where = ", the content of the controller is unknown"
     forced = f"; for a reason: {exported['forced']}" if exported.get("forced") else ""
     return f"{exported['file']}{where}{forced}"
 
@@ -275,7 +275,7 @@ def repair_text(found: RepairResult) -> str:
             name = "" if line.event is None else f" ({line.event.name.replace('_', ' ')})"
             said.append(paragraph(f"  line {line.number}: {what}{name}: {line.words}", indent=4))
     if found.torn:
-        said.append("  the last line was never written to its end, and does not count")
+        said.append("  the last line is incomplete and was left out")
     state = found.state
     said.append(f"{len(state.used_poses)} poses count.")
     if found.lost:
@@ -290,7 +290,7 @@ def repair_text(found: RepairResult) -> str:
     else:
         said.append(
             paragraph(
-                "Line 1, which opened the session, is lost, so that it cannot be resumed: begin a new one."
+                "Line 1, which opened the session, is lost, so that it cannot be resumed: start a new one."
             )
         )
     return "\n".join(said)

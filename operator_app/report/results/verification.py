@@ -94,7 +94,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             f"{poses.label[k]} (chance {significant(float(found.pose_probability[k]), 2)})"
             for k in verdict.odd_poses[:OUTLIERS_LISTED]
         )
-        notices.append(f"look at pose {worst}")
+        notices.append(f"check pose {worst}")
     if not verdict.holds and not np.all(found.closed):
         notices.append(
             "some poses cannot be closed at all: check whether the fixture was moved since, or whether their "
@@ -107,7 +107,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
             table_text(closure(verdict)),
             # Stated uncertainties are upper limits: a chi2 below its expected value is normal.
             paragraph(
-                f"chi2/dof {per_dof}: 1 or less when all is as stated; above {most} is one sound set in 200 at most."
+                f"chi2/dof {per_dof}: 1 or less if errors are as stated; at most one sound set in 200 exceeds {most}."
             ),
             *(paragraph(f"! {notice}", indent=2) for notice in notices),
         )
@@ -158,26 +158,26 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
     poses, verdict = found.solution.poses, _verdict(found)
     if verdict == UNSOUND:
         head = (
-            f"NOTHING IS PROVED: the {poses} measured poses give no sound calibration of the open arm "
-            f"({'; '.join(found.solution.reasons)}). Look at the instrument, its target and how exact "
-            "its file says it is."
+            f"NO CONCLUSION: the {poses} measured poses give no sound calibration of the open arm "
+            f"({'; '.join(found.solution.reasons)}). Check the instrument, its target and the "
+            "accuracy stated in its file."
         )
     elif verdict == AGREES:
         head = (
-            f"AGREES: {poses} poses of the open arm, measured by another instrument, agree on the arm with the "
-            f"calibration of {folder}."
+            f"AGREES: {poses} poses of the open arm, measured by another instrument, agree with the "
+            f"calibration of {folder} on the arm."
         )
     elif found.disagree:
         names = ", ".join(d.name for d in found.disagree)
         head = (
             f"DISAGREES: {poses} poses of the open arm disagree with the calibration of "
             f"{folder} of {names}. Check whether a joint slipped in between, and whether the hinge or the "
-            "target on the tool is loose. Calibrate again; what stays is the arm's file or the instrument's."
+            "target on the tool is loose. Calibrate again; a remaining difference is an error in a file."
         )
     else:
         head = (
             f"DISAGREES: {poses} poses of the open arm differ from the calibration of {folder} by more "
-            "than its uncertainty allows, no parameter by itself."
+            "than its uncertainty allows, but no single parameter does."
         )
     chi2 = found.chi2
     return "\n".join(
@@ -186,7 +186,7 @@ def open_loop_text(found: OpenLoopCheck, folder: str) -> str:
             "",
             *table_lines(_table(found)),
             paragraph(
-                f"Change is open less closed. * marks what chance gives to any of "
+                f"Change = open - closed. * marks a difference that chance gives to any of "
                 f"{len(found.differences)} parameters in "
                 f"{100.0 * DRIFT_FALSE_ALARM_PROBABILITY:g} % of checks. All together: "
                 f"chi2/dof {CHI2(chi2.per_dof).shown}, in 99 % at most {CHI2(chi2.high).shown}."

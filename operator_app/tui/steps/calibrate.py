@@ -29,8 +29,8 @@ class SettingsPanel(Lines):
     TITLE = "Calibration"
     HELP = (
         "implicit attributes the noise to the joint sensors and estimates each pose's corrections; "
-        "paper is the published unweighted least squares. A joint declared unsensed is found from "
-        "the loop instead of read: useful when its RVDT is bent. e changes the estimator, j the "
+        "paper is the published unweighted least squares. The angle of an unsensed joint is computed "
+        "from the loop instead of read, for instance if its RVDT is faulty. e changes the estimator, j the "
         "unsensed joints."
     )
 

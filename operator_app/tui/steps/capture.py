@@ -36,9 +36,9 @@ class StillPanel(Lines):
 
     TITLE = "Next pose"
     HELP = (
-        "Which planned pose is next and whether the arm stands still. Still: over 20 SYNC or as many "
-        "as the procedure says, no joint's reading spreads more than its sensor's noise explains; the "
-        "limit is named with the joint that comes nearest to it. A pose is captured only when it is."
+        "The next planned pose, and whether the arm is at rest. At rest: over 20 SYNCs, or the number in "
+        "the procedure, no joint's reading spreads more than its sensor's noise explains; the joint "
+        "closest to its limit is shown. A pose is captured only at rest."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -50,7 +50,7 @@ def _target(s: SessionSnapshot) -> Line:
     if s.heading is not None:
         return line((" Target    ", "dim"), f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
     if s.procedure.capture.strategy == "planned" and len(s.state.used_poses) >= s.wanted_poses > 0:
-        return line((" Target    ", "dim"), "none: the plan is carried out")
+        return line((" Target    ", "dim"), "none: the plan is complete")
     if s.next_waypoint is None or not s.plan:
         return line((" Target    ", "dim"), "none left" if s.plan else "no plan yet")
     target = s.plan[s.next_waypoint]
@@ -92,7 +92,7 @@ class PosesPanel(ListPanel):
     HELP = (
         "Poses, newest first. NOISE: largest standard deviation of a joint over the samples. PRED: "
         "by how much the loop failed to close at this pose under the estimate from the poses before "
-        "it. u takes back the last, x excludes the marked one, n writes a note."
+        "it. u undoes the last change, x excludes the marked pose, n writes a note."
     )
 
     def marked(self, s: SessionSnapshot) -> int | None:
@@ -105,7 +105,7 @@ class PosesPanel(ListPanel):
         return len(s.state.poses)
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Titles."""
+        """Column titles."""
         sd, off = READING_SD.quantity.unit, PREDICTED.quantity.unit
         titles = line((f"    #  TIME      NOISE [{sd}]  PRED [{off}]  NOTE", "header"))
         return [titles] if s.state.poses else [titles, line(("    no pose yet", "dim"))]
@@ -174,13 +174,12 @@ def _time_left(s: SessionSnapshot) -> str:
 class QualityPanel(Lines):
     """Quality of the poses."""
 
-    TITLE = "What the poses tell"
+    TITLE = "What the poses determine"
     HELP = (
-        "Scaled condition number: the result warns above 100, the paper reached 28; lower is better. Its trend "
-        "over all poses is on a log scale from its lowest value to 30 times it at most, the first value at "
-        "its left and the present one at its right. "
-        "Weak: the parameters the poses tell least about. Coverage: which part of each joint's "
-        "range the poses span. Best next: the planned pose that would tell most."
+        "Scaled condition number: the result warns above 100, the paper reached 28; lower is better. The trend "
+        "over all poses, first to present from left to right, is on a log scale up to 30 times the lowest value. "
+        "Weak: the parameters that the poses determine least. Coverage: the part of each joint's "
+        "range that the poses span. Best next: the planned pose that adds most information."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:

@@ -82,7 +82,7 @@ class CheckPanel(Lines):
     TITLE = "Check"
     HELP = (
         "The software STOP needs a working bus and a working program. The hardware stop needs "
-        "neither: press it once, see every drive drop out, release it, and confirm with t."
+        "neither: press it once, see every drive switch off, release it, and confirm with t."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -111,7 +111,7 @@ class CheckPanel(Lines):
             rows.append(line(" ✓ ", "hardware stop tested in this run"))
         else:
             rows += wrapped(
-                " ○ hardware stop: press it, see every drive drop out, release it, then t", width
+                " ○ hardware stop: press it, see every drive switch off, release it, then t", width
             )
         return rows
 

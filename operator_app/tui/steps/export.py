@@ -45,7 +45,7 @@ class FilePanel(Lines):
                 line((" SHA-256    ", "dim"), s.written.sha256),
             ]
         if s.identity is not None and not s.identity.keeps_parameters:
-            rows.append(line((" Controller ", "dim"), f"none: {serial} keeps no parameters"))
+            rows.append(line((" Controller ", "dim"), f"none: {serial} stores no parameters"))
             return [clip(row, width) for row in rows]
         rows.append(line((" To         ", "dim"), f"controller {serial} over {s.bus}"))
         if s.receipt is None:
@@ -73,9 +73,7 @@ class DiffPanel(TablePanel):
     """New values beside the active ones."""
 
     TITLE = "Difference from the controller's active parameters"
-    HELP = (
-        "Every calibrated parameter: what the controller uses now, what it would use, the change."
-    )
+    HELP = "Every calibrated parameter: the controller's present value, the new value, the change."
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
         """Active and new."""
@@ -91,15 +89,15 @@ class RecordPanel(Lines):
 
     TITLE = "Record"
     HELP = (
-        "y moves to new poses and verifies the parameters with them: the check the paper lacked. "
-        "N closes this session and begins another; o resumes an earlier one. The journal keeps it all."
+        "y captures new poses and verifies the parameters with them. "
+        "N closes this session and starts another; o resumes an earlier one. The journal records every step."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Verification and session."""
         if s.verification is None:
             rows = [
-                line((" Verify     ", "dim"), "y takes new poses and verifies these parameters")
+                line((" Verify     ", "dim"), "y captures new poses and verifies these parameters")
             ]
         else:
             glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")

@@ -44,8 +44,8 @@ class PlacementPanel(Lines):
 
     TITLE = "Placement (nominal)"
     HELP = (
-        "Where the fixture file says the fixture is, in the paper's D-H terms, and how well that was "
-        "measured. The calibration finds the true values; start from within the tolerance."
+        "The fixture's placement as its file states it, in the paper's D-H terms, with its "
+        "tolerance. The calibration finds the true values, which must lie within the tolerance."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -79,7 +79,7 @@ class PlacementPanel(Lines):
         rows.append(
             line(
                 (" Unknowns   ", "dim"),
-                f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations a pose",
+                f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations per pose",
             )
         )
         return rows
@@ -88,11 +88,11 @@ class PlacementPanel(Lines):
 class ChecksPanel(Lines):
     """Live checks with their figures, and the forecast of the plan."""
 
-    TITLE = "Checks where the arm stands"
+    TITLE = "Checks at the present pose"
     HELP = (
         "Angles of the hinge axis to joints 1 and 7: below 10 deg the parameters become weak, below "
-        "1 deg they have no unique values (Hayati). Mobility: how many joints may drive. Predicted: "
-        "where the plan would take each joint and the condition number to expect."
+        "1 deg they have no unique values (Hayati). Mobility: number of drive joints. Predicted: "
+        "range of each joint over the plan, and condition number."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -146,7 +146,7 @@ class ChecklistPanel(ListPanel):
     _ticked: frozenset[int] = frozenset()
 
     def count(self, s: SessionSnapshot) -> int:
-        """Items."""
+        """Number of items."""
         return len(s.procedure.fixture.checklist)
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:

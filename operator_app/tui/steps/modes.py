@@ -40,7 +40,7 @@ class PlanPanel(Lines):
             )
         ]
         if marked == s.procedure.position_joints and s.ranked and marked != s.ranked[0].drives:
-            rows.append(line(("           as the procedure says; p marks the best ranked", "dim")))
+            rows.append(line(("           as in the procedure; p marks the best ranked", "dim")))
         problem = modes_problem(s, marked)
         if problem:
             rows += wrapped(" ▲ " + problem[0], width, "warn", "   ")

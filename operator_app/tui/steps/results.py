@@ -41,11 +41,11 @@ class VerdictPanel(Lines):
 
     TITLE = "Verdict"
     HELP = (
-        "Accepted means the limits of the procedure are met; notes below it are what was seen and no test "
-        "objects to. hand: how far off the hand is where the arm is used, by the arm file before and by "
-        "the parameters' sigmas after. sigma_pos and sigma_ori say how well the "
-        "loops close at the measured joints, before (nominal) and after; rms is the usual reading, "
-        "as printed is the paper's formula to the letter."
+        "Accepted means that the limits of the procedure are met; notes below it are observations that no test "
+        "rejects. Tool: position error over the joints' ranges, by the arm file before and by "
+        "the parameters' sigmas after. sigma_pos and sigma_ori are the closure "
+        "errors at the measured joints, before (nominal) and after; rms is the usual definition, "
+        "as printed is the paper's formula."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
@@ -91,7 +91,7 @@ def _hand(found: Solution, width: int) -> list[Line]:
         by_poses = Figure(left.rms, CLOSURE_LENGTH).with_unit
         said += f", {by_poses} if {names(found.accuracy.stated)} are as stated"
     if held := found.accuracy.holds_for:
-        said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as held"
+        said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
     more = ", rms over the ranges of all joints"
     return [line((said, "bold"), (more if len(said + more) <= width else "", "text"))]
 
@@ -107,8 +107,8 @@ class ParametersPanel(TablePanel):
 
     TITLE = "Parameters"
     HELP = (
-        "Every parameter: nominal, identified, change, standard deviation; at the right what the "
-        "paper's estimator gives on the same poses. Angles in deg, lengths in mm."
+        "Every parameter: nominal, identified, change, standard deviation; at the right the result of "
+        "the paper's estimator from the same poses. Angles in deg, lengths in mm."
     )
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
@@ -122,10 +122,10 @@ class ResultsPlot(Lines):
 
     TITLE = "Residuals (v: next)"
     HELP = (
-        "v turns over: residual of each pose, corrections by joint, the curve of each RVDT as the "
-        "loops see it, the warnings in full, then tables: what may be wrong, D-H, how far off the "
-        "hand may be, uncertainty budget, closure on poses held out. The first line of an RVDT's "
-        "plot says what its specification allows."
+        "v turns over: residual of each pose, corrections by joint, the linearity deviation of each RVDT "
+        "by the loops, the warnings in full, then tables: possible causes, D-H, tool position "
+        "uncertainty, uncertainty budget, closure of held-out poses. The first line of an RVDT's "
+        "plot states its specification."
     )
     page = 0
     count = 1

@@ -76,11 +76,11 @@ class TablePanel(ListPanel):
         return super().build(s, width, height)
 
     def count(self, s: SessionSnapshot) -> int:
-        """Rows."""
+        """Number of rows."""
         return len(self._rows)
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Titles."""
+        """Column titles."""
         return self._head
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
@@ -104,8 +104,8 @@ class JointTable(ListPanel):
 
     TITLE = "Joints"
     HELP = (
-        "One row a joint. POSITION: the joint moves to its target. FREE: it follows the closed "
-        "chain with no torque of its own. The bar shows where the joint stands in its range. "
+        "One row per joint. POSITION: the joint moves to its target. FREE: it follows the closed "
+        "chain with no torque of its own. The bar shows the joint's place in its range. "
         "Numbers older than 100 ms are marked with ? and what is derived from them is left out."
     )
 
@@ -114,7 +114,7 @@ class JointTable(ListPanel):
         self.show_wanted = show_wanted
 
     def count(self, s: SessionSnapshot) -> int:
-        """Joints."""
+        """Number of joints."""
         return s.procedure.arm.joint_count
 
     def _cells(self, width: int) -> int:
@@ -122,7 +122,7 @@ class JointTable(ListPanel):
         return max(7, min(13, width - (58 if self.show_wanted else 68)))
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
-        """Titles."""
+        """Column titles."""
         bar = "-range+".center(self._cells(width))
         titles = f"  JOINT         MODE     POS[deg] V[deg/s] T[N m] {bar} STATE"
         if self.show_wanted:

@@ -130,10 +130,10 @@ class ArmView(Lines):
 
     TITLE = "Arm"
     HELP = (
-        "The arm as the current estimate sees it, from its base (B) over joints 1 to 7 to the "
+        "The arm by the present estimate, from its base (B) over joints 1 to 7 to the "
         "hinge (its axis is drawn through ⊕). Joints in position mode are marked in colour and "
-        "bold. The dotted arm is where the next pose will take it; on a planned move a line of dots "
-        "is the way its hand goes."
+        "bold. The dotted arm is the next pose; on a planned move a line of dots "
+        "is the path of the tool."
     )
 
     def __init__(self, *, id: str | None = None) -> None:  # noqa: A002 - Textual's name
@@ -201,7 +201,7 @@ class ArmView(Lines):
                 role = "accent" if mode is JointMode.POSITION else "bold"
                 place.letter(chain[joint - 1], str(joint), role)
         place.letter(chain[-1], "⊕", "bold")
-        return [*canvas.lines(), line((" B base, ⊕ hand, 1-7 joints", "dim"))]
+        return [*canvas.lines(), line((" B base, ⊕ tool, 1-7 joints", "dim"))]
 
 
 def _next(model: ClosureModel, x: FloatArray, s: SessionSnapshot) -> tuple[FloatArray, ...]:

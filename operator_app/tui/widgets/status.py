@@ -82,8 +82,8 @@ def _status(s: SessionSnapshot) -> Line:
     if s.task is not None:
         return (("◌ ", "bold"), (s.task.text, "text"))
     if s.simulated:
-        return (("no real arm on this bus: nothing can be hurt", "dim"),)
-    return (("hardware stop within reach? Software STOP is no emergency stop", "dim"),)
+        return (("no real arm on this bus: nothing can be damaged", "dim"),)
+    return (("hardware stop within reach? Software STOP is not an emergency stop", "dim"),)
 
 
 def _stop_words(s: SessionSnapshot) -> str:
@@ -250,5 +250,5 @@ def messages_text(s: SessionSnapshot, width: int) -> str:
             )
             for message in s.messages[::-1]
         )
-        or "nothing was said yet"
+        or "no messages yet"
     )

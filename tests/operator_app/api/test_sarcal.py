@@ -74,7 +74,7 @@ def test_arrays_in_both_units_a_file_and_a_frame_are_the_same_poses(result: sarc
     np.testing.assert_allclose(framed.q_rad, poses.q_rad, rtol=0, atol=1e-14)
     again = sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=in_rad)
     assert dict(again.values) == pytest.approx(dict(result.values), abs=1e-6)
-    with pytest.raises(TypeError, match="does not say its unit"):
+    with pytest.raises(TypeError, match="does not state its unit"):
         sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=poses.q_rad)
 
 
@@ -236,7 +236,7 @@ def test_what_was_taken_once_is_not_saved_over(
     Path("damaged").mkdir()
     lines = Path("noted/journal.jsonl").read_bytes().splitlines(keepends=True)
     Path("damaged/journal.jsonl").write_bytes(b"".join([lines[0], *lines[2:]]))
-    for folder, why in (("arm", "never replaced"), ("noted", "edited"), ("damaged", "damaged")):
+    for folder, why in (("arm", "not replaced"), ("noted", "edited"), ("damaged", "damaged")):
         kept = Path(folder, "journal.jsonl").read_bytes()
         with pytest.raises(sarcal.SessionError, match=why):
             result.save(folder, overwrite=True)

@@ -52,7 +52,7 @@ def test_both_estimators_stand_side_by_side(page: object, subject: Subject) -> N
         assert number(shown) == pytest.approx(expected, rel=0.06)
     change = math.degrees(paper.x[0] - subject.implicit.x[0])
     assert number(difference) == pytest.approx(change, abs=1e-3)
-    assert "Believe implicit" in page.text
+    assert "Use implicit" in page.text
 
 
 def test_a_joint_is_marked_for_what_its_file_does_not_state(page: object, subject: Subject) -> None:
@@ -163,7 +163,7 @@ def test_joints_left_out_are_said_to_be(folder: Path, take_apart: type) -> None:
     assert page.errors == []
     assert "The readings of joints 6 and 7 were not used" in page.text
     assert "theta_off_6" not in [row[0] for row in page.rows("Identified parameters")]
-    assert "The paper's estimator needs every joint sensed" in page.text
+    assert "The paper's estimator, which needs every joint sensed" in page.text
     assert page.rows("Joints:")[5][1].endswith("(reading not used)")
 
 

@@ -78,7 +78,7 @@ def test_text_has_groups_above_titles_and_no_room_for_detail() -> None:
 
 
 def test_a_row_must_fit_its_table() -> None:
-    with pytest.raises(ValueError, match="one cell a column"):
+    with pytest.raises(ValueError, match="one cell per column"):
         FactTable(ident="t", title="T", columns=(Column("a"), Column("b")), rows=(("1",),))
 
 

@@ -355,7 +355,7 @@ async def test_a_signal_leaves_in_order(drive, source, number):
 
 
 async def test_a_defect_of_the_worker_ends_the_app_with_the_arm_held(drive, source):
-    with pytest.raises(RuntimeError, match="defect"):  # noqa: PT012 - raised when the app ends
+    with pytest.raises(RuntimeError, match="worker thread failed"):  # noqa: PT012 - raised when the app ends
         async with drive() as d:
             await d.to_step(Step.CAPTURE)
             d.app.runner.submit(TaskKind.NOTE, "breaking", lambda: 1 / 0)

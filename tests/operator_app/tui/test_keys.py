@@ -146,7 +146,7 @@ async def test_a_real_arm_moves_automatically_only_after_a_question(still):
 async def test_a_key_that_means_nothing_here_says_so(still):
     async with still(story()["connected"], step=Step.FIXTURE) as d:
         await d.press("g")
-        assert "g does nothing in this step" in d.hint
+        assert "g is not a key of this step" in d.hint
 
 
 async def test_upload_wants_the_serial_number_typed(still):
@@ -276,7 +276,7 @@ async def test_pages_turn_over_in_results(still):
             d.app.poll()
             await d.settle()
             titles.append(str(d.app.main.query_one("#results-plot").border_title))
-            if titles[-1].startswith("How far off the hand may be"):
+            if titles[-1].startswith("Tool position uncertainty"):
                 hand = story()["solved"].solution.hand
                 assert f"{1e3 * hand.rms:.2f}" in d.text("#results-plot")
             await d.press("v")

@@ -64,7 +64,7 @@ async def test_an_arm_that_moves_is_calibrated_by_keys(installed: Path, tmp_path
             assert (d.s.folder / "parameters.yaml").is_file()
             assert next_action(Step.EXPORT, d.s).action == "quit"
             assert guards.may_upload(d.s) == (
-                "this arm stores no parameters: they are in the session folder",
+                "this arm stores no parameters: use the files in the session folder",
             )
 
 

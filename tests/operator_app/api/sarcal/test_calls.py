@@ -93,8 +93,8 @@ def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(
         (q[:, :3], ValueError, "q_rad has shape (60, 3): the arm has 7 joints"),
         (0.1, ValueError, "q_rad has shape ()"),
         (with_nan(np.nan), ValueError, "q_rad holds nan at index [3, 2]"),
-        (q + 0j, TypeError, "q_rad: give real numbers, and not complex numbers"),
-        (result.poses.q_deg, ValueError, "of degrees make radians with np.deg2rad"),
+        (q + 0j, TypeError, "q_rad: give real numbers, not complex numbers"),
+        (result.poses.q_deg, ValueError, "convert degrees to radians with np.deg2rad"),
     ):
         for ask in (result.fk, result.tip_sigma):
             with pytest.raises(kind, match=re.escape(said)):
@@ -140,7 +140,9 @@ def test_what_cannot_be_compared_is_one_of_our_errors(
     ours = result.export(tmp_path / "ours.yaml")
     other = tmp_path / "other.yaml"
     other.write_text(ours.read_text().replace("sarcos_dextrous", "another"))
-    with pytest.raises(sarcal.IncomparableError, match="A is of a sarcos_dextrous, B of a another"):
+    with pytest.raises(
+        sarcal.IncomparableError, match="A is from a sarcos_dextrous, B from a another"
+    ):
         sarcal.compare(ours, other)
     assert issubclass(sarcal.IncomparableError, sarcal.SessionError)
     with pytest.raises(sarcal.SessionError):

@@ -65,7 +65,7 @@ def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path: Path) -> Non
     pair = arm_pair(result._subject)
     assert pair is not None
     said = re.fullmatch(
-        r"After: the hand of pose (\d+) is ([\d.]+) mm from where it was measured", pair.after.title
+        r"After: the tool of pose (\d+) is ([\d.]+) mm from where it was measured", pair.after.title
     )
     assert said is not None
     k = int(said[1]) - 1

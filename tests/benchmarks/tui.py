@@ -140,7 +140,7 @@ def measure(app: PtyProgram) -> None:
     app.press(b"\r", "Ranked")
     app.press(b"a", "Apply the modes?")
     app.press(b"y", "goes on to Capture")
-    app.press(b"\r", "What the poses tell")
+    app.press(b"\r", "What the poses determine")
     cpu(app, "at rest")
     app.write(b"a")
     app.seen("ANY KEY STOPS", 0)

@@ -297,7 +297,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         beating.stop()
         own.shutdown()
         assert code == 3
-        assert "another program works on this bus: " in said
+        assert "another program uses this bus: " in said
         assert "the heartbeat of an operator, node 127 (77Fh)" in said
         assert "No node was probed" in said
         watcher.send_signal(signal.SIGINT)

@@ -129,7 +129,7 @@ def capture_by_itself(terminal: Terminal) -> None:
         (("Enter",), "Ranked"),
         (("a",), "Apply the modes?"),
         (("y",), "goes on to Capture"),
-        (("Enter",), "What the poses tell"),
+        (("Enter",), "What the poses determine"),
         (("a",), "ANY KEY STOPS"),
     ):
         terminal.keys(*keys)

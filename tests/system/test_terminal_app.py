@@ -237,7 +237,7 @@ WALK = [
     (b"\r", "Ranked"),
     (b"\r", "Apply the modes?"),
     (b"y", "goes on to Capture"),
-    (b"\r", "What the poses tell"),
+    (b"\r", "What the poses determine"),
     (b"\r", "ANY KEY STOPS"),
 ]
 """From Connect to automatic capture: what is pressed and what is written then."""

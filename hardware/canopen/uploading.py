@@ -86,7 +86,7 @@ def upload(
     """
     if profile.supervisor is None:
         raise UploadRefused(
-            f"The arm of the bus profile {profile.name} has no supervisor that keeps parameters. They "
+            f"The arm of the bus profile {profile.name} has no supervisor that stores parameters. They "
             "are in parameters.yaml of the session's folder."
         )
     attempt = _Attempt(access, profile.supervisor, document)

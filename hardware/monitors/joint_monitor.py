@@ -72,7 +72,7 @@ class ContinuityMonitor:
         self._jerk_syncs_left = 0
 
     def expect_jerk(self) -> None:
-        """Suspend detection: a drive is enabled, changes mode, or gets a target out of turn."""
+        """Suspend detection: a drive is enabled, changes mode, or gets a target that is not the next of its move."""
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 

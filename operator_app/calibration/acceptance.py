@@ -83,7 +83,7 @@ def causes_of(
     tolerances. `labels`: labels of the poses in the order in which they were taken.
     """
     if estimate.dof < limits.REFUSED_DOF:
-        # Refused for that; all other findings from so few poses may be chance.
+        # Too few poses alone refuse the calibration; all other findings from them may be chance.
         return ()
     unnamed = tuple(_unnamed(diagnosis))
     if unnamed and _left(diagnosis) > limits.CHI2_PER_DOF_GROSS:

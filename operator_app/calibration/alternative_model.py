@@ -111,7 +111,7 @@ def is_near(alternative: AlternativeModel) -> bool:
 
 
 def closes(alternative: AlternativeModel, *, far: float) -> bool:
-    """Whether a loop closes in another fixture much better than noise explains.
+    """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
     `far` is the mean square closure error in the file's fixture, rotations included: noise makes it a few times larger
     than in the other one, a tilting tool a hundred times.

@@ -34,7 +34,7 @@ from solver.diagnostics.fault_models import constant_reading_runs
 from solver.diagnostics.model_selection import probabilities
 from solver.diagnostics.range_checks import makes_sense, mistakes
 
-PROMISING = 0.3
+PROMISING_COST_SHARE = 0.3
 """An alternative is solved completely if it leaves less than this share of the squared closure error."""
 
 PER_FREEDOM = 4.6
@@ -85,7 +85,7 @@ def find_alternatives(
         else (_frozen(stated), _same_loop(stated), _blind(stated))
     )
     for family in families:
-        for alternative in _screened(family, deadline, below=PROMISING * as_it_is):
+        for alternative in _screened(family, deadline, below=PROMISING_COST_SHARE * as_it_is):
             if near and not is_near(alternative):
                 continue
             if thread_time() > deadline:
@@ -157,7 +157,7 @@ def _named(found: list[tuple[AlternativeModel, float]]) -> tuple[Finding, ...]:
 
 
 def _same_loop(stated: AlternativeModel) -> Iterator[AlternativeModel]:
-    """Mistakes of the file: a unit, a sign, two columns exchanged."""
+    """Alternatives without a mistake of the file: a unit, a sign, two exchanged columns."""
     if stated.unsensed:
         return
     arm, poses = stated.arm, stated.poses
@@ -186,7 +186,7 @@ def _same_loop(stated: AlternativeModel) -> Iterator[AlternativeModel]:
 
 
 def _frozen(stated: AlternativeModel) -> Iterator[AlternativeModel]:
-    """A sensor that is stuck in a run of poses: the loops close without that run."""
+    """Alternatives in which a sensor is stuck in a run of poses: the loops close without that run."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -199,13 +199,13 @@ def _frozen(stated: AlternativeModel) -> Iterator[AlternativeModel]:
 
 
 def _blind(stated: AlternativeModel) -> Iterator[AlternativeModel]:
-    """Another fixture, or a sensor whose readings are useless in all poses."""
+    """Alternatives with another fixture, or without a sensor whose readings are useless in all poses."""
     yield from other_fixtures(replace(stated, unsensed=()))
     yield from _unread(stated)
 
 
 def _unread(stated: AlternativeModel) -> Iterator[AlternativeModel]:
-    """A sensor that says nothing in any pose."""
+    """Alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
             yield stated.without_reading(j)

@@ -62,7 +62,7 @@ def explain_unidentifiable(
 
 
 def _led_away(stated: AlternativeModel, paper: Estimate) -> tuple[Finding, ...]:
-    """Return the cause of a solution at which the poses determine fewer parameters than at the nominal values."""
+    """Return the cause if the poses determine fewer parameters at the solution than at the nominal values."""
     model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
     if identifiability(model, nominal, q, sigma_rad=stated.arm.sigma_rad()).directions:

@@ -248,8 +248,8 @@ def motion_causes(
 ) -> tuple[Finding, ...]:
     """Return the joints whose readings spread within poses by more than their sensor's noise.
 
-    An RVDT that spreads in most poses is noisy, which its own verdict reports. The mean over samples of a moving arm is
-    no pose and closes no loop, though the fit may not show it.
+    An RVDT that spreads in most poses is noisy, which its own verdict reports. The mean over samples of a moving arm
+    does not close the loop, though the fit may not show it.
     """
     if poses.sd_rad is None:
         return ()
@@ -285,7 +285,7 @@ def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArra
     return np.asarray(spread_rad > max(MOTION_SPREAD_SIGMAS * noise, MOTION_SPREAD_RAD))
 
 
-MANY = 3
+WRONG_ROW_JOINTS = 3
 """This many joints outside their ranges indicate a wrong row; fewer may be the effect of a tool upside down."""
 
 
@@ -301,8 +301,8 @@ def excluded_poses(
         for k in left_out
     }
     radians = _in_radians(left_out, arm, poses)
-    wrong = tuple(k for k in left_out if len(joints[k]) >= MANY and k not in radians)
-    flipped = tuple(k for k in left_out if len(joints[k]) < MANY and k not in radians)
+    wrong = tuple(k for k in left_out if len(joints[k]) >= WRONG_ROW_JOINTS and k not in radians)
+    flipped = tuple(k for k in left_out if len(joints[k]) < WRONG_ROW_JOINTS and k not in radians)
     found = []
     if radians:
         labels = tuple(poses.label[k] for k in sorted(radians))

@@ -299,7 +299,7 @@ def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[
     """
     model = solution.model
     kept = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
-    # The zeros of the first and the last joint are counted from the fixture: several placements, several.
+    # The zeros of the first and the last joint count from the fixture, so each placement has its own.
     several = {1, arm.joint_count} if len(poses.placements) > 1 else set()
     joints = [
         j

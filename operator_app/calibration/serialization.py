@@ -47,7 +47,7 @@ def to_dict(found: object) -> dict[str, Any]:
 def from_dict(of: type[T], data: Mapping[str, Any]) -> T:
     """Return the dataclass from the data of `to_dict`, arrays read-only.
 
-    Raises `RecordError` if the data are of another version of the dataclass, or no record at all.
+    Raises `RecordError` if the data are of another version of the dataclass, or not a record.
     """
     try:
         if data["version"] != VERSION:

@@ -35,8 +35,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--through",
-        "the last stage: look (nothing is enabled), hold (drives on, what must be refused, STOP), move (each "
-        "joint by a little, halted, interrupted and stopped on its way), free (each joint lets go), leave (closed "
+        "the last stage: look (nothing is enabled), hold (drives on, refusals, STOP), move (each "
+        "joint a little; halted, interrupted and stopped on its way), free (each joint in free mode), leave (released "
         "and connected again), silence (as if this program died); default silence. Every stage after look asks "
         "first, joint by joint",
         choices=STAGES,

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "by their contents",
     )
     for kind in ("arm", "fixture", "procedure"):
-        option(parser, f"--{kind} NAME", f"a built-in {kind}, or the file of one")
+        option(parser, f"--{kind} NAME", f"built-in name or file of the {kind}")
     options(parser, "--json")
 
 

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--procedure P",
-        "arm and fixture of this procedure, instead of the two above; the arm stands at its home",
+        "arm and fixture of this procedure, instead of --arm and --fixture; the arm starts at its home_deg",
     )
     option(
         parser,
@@ -73,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--heartbeat-timeout S",
-        "how long the drives go without the operator's heartbeat before they trip (1016h), in s: default "
+        "time in s without the operator's heartbeat after which the drives trip (1016h): default "
         f"{HEARTBEAT_TIMEOUT_S:g}, at most {MAX_OPERATOR_TIMEOUT_S:g}; for a machine that both programs share with "
         f"others. `sarcal arm-check` passes no more than {ADVISED_OPERATOR_TIMEOUT_S:g}",
         type=_patience_s,
@@ -91,15 +91,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         faults,
         "--fault-joint J",
-        "joint of the fault, if it is of one joint (default 3)",
+        "joint of a fault that concerns one joint (default 3)",
         type=int,
         default=3,
     )
     option(
         faults,
         "--fault-sync N",
-        "SYNC of the fault since the start of the controller; 0: before the connection (default 0 for "
-        f"{', '.join(_AT_CONNECT)}, which appear at the connection; else 1000: after 10 s in real time)",
+        "SYNC at which the fault occurs, counted from the start; 0: before the connection (default 0 for "
+        f"{', '.join(_AT_CONNECT)}, which appear at the connection; 1000 for others: after 10 s in real time)",
         type=int,
     )
     bus_options(parser, profile=False)

@@ -31,23 +31,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--format",
-        "yaml: the parameters file, for the controller; json: everything; csv: one row a parameter; "
-        "urdf: the arm's own side, for simulators and planners; mat: for MATLAB (default: what -o ends in, "
+        "yaml: the parameters file, for the controller; json: everything; csv: one row per parameter; "
+        "urdf: the arm's own side, for simulators and planners; mat: for MATLAB (default: by the ending of -o, "
         "else yaml)",
         choices=FORMATS,
     )
     option(
         parser,
         "-o --output FILE",
-        "write there (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
+        "file to write (default: in the session folder, parameters.yaml, result.json, parameters.csv, "
         "arm.urdf or result.mat; - is stdout)",
         type=a_path,
     )
     option(
         parser,
         "--into FILE",
-        "your own URDF, xacro with literal numbers or UR default_kinematics.yaml: written again with only "
-        "origins of joints changed (default -o: FILE_calibrated in the session folder)",
+        "your own URDF, xacro with literal numbers or UR default_kinematics.yaml, to be copied with only the "
+        "joint origins changed (default -o: FILE_calibrated in the session folder)",
         type=a_path,
     )
     option(parser, "--upload", "upload them to the controller and read them back")

@@ -23,16 +23,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--kept-mounted",
-        "the fixture stays mounted between sessions: compare its placement as well; without it each session "
+        "the fixture stays mounted between sessions: compare its placement too; without this option each session "
         "has a new placement",
     )
     option(
         parser,
         "--every DAYS",
-        "interval between calibrations (default: the median of those there are)",
+        "interval between calibrations in days (default: the median so far)",
         type=float,
     )
-    option(parser, "-o --output FILE", "write an HTML page with charts there as well", type=a_path)
+    option(
+        parser, "-o --output FILE", "write an HTML page with charts to this file too", type=a_path
+    )
     options(parser, "--sessions DIR, --json")
 
 

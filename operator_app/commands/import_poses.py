@@ -42,26 +42,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "columns of joints 1, 2, ...: numbers from 1 (2-8) or names of the header (q1,q2,...); "
         "of a bag: names of its joints",
     )
-    recorded = parser.add_argument_group("recordings: one pose wherever the arm was at rest")
+    recorded = parser.add_argument_group("recordings: one pose for each time at rest")
     option(
         recorded,
         "--time COLUMN",
-        "column of a log, by number or name, that has the times (s, or ISO 8601): it is a recording",
+        "column of the times (s, or ISO 8601) by number or name, which makes the log a recording",
     )
     option(
         recorded, "--topic TOPIC", "of a bag's sensor_msgs/msg/JointState (default /joint_states)"
     )
-    option(recorded, "--dwell-s S", "the arm rests at least this long (default 1)", type=float)
+    option(recorded, "--dwell-s S", "shortest time at rest, s (default 1)", type=float)
     option(
         recorded,
         "--spread-deg DEG",
-        "largest less smallest reading of each joint at rest (default 0.05)",
+        "largest minus smallest reading of each joint at rest, deg (default 0.05)",
         type=float,
     )
     option(
         parser,
         "--placement COLUMN",
-        "column of a log, by number or name, that says in which placement of the fixture a pose was taken",
+        "column of a log, by number or name, with the fixture's placement for each pose",
     )
     option(parser, "--serial TEXT", "serial number of the arm, for compare")
     option(parser, "--name NAME", "name of the session (default: that of the file)")

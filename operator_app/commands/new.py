@@ -67,11 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--from NAME",
-        "copy this packaged file, comments and all, to change its numbers",
+        "copy this packaged file with its comments, to change its numbers",
         dest="packaged",
     )
-    option(parser, "--name NAME", "name of what is made")
-    option(parser, "-o --output FILE", "write it there (default: NAME.yaml)", type=a_path)
+    option(parser, "--name NAME", "name of the new arm, fixture or procedure")
+    option(parser, "-o --output FILE", "file to write (default: NAME.yaml)", type=a_path)
     urdf = parser.add_argument_group("arm")
     option(urdf, "--urdf FILE", "the arm's URDF (not xacro)")
     option(urdf, "--base LINK", "link that the chain starts at (default: the root)")
@@ -79,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     fixture = parser.add_argument_group(
         "fixture, measured in the base (frame 0) and on the tool (frame n)"
     )
-    option(fixture, "--arm ARM", "arm file or built-in name; for a procedure, too")
+    option(fixture, "--arm ARM", "arm file or built-in name, for a fixture or a procedure")
     option(fixture, "--kind", "what constrains the tool", choices=("hinge", "ball"))
     for side, where in (
         ("hand", "in the last frame of the arm's D-H table"),
@@ -198,7 +198,7 @@ def _fixture(args: argparse.Namespace) -> int:
     if args.kind == "ball":
         for given in ("hand_direction", "base_direction"):
             if getattr(args, given):
-                raise UsageError(f"{_typed(given)}: a ball is a point")
+                raise UsageError(f"{_typed(given)}: a ball is a point and has no direction")
         base = _millimetres(args, "base_point") if args.base_point else None
         fixture = ball_between(arm, _millimetres(args, "hand_point"), base)
     else:

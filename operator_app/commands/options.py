@@ -126,8 +126,8 @@ def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> Non
         option(
             group,
             "--profile P",
-            "how the arm's nodes are set up: bus profile file or built-in name (default sarcos, or "
-            "what the procedure says); sarcal probe --draft writes one",
+            "set-up of the arm's nodes: bus profile file or built-in name (default sarcos, or "
+            "that of the procedure); sarcal probe --draft writes one",
         )
 
 

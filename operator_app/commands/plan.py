@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(parser, "procedure?", "procedure file or built-in name (default hinge)")
     option(parser, "--arm ARM", "another arm file or built-in name than the procedure's")
     option(
-        parser, "--fixture FIXTURE", "another fixture file or built-in name than the procedure's"
+        parser, "--fixture FIXTURE", "fixture file or built-in name, in place of the procedure's"
     )
     option(
         parser, "--poses N", f"how many poses to plan (default {DEFAULT_POSES})", type=pose_count

@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--configure",
-        "with --draft: a profile that has the drives' PDOs written into them whenever they are connected to "
-        "(pdo_maps: configured), for drives that cannot be driven as they are set up; probe itself writes nothing",
+        "with --draft: a profile that has PDOs written into the drives at every connection "
+        "(pdo_maps: configured), for drives whose present PDOs do not suffice; probe itself writes nothing",
     )
     bus_options(parser)
     options(parser, "--record FILE, --json")

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "-o --output FILE",
-        "write the page there (default: report.html in the session folder; - is stdout)",
+        "file to write (default: report.html in the session folder; - is stdout)",
         type=a_path,
     )
     shown = parser.add_mutually_exclusive_group()
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         shown,
         "--plots FOLDER",
-        "write figures for a paper there instead, as SVG, and as PDF with the extra [plots]",
+        "write figures for a paper into this folder instead, as SVG, and as PDF with the extra [plots]",
         type=a_path,
     )
     options(parser, "--estimator, --unsensed JOINTS, --sessions DIR")

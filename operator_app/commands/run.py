@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "--placements N",
         "mount the fixture N times and capture --poses in each placement: the arm's offsets are shared, the "
-        "fixture parameters are of each placement. Between two placements the program asks you to remount it",
+        "fixture parameters differ. Between two placements the program asks you to remount it",
         type=placement_count,
     )
     option(parser, "--resume SESSION", "go on with a session: its folder, its name or latest")

@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "--open-loop",
-        "with endpoints of the open arm measured by another instrument: shows which offsets and lengths "
+        "with endpoints of the open arm measured by an instrument: shows which offsets and lengths "
         "disagree. From POSES.csv (x_m,y_m,z_m[,rx_deg,ry_deg,rz_deg]); without it the arm, out of its "
         "fixture, captures the poses of --procedure, in a session of their own",
     )

@@ -41,7 +41,7 @@ class PoseInformation:
         (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information is ``root' root``. The last K
         columns are effects, with a standard normal prior.
     misclosure
-        (m, r): by how much the loops fail to close, in units of their noise.
+        (m, r): closure errors in units of their noise.
     """
 
     parameters: tuple[str, ...]
@@ -121,7 +121,9 @@ def pose_information(
     try:
         parts = [design.whiten(equations.part(here), sizes, root, here) for here in design.parts()]
     except np.linalg.LinAlgError as error:
-        raise ValueError("joints without noise leave closure components without any") from error
+        raise ValueError(
+            "some closure components have no noise, because their joints have none"
+        ) from error
     columns, w = (np.concatenate(rows) for rows in zip(*((p.M, p.w) for p in parts), strict=True))
     effects = columns[..., design.hard :]
     # Leading combinations of independent effects are independent effects again.

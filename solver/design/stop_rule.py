@@ -243,9 +243,8 @@ Calibrate = Callable[[FloatArray], InterimEstimate]
 def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
     """Interim calibration by the implicit estimator, from nominal values or the last good estimate.
 
-    When the closures are far larger than the joint sensors' noise, the rest is attributed to the fixture's compliance,
-    estimated from the closures, and the poses are fitted again: a compliant fixture must not make a short pose set look
-    certain.
+    When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
+    compliance and the poses are fitted again: otherwise few poses in a compliant fixture would look too certain.
     """
     last: list[FloatArray] = []
     explained = [noise]

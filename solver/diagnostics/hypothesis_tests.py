@@ -181,7 +181,7 @@ FREE = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outlier:
-    """One pose against the prediction from the poses that are no outliers.
+    """One pose against the prediction from the poses that are not outliers.
 
     Attributes
     ----------
@@ -247,7 +247,7 @@ def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
 
 
 def pose_columns(left: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Separate columns (p, r, r) that free all equations of the poses (p,), in units of their noise."""
+    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them ignores the poses."""
     return np.asarray(np.linalg.inv(left.whitener[poses]))
 
 

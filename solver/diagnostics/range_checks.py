@@ -229,7 +229,7 @@ def range_findings(
 
 
 def _outside(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """Excess of each reading (m, n) over its range and the error of its sensor, rad."""
+    """Distance of each reading (m, n) beyond its range and its sensor's error, rad."""
     slack = (
         limits.RANGE_SLACK_RAD + limits.RANGE_SLACK_SIGMAS * arm.sigma_rad() + arm.linearity_rad()
     )

@@ -180,7 +180,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
     span = float(np.ptp(reading) / sensor.full_scale_rad)
     if span < limits.RVDT_LEAST_SPAN:
         return (
-            f"the joint turned through {100.0 * span:.0f} % of full scale only, "
+            f"the joint turned through only {100.0 * span:.0f} % of full scale, "
             f"{100.0 * limits.RVDT_LEAST_SPAN:.0f} % are needed"
         )
     sd = float(np.sqrt(np.mean(of_loops.variance)))
@@ -228,7 +228,7 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
     too_curved = linearity_deviation(figures, sensor).beyond(sensor.linearity_rad)
     too_noisy = _too_noisy(figures.noise, sensor)
     rms = float(np.sqrt(np.mean(figures.deviation_rad**2)))
-    # The loop must know the angle better than the sensor reads it, or there is nothing to gain.
+    # The loop must measure the angle better than the sensor does; otherwise there is nothing to gain.
     harmful = (curved or too_noisy) and rms > limits.RVDT_HARMFUL_RATIO * max(
         sensor.sigma_rad, figures.loop_sd_rad
     )
@@ -288,8 +288,8 @@ def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
         words = f"noise of a single reading {noise.low:.1f} to {noise.high:.1f} LSB ({allowed})"
         return [words, NOISY]
     most = f"below {noise.high:.1f} LSB ({allowed})"
-    words = f"noise of a single reading: cannot be told from these poses, {most}"
-    remedy = "record several samples a pose with their sd to measure it"
+    words = f"noise of a single reading: not determined by these poses, {most}"
+    remedy = "to measure it, record several samples per pose with their sd"
     return [words, remedy] if noise.high > limits.RVDT_NOISE_RATIO * sensor.noise_lsb else [words]
 
 

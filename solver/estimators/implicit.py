@@ -249,7 +249,7 @@ def linearise(
 def whitener(V: FloatArray) -> FloatArray:
     """``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
 
-    Raises `PosesDoNotFitError` if there is none: these poses are far from closing.
+    Raises `PosesDoNotFitError` if there is no such root: these poses are far from closing.
     """
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))

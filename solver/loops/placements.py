@@ -160,7 +160,7 @@ class Placements(ClosureModel):
         )
 
     def merged(self, found: Sequence[ReducedError]) -> ReducedError:
-        """Put the reduced errors of all `parts` together."""
+        """Combine the reduced errors of all `parts`."""
         m, first = len(self.placement), found[0]
         places = [(columns, poses) for _, columns, poses in self.parts()]
         flipped = np.zeros((*first.flipped.shape[:-1], m), dtype=np.bool_)

@@ -67,7 +67,7 @@ def check_text(found: Found, chains: Sequence[Chain]) -> str:
         if isinstance(looked.holds, ArmModel):
             arms[looked.holds.name] = looked.holds
     blocks = [
-        "Nothing is wrong with what the files say.\n"
+        "No problems were found in the files.\n"
         + aligned([[looked.source.file, in_words(looked)] for looked in found.files], left=True),
         *(_arm(arm) for arm in arms.values()),
         *(_chain(chain) for chain in chains),

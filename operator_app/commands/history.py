@@ -54,7 +54,7 @@ def _only_serial(root: Path) -> str:
             f"no session in {root} states a serial number; import with --serial to state one"
         )
     if len(serials) > 1:
-        raise UsageError(f"name one of the arms in {root}: {', '.join(serials)}")
+        raise UsageError(f"name one of the serial numbers in {root}: {', '.join(serials)}")
     return serials[0]
 
 

@@ -118,7 +118,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     if 0 < len(rows) < len(q):
         turned = q.copy()
         turned[rows] = np.rad2deg(q[rows])
-        first = f"{len(rows)} of {len(q)} poses, number {rows[0] + 1} the first of them,"
+        first = f"{len(rows)} of {len(q)} poses (the first is number {rows[0] + 1})"
         yield Mistake(
             code="RADIANS_POSES",
             text=f"taken as radians the readings of {first} are in range",

@@ -275,7 +275,7 @@ def test_wrong_input_says_what_to_do(tmp_path: Path) -> None:
         sarcal.load_arm("sarcos")
     with pytest.raises(sarcal.ConfigError, match="the arm has 7 joints"):
         sarcal.load_poses(_Frame({f"theta{j}_deg": [1.0, 2.0] for j in range(1, 9)}), joint_count=7)
-    with pytest.raises(ValueError, match="give the readings once"):
+    with pytest.raises(ValueError, match="give the readings in one unit only"):
         sarcal.poses_of()
 
 

@@ -44,7 +44,7 @@ def test_half_a_file_in_radians_is_named_as_such() -> None:
     found = session(21)
     read = found.readings.copy()
     read[20:] = np.deg2rad(read[20:])
-    assert "20 of 40 poses, number 21 the first of them, taken as radians" in (
+    assert "20 of 40 poses (the first is number 21) are in range" in (
         outcome(replace(found, readings=read)).said
     )
 

@@ -85,7 +85,7 @@ def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(
         "two fixture hinge: hinge",
         "one arm sarcos_dextrous: 7 joints",
         "bus bus profile sarcos",
-        "1 shoulder 1 -35.0 to 115.0 encoder, 400000 counts a turn 0.0003 found",
+        "1 shoulder 1 -35.0 to 115.0 encoder, 400000 counts per turn 0.0003 found",
         "6 wrist 1 -275.6 to -155.6 RVDT, 12 bits over 120.0 deg 0.0592 found",
         "Mobility 2: exactly 2 joints in position mode, the others free.",
         " would drive (reaches ",

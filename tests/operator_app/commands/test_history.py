@@ -113,7 +113,7 @@ def test_no_sessions_and_none_with_a_serial_number_are_two_answers(
     assert (code, "no sessions in" in err) == (2, True)
     calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial=UNKNOWN_SERIAL_NUMBER)
     code, _, err = asked([], tmp_path, capsys)
-    assert (code, "states a serial number" in err, "import --serial" in err) == (2, True, True)
+    assert (code, "states a serial number" in err, "with --serial" in err) == (2, True, True)
 
 
 def test_two_sessions_of_one_day_are_no_interval(

@@ -275,7 +275,7 @@ def test_what_does_not_go_with_a_recording_is_refused(
         ([bag, "--dwell-s", "300"], "never at rest for 300 s within 0.05 deg; give another"),
         ([bag, "--spread-deg", "9"], "--spread-deg 9: degrees"),
         ([str(log), "--dwell-s", "1"], "name the time column of a log with --time"),
-        ([str(log), "--time", "time"], "say --rad, or --deg"),
+        ([str(log), "--time", "time"], "use --rad, or --deg"),
         ([str(log), "--time", "when"], "--time: there is no column 'when'"),
         ([str(log), "--time", "time", "--topic", "/a"], "--topic is for bags"),
         (

@@ -201,7 +201,7 @@ def test_the_app_begins_with_a_wrong_file_and_says_so_on_its_screen(
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     assert main(["--plain", "-i", "virtual", "--sessions", str(tmp_path / "sessions")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert f"warning] {file} is wrong" in said
+    assert f"warning] {file} is invalid" in said
     assert said.count(str(file)) == 1
 
 

@@ -356,7 +356,7 @@ def proven_by_return(
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Return causes that only a repeated pose shows, without slips that the tests have found already.
 
-    A compliant fixture or a wrong length is no slip.
+    A compliant fixture and a wrong length do not count as slips.
     """
     slipped = any(cause.kind is FindingKind.FIXTURE_SLIPPED for cause in by_tests)
     joints = {c.joint for c in by_tests if c.sensor or c.kind in READING_KINDS}

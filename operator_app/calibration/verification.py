@@ -398,10 +398,10 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
     else:
         names = [new.label[k] for k in own[:NAMED]] + ["..."] * (len(own) > NAMED)
         who = (
-            f"{len(own)} of the {len(new)} poses ({', '.join(names)}) are of those that the calibration was "
+            f"{len(own)} of the {len(new)} poses ({', '.join(names)}) are poses that the calibration was "
             "made from"
         )
-    raise NoTestError(f"{who}: they verify nothing; use poses that took no part in it")
+    raise NoTestError(f"{who}: they verify nothing; use other poses")
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:

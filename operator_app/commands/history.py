@@ -18,7 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     option(
         parser,
         "serial? SERIAL",
-        "serial number of the arm, e.g. SDA-0001; may be left out where all sessions are of one",
+        "serial number of the arm, e.g. SDA-0001; optional if all sessions are from one arm",
     )
     option(
         parser,

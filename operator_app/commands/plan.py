@@ -31,7 +31,7 @@ TRIES = 24
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     option(parser, "procedure?", "procedure file or built-in name (default hinge)")
-    option(parser, "--arm ARM", "another arm file or built-in name than the procedure's")
+    option(parser, "--arm ARM", "arm file or built-in name, in place of the procedure's")
     option(
         parser, "--fixture FIXTURE", "fixture file or built-in name, in place of the procedure's"
     )

@@ -199,8 +199,8 @@ class _Reader:
         # The error that prevents reading it is reported instead.
         load_strict(data, file)
         kinds = ", ".join(FILES)
-        remedy = f"begin it with `schema: sarcal/KIND/1`, of {kinds}; poses are a CSV file"
-        raise only(file, "nobody can tell what kind of file this is", remedy, line=1)
+        remedy = f"begin it with `schema: sarcal/KIND/1`, KIND one of {kinds}; poses are a CSV file"
+        raise only(file, "the kind of this file cannot be recognised", remedy, line=1)
 
     def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
         """Refuse poses whose number of joints is that of no arm."""

@@ -77,23 +77,21 @@ def load_joint_log(
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
     if not rows:
-        raise only(file, "is empty", "a row of joint angles for each pose is wanted")
+        raise only(file, "is empty", "it must have a row of joint angles for each pose")
     first = rows[0].cells
     # A row of a log may begin with the name of its placement.
     header = first if not any(map(is_number, first if placement else first[:1])) else []
     if header and not columns and any(THETA.fullmatch(cell) for cell in header):
         if unit == "rad":
-            remedy = (
-                "leave --rad out, or name the columns with --columns if it is the header that errs"
-            )
-            raise only(file, "its header says degrees", remedy, line=rows[0].line)
+            remedy = "leave --rad out, or name the columns with --columns if the header is wrong"
+            raise only(file, "its header states degrees", remedy, line=rows[0].line)
         if placement:
             remedy = "leave --placement out: such a file has a column placement"
             raise only(file, "is a poses file", remedy, line=rows[0].line)
         return parse_poses(data, file, joint_count=joint_count)
     body = rows[1:] if header else rows
     if not body:
-        raise only(file, "has a header and no poses", "capture poses first")
+        raise only(file, "has a header but no poses", "capture poses first")
     there = range(len(body[0].cells))
     if header and len(header) != len(there):
         text = f"its header has {len(header)} cells, and the first row of angles {len(there)}"
@@ -106,7 +104,7 @@ def load_joint_log(
         text = (
             f"does not state its unit, and no angle of {len(q)} poses exceeds {np.abs(q).max():.3g}"
         )
-        raise only(file, text, "say --rad, or --deg if these are degrees")
+        raise only(file, text, "use --rad, or --deg if these are degrees")
     numbers, notes = ([1] * len(q), None) if by is None else _placements(body, by, file)
     return LoadedPoses(
         poses=PoseSet(
@@ -131,7 +129,7 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
     order = {name: k for k, name in enumerate(dict.fromkeys(names), 1)}
     if len(order) > MOST_LOGGED_PLACEMENTS:
         text = f"column {by + 1} has {len(order)} different entries"
-        remedy = "--placement wants the column with the same entry in every pose of a placement"
+        remedy = "--placement names a column with the same entry in every pose of a placement"
         raise only(file, text, remedy)
     return [order[name] for name in names], tuple(f"placement {name}" for name in names)
 
@@ -188,7 +186,9 @@ def find_columns(
             ]
             example = ",".join(likely) if len(likely) == joint_count else example
         raise only(
-            file, text, f"say which are its joints, e.g. --columns {example}; or {HEADER_EXAMPLE}"
+            file,
+            text,
+            f"name those of the joints, e.g. --columns {example}; or write the header {HEADER_EXAMPLE}",
         )
     found: list[int] = []
     for word in (part.strip() for part in wanted.split(",")):

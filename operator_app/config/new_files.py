@@ -59,7 +59,7 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
     source = resolve(kind, packaged)
     if source.folder is not None:
         remedy = f"packaged: {', '.join(builtin_names(kind))}"
-        raise only(source.file, f"is no packaged {kind}", remedy)
+        raise only(source.file, f"is not a packaged {kind}", remedy)
     text = source.data.decode()
     for key, value in {"name": name, **instead}.items():
         # A path may have backslashes, which a template would interpret.

@@ -119,7 +119,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
         unique_remedy="give every pose of a placement its own name",
     )
     if not columns["pose"]:
-        raise only(file, "has a header and no poses", "capture poses first")
+        raise only(file, "has a header but no poses", "capture poses first")
     try:
         poses = _pose_set(_as_numbered(columns))
     except ValueError as error:

@@ -91,7 +91,7 @@ def load_timed_log(
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
     lines = read_rows(text)
     if len(lines) < 2:
-        raise only(file, "has no samples", "a line of time and angles for each sample is wanted")
+        raise only(file, "has no samples", "it must have a line of time and angles for each sample")
     header = [] if any(map(is_number, lines[0].cells)) else lines[0].cells
     lines, width = lines[1:] if header else lines, len(lines[1].cells)
     by = find_column("--time", time, header, width, file)
@@ -109,14 +109,14 @@ def load_timed_log(
             cells.extend(_angle(row.cells[k], file, row.line, k) for k in where)
         elif row is not lines[-1]:
             # The last line of a killed recorder is incomplete.
-            text = f"{len(row.cells)} cells where the lines before have {width}"
+            text = f"{len(row.cells)} cells; the lines before have {width}"
             raise only(file, text, "mend this line", line=row.line)
     table = np.array(cells).reshape(-1, 1 + len(where))
     time_s, q = table[:, 0], table[:, 1:]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))
     if unit is None and largest < 2.0 * np.pi:
-        text = f"does not say its unit, and no angle of {len(q)} lines exceeds {largest:.3g}"
-        raise only(file, text, "say --rad, or --deg if these are degrees")
+        text = f"does not state its unit, and no angle of {len(q)} lines exceeds {largest:.3g}"
+        raise only(file, text, "use --rad, or --deg if these are degrees")
     latest = float(np.max(np.abs(time_s), initial=0.0, where=np.isfinite(time_s)))
     per_s = next(per for least, per in PER_SECOND if latest >= least)
     return recording_of(
@@ -138,7 +138,7 @@ def _time_s(cell: str, file: str, line: int, column: int) -> float:
         found = datetime.fromisoformat(cell)
     except ValueError as error:
         remedy = "write seconds, or a time such as 2026-01-31T12:00:00.250Z"
-        text = f"{cell[:40]!r} is no time"
+        text = f"{cell[:40]!r} is not a time"
         raise only(file, text, remedy, line=line, column=column + 1) from error
     return (found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp()
 
@@ -171,7 +171,7 @@ def recording_of(
     joint = int(np.argmax(np.abs(found).max(axis=0)))
     if (largest := float(np.abs(found[:, joint]).max())) > LARGEST_ANGLE_RAD:
         text = f"{joints[joint]} reaches {np.rad2deg(largest):.4g} deg"
-        raise only(file, text, "degrees where radians belong, or no revolute joint?")
+        raise only(file, text, "degrees where radians belong, or not a revolute joint?")
     return JointRecording(
         file=file,
         time_s=rising,
@@ -202,7 +202,7 @@ def find_joints(
     if set(joints) <= set(names) and len(set(joints)) == count:
         return tuple(joints)
     if not (found := numbered_series(names, count)):
-        text = f"which of its columns are joints 1 to {count} is not clear: {', '.join(names[:40])}"
+        text = f"its columns of joints 1 to {count} cannot be recognised: {', '.join(names[:40])}"
         raise only(file, text, "name them in order: --columns NAME,NAME,...")
     return tuple(names[k] for k in found)
 

@@ -46,8 +46,8 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     """
     text = _decode(data, file)
     if text.lstrip().startswith("<"):
-        remedy = "of a URDF an arm file is made first: sarcal new arm --urdf FILE"
-        raise only(file, "is XML and not YAML", remedy, line=1)
+        remedy = "make an arm file from a URDF first: sarcal new arm --urdf FILE"
+        raise only(file, "is XML, not YAML", remedy, line=1)
     try:
         node = _composed(text, file)
     except yaml.reader.ReaderError as error:
@@ -61,7 +61,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         raise only(file, what, remedy, line=line, column=column) from error
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         # PyYAML passes on the errors of chr() and int() for absurd escapes and directives.
-        raise only(file, "is not YAML that can be read", "check the file") from error
+        raise only(file, "cannot be read as YAML", "check the file") from error
     if node is None:
         raise only(file, "is empty", "start from a packaged file")
     if not isinstance(node, MappingNode):
@@ -223,7 +223,9 @@ def _placed(document: YamlDocument, found: _Found) -> Problem:
 def _decode(data: bytes, file: str) -> str:
     if len(data) > YAML_LIMIT_BYTES:
         raise only(
-            file, f"is larger than {YAML_LIMIT_BYTES // 1024} KiB", "this is not the file you mean"
+            file,
+            f"is larger than {YAML_LIMIT_BYTES // 1024} KiB",
+            "this is probably the wrong file",
         )
     return decode_text(data, file)
 

@@ -183,7 +183,7 @@ def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChai
     n, found = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:
-            text = f"has {len(chain.joints)} turning joints from {chain.base} to {chain.tip}"
+            text = f"has {len(chain.joints)} revolute joints from {chain.base} to {chain.tip}"
             raise only(file, text, f"{arm.name} has {n}: is this its URDF?")
         off = chain.table.stacked() - arm.table.stacked()
         angles = [kind for kind in DhKind if kind.is_angle]
@@ -194,8 +194,8 @@ def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChai
         found.append((float(np.abs(off).max()), entry.name, chain))
     size, entry_name, nearest = min(found, key=lambda item: item[0])
     if size > 1.0:
-        text = f"its {entry_name} is {size:.0f} times further from {arm.name}'s than an arm of that model can be"
-        raise only(file, text, "is this the file that the arm's was made of?")
+        text = f"its {entry_name} differs from {arm.name}'s {size:.0f} times more than arms of one model can"
+        raise only(file, text, "is this the file that the arm file was made from?")
     return nearest
 
 

@@ -135,7 +135,7 @@ class UrdfTree:
             if link in elements:
                 both = f"{elements[link].get('name')!r} and {element.get('name')!r}"
                 text = f"link {link!r} is the child of two joints, {both}"
-                raise only(file, text, "a link has one parent: take one joint out")
+                raise only(file, text, "a link has one parent: remove one joint")
             elements[link] = element
         return cls(name=robot.get("name", "arm"), file=file, elements=elements)
 
@@ -151,13 +151,13 @@ class UrdfTree:
         way = _way_to(tip, elements, file)
         before = [_links(e)[0] for e in way]
         if base and base not in before:
-            remedy = f"links on that way: {_some(before)}"
-            raise only(file, f"link {base!r} is not on the way to {tip!r}", remedy)
+            remedy = f"links on that path: {_some(before)}"
+            raise only(file, f"link {base!r} is not on the path to {tip!r}", remedy)
         first = before.index(base) if base else 0
         named = Counter(e.get("name", "") for e in way[first:])
         if twice := [name for name, count in named.items() if count > 1]:
-            text = f"has several joints named {twice[0]!r} on the way to {tip!r}"
-            raise only(file, text, "give every joint a name of its own")
+            text = f"has several joints named {twice[0]!r} on the path to {tip!r}"
+            raise only(file, text, "give every joint a unique name")
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
@@ -201,14 +201,14 @@ def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> Urd
 def _robot(data: bytes, file: str) -> ET.Element:
     text = decode_text(data, file)
     if re.search(r"<!\s*(DOCTYPE|ENTITY)", text, re.IGNORECASE):
-        raise only(file, "declares entities", "a URDF needs none: take them out")
+        raise only(file, "declares entities", "a URDF needs none: remove them")
     try:
         robot = ET.fromstring(text)  # noqa: S314 - entities were refused, and there are no others
     except ET.ParseError as error:
         line = error.position[0]
         raise only(file, f"is not XML: {error}", "is this the URDF?", line=line) from error
     if robot.tag != "robot":
-        remedy = "give the URDF itself; xacro: `xacro arm.urdf.xacro > arm.urdf` first"
+        remedy = "give the URDF itself; expand a xacro first: `xacro arm.urdf.xacro > arm.urdf`"
         raise only(file, f"holds a <{robot.tag}>, not a <robot>", remedy)
     return robot
 
@@ -225,7 +225,7 @@ def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET
     way: list[ET.Element] = []
     while link in elements:
         if len(way) > len(elements):
-            raise only(file, "its links go round in a circle", "mend the parents")
+            raise only(file, "its links form a cycle", "mend the parents")
         way.insert(0, elements[link])
         link = _links(elements[link])[0]
     return way
@@ -258,8 +258,8 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     if not ends:
         raise only(file, "no joint turns on the way to that link", "name another --tip")
     most = sorted(ends, key=lambda end: -ends[end])
-    names = _some([f"{end} ({ends[end]} turning joints)" for end in most])
-    raise only(file, f"has {len(ends)} ends", f"say which with --tip: {names}")
+    names = _some([f"{end} ({ends[end]} revolute joints)" for end in most])
+    raise only(file, f"has {len(ends)} ends", f"choose with --tip: {names}")
 
 
 def _moves_a_tool(element: ET.Element) -> bool:

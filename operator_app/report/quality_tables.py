@@ -131,9 +131,9 @@ def accuracy_table(solution: Solution) -> FactTable | None:
         return None
     columns = [("before", found.before), ("after", found.after)]
     note = (
-        f"At {found.poses} poses evenly over the ranges, whatever may be in the way there. Before: the "
-        "arm file's own entries against the calibrated ones, as the arm's base sees the hand; what "
-        "belongs to the mounting has no part in it. After: by the best D-H table, corrections not applied"
+        f"At {found.poses} poses evenly over the ranges, obstacles ignored. Before: the "
+        "tool by the arm file against the tool by the calibrated entries, in the arm's base frame, "
+        "without entries of the mounting. After: by the best D-H table, corrections not applied"
         f"{fixed_briefly(tuple(h.name for h in found.holds_for))}."
     )
     if found.after.rms > found.before.rms:

@@ -237,7 +237,7 @@ class Layout:
         for k, source in enumerate(_SOFT):
             listed = tuple(names[i] for i in self.soft_index if self.soft_kind[i] == k)
             if listed and source == OFFSETS:
-                # These are the parameters sought: their prior uncertainty is stated and not estimated.
+                # These parameters are to be identified: their prior uncertainty is stated, not estimated.
                 self.groups.append(Group(source=source, names=listed, fixed=1.0))
             elif listed and source == PLACEMENT:
                 # The fixture's distance from its nominal placement implies nothing about the arm.

@@ -73,7 +73,7 @@ def report_html(subject: Subject) -> bytes:
             f"Made from the journal of session {subject.name} by sarcal "
             f"{subject.software_version}. ",
             element("code", "sarcal report"),
-            " makes this page again. ",
+            " writes this page again. ",
             *_history(subject.state.serial_number),
         ),
     )

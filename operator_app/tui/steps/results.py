@@ -86,7 +86,7 @@ def _hand(found: Solution, width: int) -> list[Line]:
         Figure(spread.rms, CLOSURE_LENGTH).with_unit
         for spread in (found.accuracy.before, found.accuracy.after)
     )
-    said = f"   hand off by {before} before, {after} after (1 sigma)"
+    said = f"   tool off by {before} before, {after} after (1 sigma)"
     if (left := found.accuracy.after_by_poses) is not None:
         by_poses = Figure(left.rms, CLOSURE_LENGTH).with_unit
         said += f", {by_poses} if {names(found.accuracy.stated)} are as stated"

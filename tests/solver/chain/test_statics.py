@@ -84,5 +84,5 @@ def test_what_does_not_fit_together_is_refused():
         ("mass_sd_kg", np.zeros(3)),
         ("down", np.array([0.0, 0.0, -9.81])),
     ):
-        with pytest.raises(ValueError, match=r"down|masses"):
+        with pytest.raises(ValueError, match=r"down|mass"):
             LinkMasses(**{**fine, key: bad})

@@ -139,7 +139,7 @@ def test_too_few_poses_cannot_decide(truth: Truth) -> None:
 def test_too_small_a_span_cannot_decide(truth: Truth) -> None:
     found = judged(truth, Simulation(poses=40, spread_deg=6.0).rereadings(0))
     assert found[6].verdict is Soundness.CANNOT_DECIDE
-    assert "of full scale only" in found[6].text
+    assert "through only" in found[6].text
 
 
 def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:

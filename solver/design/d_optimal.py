@@ -308,7 +308,7 @@ class _Search:
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
-        """Take out one pose at a time and put in the best, until a whole sweep changes nothing."""
+        """Replace one pose at a time by the best, until a whole sweep changes nothing."""
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):

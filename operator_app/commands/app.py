@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, NoReturn
 
 from operator_app.commands.help_topic import manual
 from operator_app.commands.options import (
-    bus_options,
+    arm_bus_options,
     choices_from,
     option,
     options,
     pose_count,
     recording,
-    scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import say
@@ -49,8 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=1.0,
     )
     options(parser, "--tracker PORT, --sessions DIR, --record")
-    bus_options(parser)
-    scenario_options(parser)
+    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

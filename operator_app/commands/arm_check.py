@@ -10,12 +10,11 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
+    arm_bus_options,
     arm_options,
-    bus_options,
     opening_from,
     option,
     options,
-    scenario_options,
 )
 from operator_app.errors import NotLetGoError
 from operator_app.exit_codes import ExitCode, UsageError
@@ -51,8 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     option(parser, "--speed DEG_PER_S", "how fast (default 1 deg/s)", type=float, default=1.0)
     options(parser, "--record FILE, --json")
-    bus_options(parser)
-    scenario_options(parser)
+    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
     a_path,
-    bus_options,
+    arm_bus_options,
     choices_from,
     option,
     options,
     recording,
-    scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -55,8 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser,
         "--force REASON, --json, --estimator, --unsensed JOINTS, --sessions DIR, --record",
     )
-    bus_options(parser)
-    scenario_options(parser)
+    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

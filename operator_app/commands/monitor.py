@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterable
 from datetime import UTC, datetime
 
-from operator_app.commands.options import bus_options, option, options
+from operator_app.commands.options import bus_of_others, bus_options, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -24,20 +24,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Watch the bus, print events, and a summary at the end."""
-    from hardware.buses.python_can import bus_settings, open_bus
+    from hardware.buses.python_can import open_bus
     from hardware.buses.shared_bus import SharedBus
     from hardware.commissioning.bus_monitor import BusMonitor
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
-    from operator_app.config.user_settings import usual_bus
 
     if args.seconds is not None and not 0.0 < args.seconds <= 1e7:
         raise UsageError("--seconds: more than 0 and at most 1e7")
-    settings = bus_settings(
-        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
-    )
-    if settings.interface == "virtual":
-        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
+    settings = bus_of_others(args)
     seen = BusMonitor(load_profile(args.profile or DEFAULT_PROFILE))
     wire = SharedBus(open_bus(settings), record_to=args.record)
     begun = time.monotonic()

@@ -6,7 +6,7 @@ import argparse
 import math
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -120,7 +120,6 @@ def _arm(args: argparse.Namespace) -> int:
     from operator_app.config.any_file import schema_line
     from operator_app.config.arm_file import parse_arm
     from operator_app.config.atomic import dump_strict
-    from operator_app.config.new_files import copied
     from operator_app.config.quantities import short_degrees
     from operator_app.config.resources import DESCRIPTION_LIMIT_BYTES, expanded, read_limited
     from operator_app.config.urdf_reading import COUNTS_PER_REV, arm_file_of, parse_urdf
@@ -129,10 +128,7 @@ def _arm(args: argparse.Namespace) -> int:
     if bool(args.urdf) == bool(args.packaged):
         raise UsageError("new arm: give --urdf FILE or --from NAME")
     if args.packaged:
-        name = _named(args.name or f"my_{args.packaged}")
-        target = _save(args, "arm", name, copied("arm", args.packaged, name=name), parse_arm)
-        say(f"Arm         {target}: a copy of {args.packaged}; change its numbers")
-        return ExitCode.ACCEPTED
+        return _copy(args, parse_arm)
     data = read_limited(expanded(args.urdf), args.urdf, limit=DESCRIPTION_LIMIT_BYTES)
     chain = parse_urdf(data, args.urdf, base=args.base or "", tip=args.tip or "")
     name = _named(args.name or chain.name)
@@ -174,7 +170,7 @@ def _fixture(args: argparse.Namespace) -> int:
 
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture, parse_fixture
-    from operator_app.config.new_files import copied, fixture_file
+    from operator_app.config.new_files import fixture_file
     from operator_app.planning.outlook import from_home_rad
     from operator_app.planning.proposals import ball_between, hinge_between
 
@@ -182,12 +178,7 @@ def _fixture(args: argparse.Namespace) -> int:
         for given in OF_WHAT["fixture"]:
             if getattr(args, given):
                 raise UsageError(f"--from copies a file: leave {_typed(given)} out")
-        name = _named(args.name or f"my_{args.packaged}")
-        target = _save(
-            args, "fixture", name, copied("fixture", args.packaged, name=name), parse_fixture
-        )
-        say(f"Fixture     {target}: a copy of {args.packaged}; change its numbers")
-        return ExitCode.ACCEPTED
+        return _copy(args, parse_fixture)
     if not (args.kind and args.arm and args.hand_point):
         raise UsageError(
             "new fixture: give --from NAME, or --kind, --arm and the measured --hand-point"
@@ -236,23 +227,16 @@ def _fixture(args: argparse.Namespace) -> int:
 def _procedure(args: argparse.Namespace) -> int:
     from operator_app.config.arm_file import parse_arm
     from operator_app.config.fixture_file import parse_fixture
-    from operator_app.config.new_files import copied, procedure_file
+    from operator_app.config.new_files import procedure_file
     from operator_app.config.procedure_file import parse_procedure
     from operator_app.config.resources import Resource, resolve
     from operator_app.planning.task import entries_to_fix
 
     def read(data: bytes, file: str) -> object:
-        return parse_procedure(Resource(file=file, folder=_target(args, name).parent, data=data))
+        return parse_procedure(Resource(file=file, folder=Path(file).parent, data=data))
 
     if args.packaged:
-        name = _named(args.name or f"my_{args.packaged}")
-        instead = {
-            k: _reference(args, name, v) for k in ("arm", "fixture") if (v := getattr(args, k))
-        }
-        content = copied("procedure", args.packaged, name=name, **instead)
-        target = _save(args, "procedure", name, content, read)
-        say(f"Procedure   {target}: a copy of {args.packaged}; change its numbers")
-        return ExitCode.ACCEPTED
+        return _copy(args, read, refers=("arm", "fixture"))
     if not (args.arm and args.fixture):
         raise UsageError("new procedure: give --arm and --fixture, or --from NAME")
     named = {kind: resolve(kind, getattr(args, kind)) for kind in ("arm", "fixture")}
@@ -273,6 +257,20 @@ def _procedure(args: argparse.Namespace) -> int:
     for entry, why in held.items():
         say(f"{entry} is fixed: {why}.")
     say(f"Check it with: sarcal check {target}")
+    return ExitCode.ACCEPTED
+
+
+def _copy(
+    args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
+) -> int:
+    """Copy a packaged file under another name; `refers` are the options that replace a reference in it."""
+    from operator_app.config.new_files import copied
+
+    name = _named(args.name or f"my_{args.packaged}")
+    instead = {k: _reference(args, name, v) for k in refers if (v := getattr(args, k))}
+    content = copied(args.what, args.packaged, name=name, **instead)
+    target = _save(args, args.what, name, content, parse)
+    say(f"{args.what.capitalize():<12}{target}: a copy of {args.packaged}; change its numbers")
     return ExitCode.ACCEPTED
 
 

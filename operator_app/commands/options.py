@@ -13,6 +13,7 @@ from operator_app.exit_codes import UsageError
 from operator_app.safe_output import say
 
 if TYPE_CHECKING:
+    from hardware.buses.python_can import BusSettings
     from operator_app.config.poses_file import LoadedPoses
     from operator_app.session.workflow.opening import Choices, Opening
 
@@ -131,6 +132,19 @@ def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> Non
         )
 
 
+def bus_of_others(args: argparse.Namespace) -> BusSettings:
+    """Return the bus of ``-i -c -b``; UsageError for one that no other process can be on."""
+    from hardware.buses.python_can import bus_settings
+    from operator_app.config.user_settings import usual_bus
+
+    settings = bus_settings(
+        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
+    )
+    if settings.interface == "virtual":
+        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
+    return settings
+
+
 def scenario_options(parser: argparse.ArgumentParser) -> None:
     """``--scenario`` and ``--seed`` of the virtual arm."""
     group = parser.add_argument_group("virtual arm")
@@ -143,6 +157,12 @@ def scenario_options(parser: argparse.ArgumentParser) -> None:
         choices=SCENARIOS,
     )
     option(group, "--seed SEED", "of the virtual arm (default 0)", type=int)
+
+
+def arm_bus_options(parser: argparse.ArgumentParser) -> None:
+    """The bus of an arm, which may be a virtual one."""
+    bus_options(parser)
+    scenario_options(parser)
 
 
 def placement_count(text: str) -> int:

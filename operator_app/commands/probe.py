@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from operator_app.commands.options import a_path, bus_options, option, options
+from operator_app.commands.options import a_path, bus_of_others, bus_options, option, options
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
 
@@ -54,20 +54,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def execute(args: argparse.Namespace) -> int:
     """Probe and report; exit 3 if no node answers or something differs."""
-    from hardware.buses.python_can import bus_settings
     from hardware.commissioning.probe import probe
     from operator_app.config.procedure import DEFAULT_PROFILE
     from operator_app.config.profile_file import load_profile
-    from operator_app.config.user_settings import usual_bus
     from operator_app.report.text import aligned
 
     if args.configure and args.draft is None:
         raise UsageError("--configure needs --draft FILE")
-    settings = bus_settings(
-        args.interface, args.channel, args.bitrate, otherwise=usual_bus(args.interface)
-    )
-    if settings.interface == "virtual":
-        raise UsageError("a virtual bus has no other process; name a bus with -i and -c")
+    settings = bus_of_others(args)
     if args.draft is not None and args.draft.exists():
         raise UsageError(f"--draft: {args.draft} exists; name another file")
     found = probe(settings, load_profile(args.profile or DEFAULT_PROFILE), record_to=args.record)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 
 from operator_app.commands.options import (
+    arm_bus_options,
     arm_options,
-    bus_options,
     opening_from,
     options,
-    scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -19,8 +18,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     arm_options(parser)
     options(parser, "--record FILE, --json")
-    bus_options(parser)
-    scenario_options(parser)
+    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

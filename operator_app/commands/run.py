@@ -8,14 +8,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    bus_options,
+    arm_bus_options,
     choices_from,
     option,
     options,
     placement_count,
     pose_count,
     recording,
-    scenario_options,
 )
 from operator_app.exit_codes import ExitCode
 from operator_app.safe_output import as_json, say
@@ -45,8 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--record, --force REASON, --go-home, --plan, --estimator, --unsensed JOINTS, "
         "--length-tolerance MM, --tracker PORT, --sessions DIR, --json",
     )
-    bus_options(parser)
-    scenario_options(parser)
+    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

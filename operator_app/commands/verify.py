@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from operator_app.commands.options import (
-    bus_options,
+    arm_bus_options,
     choices_from,
     option,
     options,
     pose_count,
     print_warnings,
     recording,
-    scenario_options,
 )
 from operator_app.exit_codes import ExitCode, UsageError
 from operator_app.safe_output import as_json, say
@@ -67,8 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "--poses N", f"how many new poses to capture (default {NEW_POSES})", type=pose_count
     )
     options(parser, "--go-home, --sessions DIR, --record, --json")
-    bus_options(parser)
-    scenario_options(parser)
+    arm_bus_options(parser)
 
 
 def execute(args: argparse.Namespace) -> int:

@@ -113,8 +113,8 @@ def execute(args: argparse.Namespace) -> int:
 
         # In the session, so that the upload is in its journal.
         with unattended(opening, record_to=recording(args, opening)) as session:
-            connect(session, Listener())
-            session.take_control()
+            # No drive is enabled, and no instrument of an open arm is needed.
+            connect(session, Listener(), measuring=False)
             exported = export(session, solution, upload_too=True, forced=forced)
         data, receipt = exported.parameters.read_bytes(), exported.receipt
     else:

@@ -48,10 +48,10 @@ CANDIDATES_PER_POSE = 4
 """Candidates for each pose, where straight moves have to be checked for obstacles first."""
 
 
-def connect(session: Session, listener: Listener) -> ArmIdentity:
+def connect(session: Session, listener: Listener, *, measuring: bool = True) -> ArmIdentity:
     """Connect to the arm; clear drive faults caused by a lost heartbeat of an earlier program."""
     session.instruct = listener.report
-    identity = session.connect()
+    identity = session.connect(measuring=measuring)
     listener.connected(identity)
     if words := configured_words(identity):
         listener.report(f"{words}.")

@@ -103,10 +103,14 @@ class Session(Logbook):
 
     # -- 1 Connect -------------------------------------------------------------------------------
 
-    def connect(self) -> ArmIdentity:
-        """Open the instrument of an open arm, then connect to the arm; a resumed session refuses another arm."""
+    def connect(self, *, measuring: bool = True) -> ArmIdentity:
+        """Open the instrument of an open arm, then connect to the arm; a resumed session refuses another arm.
+
+        Without `measuring` the instrument stays closed: an upload needs none.
+        """
         require_mounted(self.state)
-        self._reader.open_instrument()
+        if measuring:
+            self._reader.open_instrument()
         identity = self.arm.connect()
         self._readings_checked = False
         self._lateness.restart()

@@ -53,6 +53,7 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     assert told["forced"] == "to compare"
     assert told["uploaded"]["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()
     events = read_journal(folder).events
+    assert [e.name for e in events].count("control") == 1, "an upload enables no drive"
     solved, exported = [e for e in events if e.name in ("solved", "exported")][-2:]
     assert solved.data["estimator"] == "paper"
     state = read_session(folder).state

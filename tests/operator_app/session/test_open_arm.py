@@ -187,6 +187,8 @@ def test_without_a_port_it_says_how_to_name_one(tmp_path: Path) -> None:
     )
     with pytest.raises(SessionError, match="--tracker tcp:HOST:PORT"):
         session.connect()
+    # `export --upload` measures nothing, and has no such option.
+    assert session.connect(measuring=False).model == procedure.arm.name
     session.close("failed")
 
 

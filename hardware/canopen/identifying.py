@@ -13,7 +13,7 @@ from hardware.arm_description import (
     JointScale,
 )
 from hardware.canopen.bus_profile import BusProfile, JointProfile
-from hardware.canopen.maps import ABSENT
+from hardware.canopen.maps import ABSENT, read_number
 from hardware.canopen.objects import (
     ARM,
     ARM_JOINTS,
@@ -65,10 +65,11 @@ def read_identity(
                 node=node,
                 role=role,
                 device_name=_text(access, node, DEVICE_NAME),
+                # CiA 301 requires the vendor only.
                 vendor_id=access.read_unsigned(node, IDENTITY, IDENTITY_VENDOR),
-                product_code=_optional(access, node, IDENTITY_PRODUCT),
-                revision=_optional(access, node, IDENTITY_REVISION),
-                serial_number=_optional(access, node, IDENTITY_SERIAL),
+                product_code=read_number(access, node, IDENTITY, IDENTITY_PRODUCT) or 0,
+                revision=read_number(access, node, IDENTITY, IDENTITY_REVISION) or 0,
+                serial_number=read_number(access, node, IDENTITY, IDENTITY_SERIAL) or 0,
             )
             for node, role in nodes
         ),
@@ -244,14 +245,4 @@ def _text(access: ObjectAccess, node: int, index: int) -> str:
     except SdoRefused as refusal:
         if refusal.code in ABSENT:
             return ""
-        raise
-
-
-def _optional(access: ObjectAccess, node: int, subindex: int) -> int:
-    """Sub-index of 1018h; 0 if absent, which CiA 301 allows for all but the vendor."""
-    try:
-        return access.read_unsigned(node, IDENTITY, subindex)
-    except SdoRefused as refusal:
-        if refusal.code in ABSENT:
-            return 0
         raise

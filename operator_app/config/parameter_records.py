@@ -251,4 +251,4 @@ def complaints_of_budget(
             yield (name,), f"has shares that add up to {total:g}, not 1", _WHOLE
 
 
-_WHOLE = "correct the other place too"
+_WHOLE = "the document was changed in one place only: correct the other too"

@@ -52,7 +52,7 @@ from solver.chain.parameters import DhEntry
 
 M = TypeVar("M")
 
-CHANGED_IN_ONE_PLACE = "correct the other place too"
+CHANGED_IN_ONE_PLACE = "the document was changed in one place only: correct the other too"
 UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
 
 

@@ -66,14 +66,8 @@ class ReducedEquations:
 class Rates:
     """Rates of the unsensed angles of linearised poses with parameters, joint angles and displacements.
 
-    Attributes
-    ----------
-    closed
-        ``N+ (c - J_q e)`` (m, U), e being the joint corrections at which loops were linearised.
-    by_x, by_q
-        ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n).
-    down
-        ``N+`` (m, U, k).
+    `closed`: ``N+ (c - J_q e)`` (m, U), e being the joint corrections at which loops were linearised. `by_x`, `by_q`:
+    ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n). `down`: ``N+`` (m, U, k).
     """
 
     closed: FloatArray

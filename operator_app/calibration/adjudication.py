@@ -160,14 +160,8 @@ def adjudicate(
 ) -> Adjudication:
     """Return the causes of a misfit, the most probable first, and the verdict.
 
-    Parameters
-    ----------
-    poses, distinct
-        All poses, and the indices of the fitted ones, in the order in which they were taken.
-    judged
-        Names of the parameters whose sigmas have to be valid.
-    paper
-        The paper's estimate, if that is the chosen one.
+    `poses`, `distinct`: all poses, and the indices of the fitted ones, in the order in which they were taken. `judged`:
+    names of the parameters whose sigmas have to be valid. `paper`: the paper's estimate, if that is the chosen one.
     """
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(

@@ -110,14 +110,8 @@ def _without_unidentifiable(
 class Branches:
     """Poses by the branch of the hinge on which they close.
 
-    Attributes
-    ----------
-    kept
-        (m,): those on the main branch.
-    flipped
-        Indices of the others.
-    paper
-        The paper's estimate from the kept poses with all joints sensed, if it was computed.
+    `kept`: (m,): those on the main branch. `flipped`: indices of the others. `paper`: the paper's estimate from the
+    kept poses with all joints sensed, if it was computed.
     """
 
     kept: BoolArray

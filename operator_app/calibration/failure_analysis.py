@@ -121,14 +121,8 @@ def turned_unread(
     Closes the loop at the second reading, corrected by the closure error of the first: with the joints at rest, and
     with one of them turned. The placement error is in both readings and cancels, and no motion is linearised.
 
-    Parameters
-    ----------
-    x
-        Approximate parameters (P,).
-    before_rad, after_rad
-        Readings (n,).
-    still
-        Joints (1-based) whose readings did not change.
+    `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
+    did not change.
     """
     first = close_loops(model, x, before_rad[None])
     if not first.closed[0]:

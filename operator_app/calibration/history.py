@@ -113,14 +113,8 @@ class EntryHistory:
 class ArmHistory:
     """Calibrations and verifications of one arm over time.
 
-    Attributes
-    ----------
-    parts
-        Offsets of the arm, and the parameters of each mounting, by fixture and estimator.
-    left_out
-        Sessions that are left out, with the reason.
-    due
-        Date of the next calibration, and its reason.
+    `parts`: offsets of the arm, and the parameters of each mounting, by fixture and estimator. `left_out`: sessions
+    that are left out, with the reason. `due`: date of the next calibration, and its reason.
     """
 
     calibrations: tuple[PastCalibration, ...]

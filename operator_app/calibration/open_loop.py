@@ -75,12 +75,8 @@ def check_open_loop(
 ) -> OpenLoopCheck:
     """Check a closed-loop calibration with measured endpoints of the open arm.
 
-    Raises
-    ------
-    EndpointMissingError
-        The poses have no endpoints.
-    SolverError
-        The endpoints do not suffice for a calibration.
+    Raises `EndpointMissingError` if the poses have no endpoints, `SolverError` if the endpoints do not suffice for a
+    calibration.
     """
     own = {*closed.model.ground_side, *closed.model.hand_side}
     values = {

@@ -106,14 +106,8 @@ def placement_prior(
 class StatedFit:
     """Fit of poses with the stated errors, all entries free within tolerances.
 
-    Attributes
-    ----------
-    model
-        The loop, its lengths and twists free.
-    nominal, sd
-        Nominal values and standard deviations (P,) of the unknowns, from the files.
-    fit
-        Result of the fit.
+    `model`: the loop, its lengths and twists free. `nominal`, `sd`: nominal values and standard deviations (P,) of the
+    unknowns, from the files. `fit`: result of the fit.
     """
 
     model: ClosureModel
@@ -211,14 +205,8 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable way to close the loop at one reading.
 
-    Attributes
-    ----------
-    chi2
-        chi2 of the necessary changes; infinite where it does not close at all.
-    dof
-        Equations of the pose minus ignored readings.
-    q_rad
-        (n,) joint angles at which it closes.
+    `chi2`: chi2 of the necessary changes; infinite where it does not close at all. `dof`: equations of the pose minus
+    ignored readings. `q_rad`: (n,) joint angles at which it closes.
     """
 
     chi2: float

@@ -41,14 +41,8 @@ class PlanningBasis:
 class PlannedPose:
     """One pose of a plan.
 
-    Attributes
-    ----------
-    q_rad
-        Predicted readings (n,) of all joints.
-    drives
-        Drive joints (1-based).
-    route
-        Path from the pose before; None if no safe one was found.
+    `q_rad`: predicted readings (n,) of all joints. `drives`: drive joints (1-based). `route`: path from the pose
+    before; None if no safe one was found.
     """
 
     q_rad: FloatArray
@@ -115,12 +109,7 @@ def preview(
 ) -> Preview:
     """Plan `poses` poses, from home or from the poses of a session.
 
-    Raises
-    ------
-    SessionError
-        No plan can be made.
-    SolverError
-        The captured poses are too few for an estimate.
+    Raises `SessionError` if no plan can be made, `SolverError` if the captured poses are too few for an estimate.
     """
     task = planning_task(
         arm,

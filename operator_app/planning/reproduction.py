@@ -54,14 +54,8 @@ class Remedy:
 class Published:
     """The reproduced results.
 
-    Attributes
-    ----------
-    solution
-        By the paper's estimator, with all sources of error.
-    printed
-        Table 2 of the paper: value (rad or m) by parameter.
-    shares, remedies
-        Section 4, in its order.
+    `solution`: by the paper's estimator, with all sources of error. `printed`: table 2 of the paper: value (rad or m)
+    by parameter. `shares`, `remedies`: section 4, in its order.
     """
 
     solution: Solution

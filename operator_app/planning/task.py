@@ -82,14 +82,8 @@ def planning_task(
 ) -> PlanningTask:
     """Return the task of planning poses of `arm` in `fixture`.
 
-    Parameters
-    ----------
-    drive_sets
-        Sets of drive joints, the present one first; None: rank all sets.
-    unsensed_joints
-        Joints whose readings are not used.
-    samples
-        Readings averaged into one pose.
+    `drive_sets`: sets of drive joints, the present one first; None: rank all sets. `unsensed_joints`: joints whose
+    readings are not used. `samples`: readings averaged into one pose.
     """
     require_closed_chain(fixture)
     model = without_hidden(arm, fixture, fixture.model(arm))

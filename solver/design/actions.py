@@ -60,14 +60,8 @@ class ChangeDrives:
 class Finished:
     """Nothing left to do.
 
-    Attributes
-    ----------
-    complete
-        Whether all planned poses were taken or the requested precision was reached.
-    decision
-        Decision of the stop rule; None without a requested precision or an estimate.
-    text
-        Why it ended.
+    `complete`: whether all planned poses were taken or the requested precision was reached. `decision`: decision of the
+    stop rule; None without a requested precision or an estimate. `text`: why it ended.
     """
 
     complete: bool

@@ -103,14 +103,8 @@ def pose_information(
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 
-    Parameters
-    ----------
-    x
-        Parameters (P + T,) of `model`, toleranced ones among them.
-    q
-        Readings (m, n) of captured or planned poses.
-    closed_q, closed_u
-        Closed poses at `x` nearest to the readings: (m, n), (m, U).
+    `x`: parameters (P + T,) of `model`, toleranced ones among them. `q`: readings (m, n) of captured or planned poses.
+    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U).
     """
     design = LinearModel(model, q, errors)
     equations = Linearisation(

@@ -57,14 +57,8 @@ class ExplorationLimits:
 class ExplorationStep:
     """One small move.
 
-    Attributes
-    ----------
-    targets_rad
-        Drive joints (1-based) and their targets, reached in a straight line.
-    capture
-        Whether the pose at its end is worth capturing.
-    why
-        Reason, as text.
+    `targets_rad`: drive joints (1-based) and their targets, reached in a straight line. `capture`: whether the pose at
+    its end is worth capturing. `why`: reason, as text.
     """
 
     targets_rad: Mapping[int, float]

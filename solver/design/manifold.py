@@ -98,14 +98,8 @@ def grow_manifold(
 
     Raises `ValueError` if no closed pose is found near the start.
 
-    Parameters
-    ----------
-    ranges
-        Poses outside are dropped, except the start.
-    most
-        Growth stops at this many poses.
-    seed
-        Seed of the directions; the same seed gives the same result.
+    `ranges`: poses outside are dropped, except the start. `most`: growth stops at this many poses. `seed`: seed of the
+    directions; the same seed gives the same result.
     """
     start = close_loops(model, x, np.asarray(q_start, dtype=np.float64)[None, :])
     if not bool(start.closed[0]):

@@ -41,14 +41,8 @@ class PrecisionStatus(Enum):
 class WeakParameter:
     """A parameter whose uncertainty exceeds the request.
 
-    Attributes
-    ----------
-    name
-        Paper notation.
-    sigma, requested
-        Standard deviation now and requested, rad or m; inf when not determined at all.
-    forecast
-        Standard deviation if all remaining poses were chosen for this parameter.
+    `name`: paper notation. `sigma`, `requested`: standard deviation now and requested, rad or m; inf when not
+    determined at all. `forecast`: standard deviation if all remaining poses were chosen for this parameter.
     """
 
     name: str
@@ -220,14 +214,8 @@ GIVE_ROUNDS = 4
 class InterimEstimate:
     """Part of a calibration that planning needs.
 
-    Attributes
-    ----------
-    x, covariance
-        Values (P,) and covariance (P, P).
-    trusted
-        Whether planning may use it.
-    text
-        Outcome, as text.
+    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use it. `text`: outcome, as
+    text.
     """
 
     x: FloatArray

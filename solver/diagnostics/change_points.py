@@ -85,14 +85,8 @@ def steps(
 ) -> tuple[ChangePoint, ...]:
     """Test every suspect for a step at every pose, the most significant suspect first.
 
-    Parameters
-    ----------
-    left
-        Whitened residuals of the fit, poses in the order in which they were taken.
-    quiet
-        Whitened residuals with other noise, for suspects that are readings.
-    scale
-        Factor of the variances relative to those of the fit.
+    `left`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: whitened residuals with
+    other noise, for suspects that are readings. `scale`: factor of the variances relative to those of the fit.
     """
     m = len(left.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:

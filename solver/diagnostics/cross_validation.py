@@ -56,14 +56,8 @@ class HeldOutPoses:
 class HeldOut:
     """One part of a pose set tested with an estimate from the rest.
 
-    Attributes
-    ----------
-    poses
-        Indices of the poses held out.
-    estimate
-        Estimate from the others.
-    verification
-        Test of the held-out poses with that estimate.
+    `poses`: indices of the poses held out. `estimate`: estimate from the others. `verification`: test of the held-out
+    poses with that estimate.
     """
 
     poses: IntArray

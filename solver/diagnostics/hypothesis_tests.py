@@ -183,14 +183,8 @@ FREE = 1e-6
 class Outlier:
     """One pose against the prediction from the poses that are not outliers.
 
-    Attributes
-    ----------
-    pose
-        Index, in the order of the fit.
-    chi2, dof
-        Misfit of the pose.
-    threshold
-        Value that the largest misfit of all poses exceeds in `FALSE_ALARM_PROBABILITY` of sound sets.
+    `pose`: index, in the order of the fit. `chi2`, `dof`: misfit of the pose. `threshold`: value that the largest
+    misfit of all poses exceeds in `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     pose: int

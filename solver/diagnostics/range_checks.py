@@ -52,14 +52,8 @@ class RangeFinding:
 class ReadingsOutOfRangeError(SolverError):
     """The readings cannot be from this arm.
 
-    Attributes
-    ----------
-    findings
-        Joints and poses outside their range.
-    causes
-        Simple mistakes that would explain the readings, as text; empty when none does.
-    in_radians
-        Whether radians are one of these.
+    `findings`: joints and poses outside their range. `causes`: simple mistakes that would explain the readings, as
+    text; empty when none does. `in_radians`: whether radians are one of these.
     """
 
     def __init__(

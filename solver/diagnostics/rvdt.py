@@ -86,6 +86,9 @@ def rvdt_verdicts(
 ) -> tuple[RvdtVerdict, ...]:
     """Test every RVDT among the unsensed joints of `model` with readings `q` (m, n), rad.
 
+    Raises `TooFewPosesError` if no degree of freedom would be left, `ValueError` if no unsensed joint of `model` has an
+    RVDT.
+
     Parameters
     ----------
     model
@@ -101,13 +104,6 @@ def rvdt_verdicts(
         ones count, because part of a source that seems too small may have been attributed to the sensor.
     x0, near
         Start: parameters (P,) and the other unknowns of a fit with the readings.
-
-    Raises
-    ------
-    TooFewPosesError
-        No degree of freedom would be left.
-    ValueError
-        No unsensed joint of `model` has an RVDT.
     """
     unsensed = {j: arm.joints[j - 1].sensor for j in model.unsensed_joints}
     sensors = {j: sensor for j, sensor in unsensed.items() if isinstance(sensor, Rvdt)}

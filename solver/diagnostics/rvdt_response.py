@@ -95,15 +95,9 @@ def measure(
 
     Raises `ValueError` if there are too few poses to fit any curve.
 
-    Parameters
-    ----------
-    of_loops
-        Scatter of the measured angles.
-    noise
-        Noise of a single reading; None where only the scatter about the curve is known, which is an upper bound: it
-        includes the loop's slow errors.
-    samples
-        Readings in each pose's mean.
+    `of_loops`: scatter of the measured angles. `noise`: noise of a single reading; None where only the scatter about
+    the curve is known, which is an upper bound: it includes the loop's slow errors. `samples`: readings in each pose's
+    mean.
     """
     from scipy.special import chdtri
 

@@ -71,14 +71,8 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
 class ExceededSpecification:
     """A source of error that exceeds its specification.
 
-    Attributes
-    ----------
-    component
-        Its name in the error model.
-    times
-        Estimated standard deviation over the stated one.
-    log_chance
-        Logarithm of the probability of so large an estimate if the source is as stated.
+    `component`: its name in the error model. `times`: estimated standard deviation over the stated one. `log_chance`:
+    logarithm of the probability of so large an estimate if the source is as stated.
     """
 
     component: str

@@ -198,14 +198,8 @@ class PoseBasis:
 class PoseProcess:
     """The process in low rank, before the few columns are chosen.
 
-    Attributes
-    ----------
-    values
-        (m, c), one column for each centre.
-    turn
-        (c, c): from these to orthogonal columns, the largest first.
-    variance
-        (m,): variance of the process itself.
+    `values`: (m, c), one column for each centre. `turn`: (c, c): from these to orthogonal columns, the largest first.
+    `variance`: (m,): variance of the process itself.
     """
 
     values: FloatArray

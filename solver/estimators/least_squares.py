@@ -45,14 +45,8 @@ class Triangle:
 
     ``|r + J dx|^2 = |b + T dx|^2 + rest`` for every dx, and ``J' J = T' T``.
 
-    Attributes
-    ----------
-    T
-        Upper triangle of the QR factors of J, (P, P).
-    b
-        Residuals rotated into its rows (P,).
-    rest
-        Square of the residuals that no dx changes.
+    `T`: upper triangle of the QR factors of J, (P, P). `b`: residuals rotated into its rows (P,). `rest`: square of the
+    residuals that no dx changes.
     """
 
     T: FloatArray

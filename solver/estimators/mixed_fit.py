@@ -105,14 +105,8 @@ class MixedFit:
 class Near:
     """Result of another fit of the same poses, as a start.
 
-    Attributes
-    ----------
-    variances
-        Variance components by name.
-    corrections, unsensed
-        Joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
-    layout
-        Layout of the other fit, with its poses in the order of this fit.
+    `variances`: variance components by name. `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles
+    (m, U) of the loops to be fitted, rad. `layout`: layout of the other fit, with its poses in the order of this fit.
     """
 
     variances: Mapping[str, float]

@@ -88,14 +88,8 @@ def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:
 class ScoringStep:
     """Step from variances to better ones.
 
-    Attributes
-    ----------
-    change
-        (K,): change of the variances, within their bounds.
-    largest
-        Largest change in standard errors.
-    slope
-        Rise of the log-likelihood along the whole step with the slope at its start; about twice the possible gain.
+    `change`: (K,): change of the variances, within their bounds. `largest`: largest change in standard errors. `slope`:
+    rise of the log-likelihood along the whole step with the slope at its start; about twice the possible gain.
     """
 
     change: FloatArray

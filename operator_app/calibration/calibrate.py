@@ -6,7 +6,7 @@ Each stage takes one frozen record and returns the next. `sarcal solve`, the ses
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -317,19 +317,19 @@ def fit(screened: Screened) -> Fitted:
     if len(screened.which) != len(distinct):
         estimate = estimate.at_poses(screened.which)
         components = components.at_poses(screened.which)
-    if not task.by_paper or loops.paper is None:
-        return Fitted(
-            before=screened,
-            whole=whole,
-            model=screened.model,
-            tolerance=screened.tolerance,
-            estimate=estimate,
-            components=components,
-            implicit=None,
-        )
-    return Fitted(
+    fitted = Fitted(
         before=screened,
         whole=whole,
+        model=screened.model,
+        tolerance=screened.tolerance,
+        estimate=estimate,
+        components=components,
+        implicit=None,
+    )
+    if not task.by_paper or loops.paper is None:
+        return fitted
+    return replace(
+        fitted,
         model=prepared.hard,
         tolerance={},
         estimate=loops.paper,

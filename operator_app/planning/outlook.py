@@ -50,12 +50,12 @@ class Outlook:
     """
 
     parameters: tuple[Parameter, ...]
-    from_home_rad: FloatArray | None
-    mobility: int | None
     checks: tuple[SetupCheck, ...]
-    choice: DriveChoice | None
-    refusal: SessionError | None
-    seen: Identifiability | None
+    mobility: int | None
+    from_home_rad: FloatArray | None = None
+    choice: DriveChoice | None = None
+    refusal: SessionError | None = None
+    seen: Identifiability | None = None
 
     @property
     def blind(self) -> tuple[UnidentifiableDirection, ...]:
@@ -84,15 +84,7 @@ def outlook(
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, fixture.setup_checks(arm, arm.home_rad)
     if isinstance(fixture, Measured):
-        return Outlook(
-            parameters=parameters,
-            from_home_rad=None,
-            mobility=arm.joint_count,
-            checks=checks,
-            choice=None,
-            refusal=None,
-            seen=None,
-        )
+        return Outlook(parameters=parameters, mobility=arm.joint_count, checks=checks)
     whole = fixture.model(arm)
     x = nominal_vector(whole.parameters)
     mobility, choice, refusal, seen = None, None, None, None

@@ -7,7 +7,7 @@ refit.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -75,6 +75,14 @@ class FaultModels:
     def joint(self, j: int) -> FloatArray:
         """Rates (m, r, 1) with the reading of joint j."""
         return self.system.B[:, :, j - 1, None]
+
+    def _along(
+        self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
+    ) -> Candidate:
+        """An error of joint j's reading of these shapes (m, c), each of this natural size."""
+        columns = self.joint(j) * shapes[:, None, :]
+        natural = np.full(shapes.shape[1], size)
+        return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
 
     def suspects(self) -> tuple[Suspect, ...]:
         """Suspects of a change in mid-session."""
@@ -165,24 +173,14 @@ class FaultModels:
         """Candidates of one joint's reading with a linear drift over the poses, of mean zero."""
         ramp = np.linspace(-0.5, 0.5, len(self.readings))
         for j in self.sensed:
-            yield Candidate(
-                cause=Cause.DRIFT,
-                subject=str(j),
-                columns=self.joint(j) * ramp[:, None, None],
-                natural=np.array([ANGLE_RAD]),
-            )
+            yield self._along(Cause.DRIFT, j, ramp[:, None])
 
     def scales(self) -> Iterator[Candidate]:
         """Candidates of one encoder's counts per turn being wrong: no file states their uncertainty."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
-                yield Candidate(
-                    cause=Cause.SCALE,
-                    subject=str(j),
-                    columns=self.joint(j) * (turn - turn.mean())[:, None, None],
-                    natural=np.array([SCALE]),
-                )
+                yield self._along(Cause.SCALE, j, (turn - turn.mean())[:, None], SCALE)
 
     def _frozen(self) -> Iterator[Candidate]:
         """Candidates of a sensor stuck in a run of poses: it reads the same while others move."""
@@ -208,11 +206,9 @@ class FaultModels:
         shapes = SensorCurve(
             joint=j, middle_rad=middle, half_scale_rad=half, gain=0.5 / half
         ).basis(turn)
-        return Candidate(
-            cause=Cause.CURVE,
-            subject=str(j),
-            columns=self.joint(j) * shapes[:, None, :],
-            natural=np.full(shapes.shape[1], max(sensor.linearity_rad, ANGLE_RAD)),
+        found = self._along(Cause.CURVE, j, shapes, max(sensor.linearity_rad, ANGLE_RAD))
+        return replace(
+            found,
             most=10.0,
             shapes=shapes,
             least=0.5 * sensor.linearity_rad,
@@ -225,31 +221,16 @@ class FaultModels:
         """Candidates of one joint's reading with an error that is a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
-            B = self.joint(j)
             linearity_curve = self.linearity_curve(j, measured.get(j))
             if linearity_curve is not None:
                 yield linearity_curve
             elif isinstance(sensor, Encoder):
                 shapes = np.stack([f(k * turn) for k in (1, 2) for f in (np.sin, np.cos)], axis=-1)
-                yield Candidate(
-                    cause=Cause.TURN_ERROR,
-                    subject=str(j),
-                    columns=B * shapes[:, None, :],
-                    natural=np.full(4, ANGLE_RAD),
-                    most=30.0,
-                    shapes=shapes,
-                    least=2.0 * sensor.accuracy_rad,
-                )
+                found, least = self._along(Cause.TURN_ERROR, j, shapes), 2.0 * sensor.accuracy_rad
+                yield replace(found, most=30.0, shapes=shapes, least=least)
             if (phi := self._in_time(self.design.sag_basis.phi)).size:
-                yield Candidate(
-                    cause=Cause.SAG,
-                    subject=str(j),
-                    columns=B * phi[:, None, :],
-                    natural=np.full(phi.shape[1], ANGLE_RAD),
-                    most=30.0,
-                    shapes=phi,
-                    least=2.0 * self.arm.joints[j - 1].sag_rad,
-                )
+                found, least = self._along(Cause.SAG, j, phi), 2.0 * self.arm.joints[j - 1].sag_rad
+                yield replace(found, most=30.0, shapes=phi, least=least)
 
     def _entries(self) -> Iterator[Candidate]:
         """Candidates of one entry of the maker's table with an error beyond its tolerance."""

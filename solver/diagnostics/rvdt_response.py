@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -155,14 +155,8 @@ def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
     """Return the curve with `constant` subtracted from its value and added to its abscissa."""
     coefficients = curve.coefficients.copy()
     coefficients[0] -= constant
-    return SmoothCurve(
-        low=curve.low + constant,
-        high=curve.high + constant,
-        coefficients=coefficients,
-        smoother=curve.smoother,
-        residual=curve.residual,
-        dof=curve.dof,
-        line_probability=curve.line_probability,
+    return replace(
+        curve, low=curve.low + constant, high=curve.high + constant, coefficients=coefficients
     )
 
 

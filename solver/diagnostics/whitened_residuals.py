@@ -15,7 +15,7 @@ fit, whatever the number of poses.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -82,15 +82,20 @@ class WhitenedResiduals:
         root = vectors[:, free] / np.sqrt(values[free])
         inside = U.T @ white @ root
         # In the metric of the prior's rows the new columns are orthogonal to the old ones.
-        new = white @ root - U @ inside
-        along = root.T @ s
-        return WhitenedResiduals(
-            whitener=self.whitener,
-            U=np.concatenate((U, new), axis=1).reshape(m, r, -1),
+        found = self._extended(white @ root - U @ inside, root.T @ s, inside)
+        return replace(found, dof=self.dof - int(free.sum()))
+
+    def _extended(
+        self, new: FloatArray, along: FloatArray, inside: FloatArray
+    ) -> WhitenedResiduals:
+        """Append fitted columns (m * r, c), orthogonal to U, whose scores are `along` (c,)."""
+        m, r, _ = self.U.shape
+        return replace(
+            self,
+            U=np.concatenate((self.U, new.reshape(m, r, -1)), axis=-1),
             white=self.white - (new @ along).reshape(m, r),
             chi2=self.chi2 - float(along @ along),
             to_x=np.concatenate((self.to_x, -self.to_x @ inside), axis=1),
-            dof=self.dof - int(free.sum()),
         )
 
     def without(self, poses: IntArray) -> WhitenedResiduals:
@@ -130,15 +135,7 @@ class WhitenedResiduals:
         white = self.whiten(G * sd).reshape(m * r, -1) @ root
         U = self.U.reshape(m * r, K)
         inside = U.T @ white
-        new, along = white - U @ inside, root.T @ s
-        return WhitenedResiduals(
-            whitener=self.whitener,
-            U=np.concatenate((U, new), axis=1).reshape(m, r, -1),
-            white=self.white - (new @ along).reshape(m, r),
-            chi2=self.chi2 - float(along @ along),
-            to_x=np.concatenate((self.to_x, -self.to_x @ inside), axis=1),
-            dof=self.dof,
-        )
+        return self._extended(white - U @ inside, root.T @ s, inside)
 
 
 def fit_residuals(

@@ -58,11 +58,11 @@ class Estimate:
     sigmas: ClosureSigmas
     flipped: tuple[int, ...]
     dof: int
-    chi2: float | None
-    pose_chi2: FloatArray | None
-    corrections: FloatArray | None
     iterations: int
     converged: bool
+    chi2: float | None = None
+    pose_chi2: FloatArray | None = None
+    corrections: FloatArray | None = None
 
     @property
     def standard_deviation(self) -> FloatArray:

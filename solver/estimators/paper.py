@@ -58,9 +58,6 @@ def estimate_paper(
         sigmas=closure_sigmas(error.residual, error.rotation_rows),
         flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
         dof=dof,
-        chi2=None,
-        pose_chi2=None,
-        corrections=None,
         iterations=fit.iterations,
         converged=fit.converged,
     )

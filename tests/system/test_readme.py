@@ -55,7 +55,7 @@ def test_figures_of_the_paper_are_what_reproduce_prints(capsys: pytest.CaptureFi
     assert f"| {pos} mm, {ori} mrad, {condition} |" in README.read_text()
     page = PAPER.read_text()
     assert f"| the specimen | {pos} | {ori} | {condition} |" in page
-    for title, rows in (("Share of each source", 5), ("What each planned remedy", 6)):
+    for title, rows in (("Share of each source", 5), ("Effect of each planned remedy", 6)):
         lines = found.split(title)[1].splitlines()[2 : 2 + rows]
         for line in lines:
             cells = re.split(r"\s{2,}", line.strip())

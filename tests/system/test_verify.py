@@ -71,7 +71,7 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     assert sorted(found["odd_poses"]) == ["1", "2"]
     assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
     said = capsys.readouterr()
-    assert "look at pose" in said.out
+    assert "check pose" in said.out
     assert said.err == ""
     for row in rows:
         row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}

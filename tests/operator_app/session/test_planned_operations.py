@@ -91,7 +91,7 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -
     work.redo()
     assert session.state.poses[0].excluded
     assert session.state.poses[0].note == "seen"
-    with pytest.raises(GuardError, match="no undone change"):
+    with pytest.raises(GuardError, match="nothing to redo"):
         work.redo()
     work.undo()
     work.undo()

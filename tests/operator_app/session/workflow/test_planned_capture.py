@@ -341,7 +341,7 @@ def test_the_drives_change_in_the_middle_and_are_read_back(make_session: MakeSes
     assert told.run().complete
     changes = named(session, "campaign_drives")
     assert changes
-    assert any("they drive from here" in text for text in told.said)
+    assert any("the drive joints from now on" in text for text in told.said)
     # Every change was a change of modes on the arm, confirmed, before it was told to the campaign.
     order = [e.name for e in events(session) if e.name in ("modes", "campaign_drives")]
     for k, name in enumerate(order):

@@ -99,7 +99,7 @@ def _loaded(point: EntryPoint) -> ArmOffer:
     if not isinstance(found, ArmOffer):
         raise BusError(
             f"The arm {point.name} of the package {_package(point)} ({point.value}) is a "
-            f"{type(found).__name__} not a sarcal.arms.ArmOffer. Tell its author."
+            f"{type(found).__name__}, not a sarcal.arms.ArmOffer. Tell its author."
         )
     return found
 

@@ -184,7 +184,7 @@ def test_plan_fits_80_columns_without_colour(plan_output, look: str) -> None:
 
 def test_plain_ascii_on_request(plan_output) -> None:
     assert plan_output["ascii"].isascii()
-    picture = plan_output["ascii"].split("Where the drive joints go")[1].split("Ranges")[0]
+    picture = plan_output["ascii"].split("Path of the drive joints")[1].split("Ranges")[0]
     for label in ("S", "1", "6", "*", "J1 deg", "J5 deg"):
         assert label in picture
 

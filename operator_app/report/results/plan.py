@@ -53,7 +53,7 @@ def plan_text(shown: Preview, *, title: str, ascii_only: bool) -> str:
         _drives(shown),
         _poses(shown),
         _sigmas(shown),
-        "Plan of the drive joints: dots can be reached, S is the start, lines are the path\n"
+        "Path of the drive joints: dots can be reached, S is the start, lines the path\n"
         + "\n".join(region_lines(shown, ascii_only=ascii_only)),
         f"Ranges of the joints, deg: {'-' if ascii_only else '─'} can be reached, "
         f"{'#' if ascii_only else '█'} planned poses\n"

@@ -152,8 +152,8 @@ def may_check_fixture(s: SessionSnapshot) -> Missing:
 
 
 def may_tick_all(s: SessionSnapshot) -> Missing:
-    """On a real arm each item is checked by itself."""
-    return () if s.simulated else ("on a real arm each item is checked and ticked by itself",)
+    """On a real arm the items are checked one at a time."""
+    return () if s.simulated else ("on a real arm the items are checked and ticked one at a time",)
 
 
 def may_suggest(s: SessionSnapshot) -> Missing:

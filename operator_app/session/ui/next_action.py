@@ -118,7 +118,7 @@ def _fixture(s: SessionSnapshot) -> NextAction:
         return _propose(
             "confirm_all",
             "Tick all",
-            "on a real arm each item is checked and ticked by itself; this arm is simulated: "
+            "on a real arm the items are checked and ticked one at a time; this arm is simulated: "
             f"Enter ticks all {left}",
         )
     if left:

@@ -192,7 +192,7 @@ def test_the_result_is_tested_on_a_second_file(
     named = [f"1,{k},{row.split(',', 2)[2]}" for k, row in enumerate(others + rounded[:3], 101)]
     (tmp_path / "mixed.csv").write_text("\n".join([head, *named]) + "\n")
     assert main(["solve", made, "--test", str(tmp_path / "mixed.csv")]) == 2
-    assert "3 of the 15 poses (113, 114, 115) are of those" in capsys.readouterr().err
+    assert "3 of the 15 poses (113, 114, 115) are poses that" in capsys.readouterr().err
 
 
 def test_the_order_of_the_rows_changes_no_printed_character(

@@ -161,7 +161,8 @@ MOST_POSES_SAMPLED = 100
 """Poses of a session, evenly among all, for which a best table is computed."""
 
 NOTEWORTHY_SHARE = 0.9
-"""Share of the tool's sigma above which what the files alone state is not shown apart."""
+"""If at least this share of the tool's sigma is left without the parameters that only the files state, it is not
+reported separately."""
 
 RANGE_SAMPLES = 300
 """Poses over the joints' ranges: their rms is known to some 4 %."""

@@ -63,8 +63,8 @@ class HandAccuracy:
     holds_for
         Fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
     stated, after_by_poses
-        Parameters known from the files rather than from the poses, and what is left of `after` if they are right; ()
-        and None where they matter little.
+        Parameters known from the files rather than from the poses, and `after` without their uncertainty; () and None
+        if they contribute little.
     """
 
     before: Spread

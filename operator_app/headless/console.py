@@ -29,7 +29,7 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from operator_app.units import and_the_others, joints_named, plural
+from operator_app.units import and_the_others, joints_named, names, plural
 
 
 class ConsoleListener(Listener):
@@ -76,7 +76,7 @@ class ConsoleListener(Listener):
 
     def drives_chosen(self, choice: DriveChoice) -> None:
         """Report the drive joints and the reasons."""
-        self.say(f"Drive joints: {joints_named(choice.drives)} ({'; '.join(choice.reasons)}).")
+        self.say(f"Drive joints: {names(choice.drives)} ({'; '.join(choice.reasons)}).")
 
     def modes_set(self, position_joints: tuple[int, ...]) -> None:
         """Report the drive joints."""

@@ -138,21 +138,21 @@ def accuracy_table(solution: Solution) -> FactTable | None:
     )
     if found.after.rms > found.before.rms:
         note += (
-            " Before is a distance and after an uncertainty: these poses do not show that the arm file's entries "
-            "are wrong."
+            " Before is a distance, after an uncertainty. After is larger: these poses do not show that the arm "
+            "file's entries are wrong."
         )
     if found.after_by_poses is not None:
         columns.append(("after_by_poses", found.after_by_poses))
         note += (
-            f" If stated: what remains if {names(found.stated)} {'is' if len(found.stated) == 1 else 'are'} as the "
-            "files state, which these poses do not tell."
+            f" If as stated: without the uncertainty of {names(found.stated)}, which the files state and these "
+            "poses hardly determine."
         )
     return FactTable(
         ident="accuracy",
         title="Tool position error before and after calibration [mm]",
         columns=(
             *words("over the ranges of all joints"),
-            *figures(*("before", "after, one sigma", "if stated")[: len(columns)]),
+            *figures(*("before", "after, one sigma", "if as stated")[: len(columns)]),
         ),
         rows=tuple(
             (

@@ -89,7 +89,7 @@ def _hand(found: Solution, width: int) -> list[Line]:
     said = f"   tool off by {before} before, {after} after (1 sigma)"
     if (left := found.accuracy.after_by_poses) is not None:
         by_poses = Figure(left.rms, CLOSURE_LENGTH).with_unit
-        said += f", {by_poses} if {names(found.accuracy.stated)} are as stated"
+        said += f", {by_poses} without the uncertainty of {names(found.accuracy.stated)}"
     if held := found.accuracy.holds_for:
         said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
     more = ", rms over the ranges of all joints"

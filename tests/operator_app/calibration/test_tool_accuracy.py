@@ -73,7 +73,7 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
     document = facts_of(solution).json["hand_accuracy_mm"]
     assert document["after_by_poses"]["rms"] == pytest.approx(1e3 * found.after_by_poses.rms)
     told = " ".join(facts_text(facts_of(solution)).split())
-    assert "what remains if theta_off_1 and theta_off_7 are as the files state" in told
+    assert "without the uncertainty of theta_off_1 and theta_off_7" in told
 
 
 def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None:

@@ -1,4 +1,4 @@
-"""Array vocabulary of the solver: aliases and read-only copies. Knows nothing of arms, loops or files."""
+"""Array vocabulary of the solver: aliases and read-only copies."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ left null space of N,
 
 This is the one reduction of the whole solver (`reduced_equations`). Its one closer, `close_loops`, is
 Newton's iteration on it with dphi = 0: the smallest dq in a given measure. The estimators are the same
-equations with dphi unknown. Knows a `ClosureModel`, no estimator.
+equations with dphi unknown.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ STALLED_RAD = 1e-14
 class ClosedPoses:
     """Poses moved onto the closure manifold.
 
-    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed`: (m,) bool: whether the loop error fell
-    below the tolerance.
+    `q`, `u`: joint angles (m, n) and unsensed angles (m, U), rad. `closed`: whether the loop error fell below the
+    tolerance (m,).
     """
 
     q: FloatArray
@@ -52,8 +52,12 @@ class ClosedPoses:
 class ReducedEquations:
     """Loop equations of every pose without the unsensed angles: ``w + A dphi + B dq = 0``.
 
-    `E`: (..., m, k, r): orthonormal, ``E' N = 0``. `w`, `A`, `B`: ``E' c`` (..., m, r), ``E' C`` (..., m, r, P) and
-    ``E' J_q`` (..., m, r, n).
+    Attributes
+    ----------
+    E
+        Orthonormal basis (..., m, k, r) with ``E' N = 0``.
+    w, A, B
+        ``E' c`` (..., m, r), ``E' C`` (..., m, r, P) and ``E' J_q`` (..., m, r, n).
     """
 
     E: FloatArray
@@ -66,8 +70,14 @@ class ReducedEquations:
 class Rates:
     """Rates of the unsensed angles of linearised poses with parameters, joint angles and displacements.
 
-    `closed`: ``N+ (c - J_q e)`` (m, U), e being the joint corrections at which loops were linearised. `by_x`, `by_q`:
-    ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n). `down`: ``N+`` (m, U, k).
+    Attributes
+    ----------
+    closed
+        ``N+ (c - J_q e)`` (m, U), e being the joint corrections at which loops were linearised.
+    by_x, by_q
+        ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n).
+    down
+        ``N+`` (m, U, k).
     """
 
     closed: FloatArray

@@ -1,4 +1,4 @@
-"""Errors of the solver, with the facts that a caller needs to explain them. Knows no screen and no file."""
+"""Errors of the solver, with the facts that a caller needs to explain them."""
 
 from __future__ import annotations
 

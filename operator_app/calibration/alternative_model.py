@@ -68,7 +68,7 @@ class AlternativeModel:
         return loop_of_poses(self.arm, self.fixture, self.poses, unsensed_joints=self.unsensed)
 
     def without_reading(self, joint: int) -> AlternativeModel:
-        """The same without the readings of one more joint, which have nothing to do with the joint."""
+        """Return the model that also ignores the readings of `joint`, which are unrelated to its angle."""
         unsensed = tuple(sorted((*self.unsensed, joint)))
         return replace(self, finding=unrelated_reading(joint, self.arm), unsensed=unsensed)
 

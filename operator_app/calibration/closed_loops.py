@@ -110,8 +110,8 @@ def _without_unidentifiable(
 class Branches:
     """Poses by the branch of the hinge on which they close.
 
-    `kept`: (m,): those on the main branch. `flipped`: indices of the others. `paper`: the paper's estimate from the
-    kept poses with all joints sensed, if it was computed.
+    `kept` (m,): whether each is on the main branch. `flipped`: indices of the others. `paper`: the paper's estimate
+    from the kept poses with all joints sensed, if it was computed.
     """
 
     kept: BoolArray

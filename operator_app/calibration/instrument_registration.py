@@ -27,7 +27,7 @@ REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 """Gauss-Newton steps to the placements of base and target: most steps, largest rotation of one, and tolerance."""
 
 DIGITS = 4
-"""Largest credible nominal placement, m."""
+"""Decimals (m, rad) of a registered placement: it is only a nominal value, the start of the calibration."""
 
 
 def with_registered_instrument(

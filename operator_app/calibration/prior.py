@@ -206,7 +206,7 @@ class ClosureFit:
     """The most probable way to close the loop at one reading.
 
     `chi2`: chi2 of the necessary changes; infinite where it does not close at all. `dof`: equations of the pose minus
-    ignored readings. `q_rad`: (n,) joint angles at which it closes.
+    ignored readings. `q_rad`: joint angles (n,) at which it closes.
     """
 
     chi2: float
@@ -218,7 +218,7 @@ class ClosureFit:
 class LoopAtReading:
     """The loop at one reading, with the prior from its files.
 
-    `model`, `prior`: the loop, and the prior of its unknowns. `reading_rad`, `reading_sd_rad`: (n,) readings and their
+    `model`, `prior`: the loop, and the prior of its unknowns. `reading_rad`, `reading_sd_rad`: readings (n,) and their
     standard deviations.
     """
 

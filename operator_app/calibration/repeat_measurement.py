@@ -30,7 +30,7 @@ SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 class Reread:
     """Two readings of one pose, and the number of poses captured before the second.
 
-    `label`: label of the pose. `first_rad`, `again_rad`: (n,), each the mean of equally many samples.
+    `label`: label of the pose. `first_rad`, `again_rad` (n,): each the mean of equally many samples.
     """
 
     label: str

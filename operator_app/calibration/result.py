@@ -59,7 +59,7 @@ class Solution:
         Verdict on each RVDT, with its joint taken as unsensed.
     reasons
         Reasons why it is not accepted; empty when it is.
-    judgement
+    adjudication
         All tests, and the causes that they support.
     assumed
         Figures of the error model that no file states.

@@ -57,8 +57,8 @@ class Fixed:
     rvdt_sd_rad
         Estimated noise and curve of RVDT joints, by joint.
     fixture_variance
-        Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only where they are
-    less than stated.
+        Estimated compliance variance of the fixture (6,), or None. This and `rvdt_sd_rad` are used only where they
+        are less than stated.
     unsensed_joints
         Joints whose readings the calibration did not use.
     """
@@ -154,11 +154,16 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, at the same placement.
 
-    `made`: the calibration with its own poses. Curves, sag and compliance are then known from these, and one common
-    shift is searched. None: all of that is independent in every pose. `calibrated`: numbers of the calibrated
-    placements, if the new poses may be of others: the fixture's place there is found from them, all other parameters
-    are fixed. None: the same placements. Raises `ValueError` if the parameters are not those of this loop: another
-    fixture, or another number of placements.
+    Raises `ValueError` if the parameters are not those of this loop: another fixture, or another number of placements.
+
+    Parameters
+    ----------
+    made
+        The calibration with its own poses. Curves, sag and compliance are then known from these, and one common shift
+        is searched. None: all of that is independent in every pose.
+    calibrated
+        Numbers of the calibrated placements, if the new poses may be of others: the fixture's place there is found from
+        them, all other parameters are fixed. None: the same placements.
     """
     given = poses
     if made is not None and calibrated is None and len(poses.placements) == 1:
@@ -240,7 +245,7 @@ def _with_prediction(
 
 
 def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
-    """Return the new poses with the calibration's placement number, whatever their file states."""
+    """Placement numbers (m,) of new poses: the calibration's if it has only one, whatever their file states."""
     known = made.poses.placements
     return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 

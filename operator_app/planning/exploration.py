@@ -32,8 +32,8 @@ BATCH = 8
 class Box:
     """The box of drive angles.
 
-    `joints`: drive joints (1-based). `centre_rad`, `lower_rad`, `upper_rad`: (d,) sensor coordinates, inside the ranges
-    of the joints.
+    `joints`: drive joints (1-based). `centre_rad`, `lower_rad`, `upper_rad` (d,): sensor coordinates, inside the
+    ranges of the joints.
     """
 
     joints: tuple[int, ...]

@@ -43,7 +43,7 @@ class Subject:
         The calibration; None if the poses do not determine every parameter, see `unidentifiable`.
     checks
         Cross-validation and jackknife of the solution; None where they were not computed.
-    solved_again
+    recalculated_because
         Reason why the solution is not that of the journal; empty if it is.
     last_utc, events, torn
         Time of the journal's last event, number of events, and text about a part dropped from its end.

@@ -22,8 +22,8 @@ RANK_TOLERANCE = 1e-6
 class ChainMotion:
     """First-order motion of a closed chain at m closed poses.
 
-    `tangent`: (m, n + U, d): orthonormal directions of the self-motion, arm joints first, then the unsensed angles of
-    the model. `jacobian`: (m, k, n + U): closure Jacobian of all joints. `joint_count`: n.
+    `tangent` (m, n + U, d): orthonormal directions of the self-motion, arm joints first, then the unsensed angles of
+    the model. `jacobian` (m, k, n + U): closure Jacobian of all joints. `joint_count`: n.
     """
 
     tangent: FloatArray

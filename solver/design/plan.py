@@ -331,7 +331,7 @@ MOST_ROUNDS = 50
 def visiting_order(distances: FloatArray) -> tuple[int, ...]:
     """Short open tour through all points from point 0, by nearest neighbour and 2-opt.
 
-    `distances`: (k, k), symmetric; inf where there is no path.
+    `distances` (k, k): symmetric; inf where there is no path.
 
     Returns
     -------

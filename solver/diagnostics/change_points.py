@@ -162,7 +162,8 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
     The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
     and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
 
-        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x), T = log((1-h)^2 / h^2).
+        P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
+        T = log((1-h)^2 / h^2).
 
     It includes steps between poses, which are more than half of its alarms: `AT_POSES` corrects this.
     """

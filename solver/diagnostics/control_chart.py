@@ -81,8 +81,8 @@ class ControlChart:
 def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
     """Test sessions one after the other.
 
-    `values`: (sessions, quantities), in the order of time. `within`: stated repeatability of each (type A), of the same
-    shape.
+    `values` (sessions, quantities) are in the order of time; `within`, of the same shape, is the stated repeatability
+    of each (type A).
     """
     from scipy.special import stdtrit
 

@@ -84,7 +84,7 @@ class Diagnosis:
         All of them.
     rounds
         For each accepted cause, the explanations that were compared, the most probable first.
-    doubts
+    suspected_entries
         Lengths and twists that may differ from their file although no test fires, the most probable first.
     odd
         Poses that do not fit the others, indices in time order.
@@ -94,7 +94,7 @@ class Diagnosis:
         Whitened residuals at the noise of the fit, poses in time order.
     stated_chi2_per_dof
         chi2/dof at the stated variances.
-    apart
+    parameter_shift
         Difference (P,) of the estimate at stated variances from the tested one, rad and m.
     scene
         The system that was tested.

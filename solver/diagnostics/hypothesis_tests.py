@@ -158,7 +158,7 @@ def without_curves_in_specification(
 def _as_stated(
     j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, PeakDeviation]
 ) -> bool:
-    """Whether the curve of joint j does not certainly exceed its linearity, as the loop measured it if it did."""
+    """Whether the curve of joint j may be within its linearity, by the loop's measurement of it where there is one."""
     linearity_curve = scene.linearity_curve(j)
     if linearity_curve is None:
         return False

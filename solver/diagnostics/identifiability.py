@@ -288,7 +288,7 @@ def identifiability_of_fit(
 ) -> Identifiability:
     """Compute the identifiability of the unknowns `names` from the poses of `fit`, all others being known.
 
-    `taken`: (m,): rank in time of each pose of the fit. `without`: joints (1-based) whose readings are not used.
+    `taken` (m,): rank in time of each pose of the fit. `without`: joints (1-based) whose readings are not used.
     """
     system, model, q = fit.whole, fit.design.model, fit.design.q
     lost = [j - 1 for j in without if j not in model.unsensed_joints]

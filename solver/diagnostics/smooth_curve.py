@@ -18,7 +18,7 @@ POINTS_PER_TERM = 4
 class Scatter:
     """Covariance of points, ``diag(own) + common common'``: the full matrix is never formed.
 
-    `own`: variance (m,) that is each point's own. `common`: (m, c): part common to all points.
+    `own` (m,): variance that is each point's own. `common` (m, c): part common to all points.
     """
 
     own: FloatArray

@@ -1,1 +1,1 @@
-"""From loops and readings to parameters. Knows no fixture, screen or file."""
+"""From loops and readings to parameters."""

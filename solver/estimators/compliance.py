@@ -10,7 +10,7 @@ so that under wrenches W z, z ~ N(0, I), the displacements C W z at two poses p,
 
     s_i s_j (G_ij + (d_ij sum_k G_kk + G_ji) / nu),     G = S W(p) W(p')' S.
 
-The torques follow from a closure model's table and the arm's stated and uncertain masses. Knows no fixture.
+The torques follow from a closure model's table and the arm's stated and uncertain masses.
 
 Other deflections that repeat at the same pose are a Gaussian process over joint space with several scales at once and a
 linear part, in low rank: its values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far
@@ -37,7 +37,7 @@ WISHART_DOF = 6.0
 class Pulled:
     """A fixture loaded at m poses.
 
-    `pull`: (m, k, a): wrenches S W for a unit of each of the a uncertain coefficients, in the frame of the deflection.
+    `pull` (m, k, a): wrenches S W for a unit of each of the a uncertain coefficients, in the frame of the deflection.
     `halves`: for each half its share of the compliance, and its axes (m, k, k) in that frame; None where they are the
     same. They rotate angles and positions separately, and S with them.
     """
@@ -187,7 +187,7 @@ CONSTANT, LINEAR = 0.5, 0.5
 class PoseBasis:
     """Smooth columns.
 
-    `phi`: (m, k). `missed`: (m,): share of the variance at each pose that so few columns leave out.
+    `phi`: values (m, k). `missed`: share (m,) of the variance at each pose that so few columns leave out.
     """
 
     phi: FloatArray
@@ -198,8 +198,8 @@ class PoseBasis:
 class PoseProcess:
     """The process in low rank, before the few columns are chosen.
 
-    `values`: (m, c), one column for each centre. `turn`: (c, c): from these to orthogonal columns, the largest first.
-    `variance`: (m,): variance of the process itself.
+    `values` (m, c): one column for each centre. `turn` (c, c): from these to orthogonal columns, the largest first.
+    `variance` (m,): variance of the process itself.
     """
 
     values: FloatArray

@@ -1,7 +1,4 @@
-"""Reports variance components as standard deviations with intervals, and tests the fixture's compliance.
-
-Knows the mixed model's components; no loop and no fixture.
-"""
+"""Reports variance components as standard deviations with intervals, and tests the fixture's compliance."""
 
 from __future__ import annotations
 

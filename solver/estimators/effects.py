@@ -7,8 +7,7 @@ At one linearisation the reduced closure of all poses reads
 with dx the parameters without a prior, and w after the expected play and sag.
 Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
 of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component scales
-one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both). Knows a closure
-model's derivatives; estimates nothing.
+one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Errors that the files of an arm and a fixture state. Knows no loop and no file.
+"""Errors that the files of an arm and a fixture state.
 
 There are no flags: every source of error has a size (one standard deviation, 0 is exact) and enters one
 linear mixed model (`solver.estimators.effects`) as noise, new in every pose, or as an effect, drawn once.

@@ -1,4 +1,4 @@
-"""The result of every estimator, its closure error, and the checks before an estimate. Knows no estimator.
+"""The result of every estimator, its closure error, and the checks before an estimate.
 
 sigma_pos and sigma_ori (paper, eqs. 14 and 15) are those of the loops at the measured joints.
 """

@@ -8,7 +8,8 @@ unsensed angles u the loop error is linearised,
 
 multiplied by E', the left null space of J_u, and the stacked system
 
-    minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1, A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
+    minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1,
+    A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
 
 is solved with scaled columns. Multipliers then give e_new, u and the next linearisation. Weights
 belong to the corrected joints: taken once at the measured ones they are not the same estimator.
@@ -68,7 +69,7 @@ class NoiseModel:
 class ParameterPrior:
     """Prior knowledge of parameters, e.g. lengths from the maker's table with a tolerance.
 
-    `mean`: (P,), rad and m. `precision`: one over the prior variance (P,); 0 where nothing is known.
+    `mean` (P,), rad and m, and `precision` (P,): one over the prior variance, 0 where nothing is known.
     """
 
     mean: FloatArray
@@ -79,8 +80,16 @@ class ParameterPrior:
 class LinearisedPoses:
     """The reduced linear system of all poses at one iterate (see the module's derivation).
 
-    `w`, `A`, `B`, `V`: (m, r), (m, r, P), (m, r, n), (m, r, r): misclosure, parameter and joint Jacobians, and the
-    covariance ``B S B' + F`` of the misclosure. `E`: (m, k, r): left null space of the unsensed columns.
+    Attributes
+    ----------
+    w
+        Misclosures (m, r).
+    A, B
+        Their Jacobians for the parameters (m, r, P) and for the joints (m, r, n).
+    V
+        Their covariance ``B S B' + F`` (m, r, r).
+    E
+        Left null space of the unsensed columns (m, k, r).
     """
 
     w: FloatArray

@@ -1,7 +1,7 @@
 """Lists the effects of a loop with stated errors, the variance components that groups of them share, and their bounds.
 
-Every source of error that the files state is a group of columns, a variance component, or both. Knows a closure model's
-parameters and how smooth a fixture's deflection is; no derivative, no column's values.
+Every source of error that the files state is a group of columns, a variance component, or both. The values
+of the columns are in `solver.estimators.effects`.
 """
 
 from __future__ import annotations

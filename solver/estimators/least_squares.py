@@ -1,4 +1,4 @@
-"""Damped, column-scaled Gauss-Newton for stacked closure equations. Knows no arm.
+"""Damped, column-scaled Gauss-Newton for stacked closure equations.
 
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
 independent of units and leads to the scaled condition number. The undamped step is tried first and taken whenever it

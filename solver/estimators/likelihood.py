@@ -1,4 +1,4 @@
-"""Derivatives of the restricted likelihood of a mixed model with its variances. Knows no loop and no step.
+"""Derivatives of the restricted likelihood of a mixed model with its variances.
 
 Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part that no parameter can explain, so
 degrees of freedom are accounted for. Its derivatives need the inverse of the mixed-model equations and per-pose blocks

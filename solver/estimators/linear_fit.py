@@ -3,7 +3,7 @@
 Henderson's mixed-model equations in whitened coordinates: with M the columns [hard, effects], the
 effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing here grows with the square of the poses. Results:
 covariance, repeatability, uncertainty budget, misfit of a group of poses predicted by the others, score of any further
-column. Knows no iteration and no file.
+column.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ freedoms is possible, and W holds the columns of all sets with equal weights.
 
 Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
 of the displacements' covariance are the columns (Nystroem's from poses far apart), of the stated size over the poses,
-and `missed` is the variance that so few columns leave out. Knows a closure model's derivatives; estimates nothing.
+and `missed` is the variance that so few columns leave out.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Effects that repeat at the same pose: sides of play, sag and deflection, as shapes over the poses.
 
 By load where masses are stated (`solver.estimators.load_effects`), any smooth function of the pose where
-they are not. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose. Knows no
-loop and no variance component.
+they are not. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose.
 """
 
 from __future__ import annotations

@@ -2,8 +2,7 @@
 
 Each round linearises the loops where they close, solves the mixed-model equations for
 everything at once, moves the variances by one scoring step and relinearises, unless the change is too small for a
-visible nonlinearity (`solver.estimators.implicit` has the derivation; it is the same round without effects). Knows a
-closure model, no fixture.
+visible nonlinearity (`solver.estimators.implicit` has the derivation; it is the same round without effects).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One scoring step of the variances of a mixed model, by restricted maximum likelihood. Knows no loop.
+"""One scoring step of the variances of a mixed model, by restricted maximum likelihood.
 
 `solver.estimators.likelihood` has the derivatives. The size of a family of errors
 has a log-normal prior about what the files state (method, section 10, "Scales").

@@ -2,7 +2,7 @@
 
 The specification of an encoder can be relied upon; an RVDT's noise and a fixture's compliance cannot, and a maker's
 lengths are known to a tolerance. All of it is one linear mixed model (`solver.estimators.effects`), iterated by
-`solver.estimators.mixed_fit`. Knows no fixture and no file.
+`solver.estimators.mixed_fit`.
 """
 
 from __future__ import annotations

@@ -78,7 +78,7 @@ class GlobalStart:
 
     Attributes
     ----------
-    basins
+    minima
         Distinct solutions, the best first, none on the flipped branch unless all are.
     starts
         Number of starts.

@@ -34,7 +34,7 @@ class StoredCalibration:
     ----------
     checks
         Cross-validation; None if the journal has none of this solution.
-    solved_again
+    recalculated_because
         Why it was not read from the journal; empty if it was.
     """
 

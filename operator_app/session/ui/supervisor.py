@@ -127,7 +127,7 @@ class Supervisor:
 
     Attributes
     ----------
-    told_of_stop
+    reported_stop
         Last reported reason why the arm stopped by itself; "" if it is not stopped.
     """
 

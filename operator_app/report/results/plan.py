@@ -212,8 +212,8 @@ def _placement(
         f"s_{n}": hinge.s_n_m,
     }
     twists = {"alpha_0": hinge.alpha_0_rad, f"alpha_{n}": hinge.alpha_n_rad}
-    offsets = report.mounted.arm.table.theta_off_rad
-    twists |= {"theta_off_1": offsets[0], f"theta_off_{n}": offsets[-1]}
+    _, off_1, *_, off_n = hinge.model(report.mounted.arm).table.theta_off_rad
+    twists |= {"theta_off_1": off_1, f"theta_off_{n}": off_n}
     entries = "; ".join(
         f"{', '.join(f'{name} {kind(v).shown}' for name, v in some.items())} {kind.quantity.unit}"
         for some, kind in ((lengths, MOUNTED_LENGTH), (twists, NOMINAL_TWIST))
@@ -299,7 +299,7 @@ def _placement_json(
 ) -> dict[str, Any]:
     report = placement.report
     hinge = report.mounted.hinge
-    offsets = report.mounted.arm.table.theta_off_rad
+    _, off_1, *_, off_n = hinge.model(report.mounted.arm).table.theta_off_rad
     return {
         "text": placement.text,
         "gain": placement.gain,
@@ -313,8 +313,8 @@ def _placement_json(
             "a_n_mm": 1e3 * hinge.a_n_m,
             "s_n_mm": 1e3 * hinge.s_n_m,
             "alpha_n_deg": math.degrees(hinge.alpha_n_rad),
-            "theta_off_1_deg": math.degrees(offsets[0]),
-            "theta_off_n_deg": math.degrees(offsets[-1]),
+            "theta_off_1_deg": math.degrees(off_1),
+            "theta_off_n_deg": math.degrees(off_n),
         },
         "mobility": report.mobility,
         "reach_deg": np.rad2deg(report.reach_rad).tolist(),

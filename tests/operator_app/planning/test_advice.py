@@ -97,5 +97,5 @@ def test_the_placement_that_is_printed_closes_where_it_was_planned(arm, hinge) -
     assert pose.q[0] == pytest.approx(mounted.arm.home_rad, abs=1e-9)
     words = advice_text((ranked,), parameters, arm.joint_count)
     for name in ("theta_off_1", "theta_off_7"):
-        offset = np.rad2deg(mounted.arm.table.theta_off_rad[0 if name[-1] == "1" else -1])
+        offset = np.rad2deg(mounted.hinge.model(arm).table.theta_off_rad[int(name[-1])])
         assert f"{name} {offset:.1f}" in " ".join(words.split())

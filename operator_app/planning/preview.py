@@ -20,9 +20,9 @@ from operator_app.planning.task import STOP_MARGIN_RAD, planning_task
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
+from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.paths import Route
 from solver.design.plan import PlanningTask, PosePlan, make_plan
-from solver.design.stop_rule import InterimEstimate, implicit_interim
 from solver.diagnostics.identifiability import Identifiability, identifiability
 
 

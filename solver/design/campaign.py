@@ -25,16 +25,10 @@ from solver.design.actions import (
     straight_to,
 )
 from solver.design.exploration import Explorer
+from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
 from solver.design.paths import Route
 from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
-from solver.design.stop_rule import (
-    Calibrate,
-    InterimEstimate,
-    PrecisionStatus,
-    StopDecision,
-    implicit_interim,
-    stop_decision,
-)
+from solver.design.stop_rule import PrecisionStatus, StopDecision, stop_decision
 from solver.errors import SolverError
 from solver.loops.closure import poses_needed
 

@@ -5,131 +5,18 @@ Greedy addition, then exchange of chosen poses for better candidates until no ex
 ``det(M + F'F) = det(M) det(I + F M^-1 F')``: one product over all candidates and a determinant of
 size r each, so a whole round costs milliseconds. Where the unknowns include effects (nuisance parameters), the
 determinant is that of the parameters' information alone (D_s-optimality).
-
-A pose adds ``A' V^-1 A`` to the Fisher information, in the same linearisation as the estimators' (method, section 3).
-The rows have columns for the effects of stated errors as well (lengths, twists, encoders, play, sag, compliance), which
-a thousand similar poses determine no better than one (section 10).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.estimators.effects import Linearisation, LinearModel, State
-from solver.estimators.error_model import ErrorModel
+from solver.design.pose_information import about_parameters
 from solver.estimators.least_squares import column_scale
-from solver.loops.closure import ClosureModel
-
-EFFECTS = 40
-"""Combinations of effects used in planning, those that poses determine best: on the packaged arms they carry 99.9 % of
-the information, and a choice among 3,000 poses takes one second."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseInformation:
-    """Square roots of the information of m poses about P parameters and K effects.
-
-    Attributes
-    ----------
-    parameters
-        Names, in column order.
-    root
-        (m, r, P + K): ``L^-1 [A, Z]`` with ``V = L L'``; a pose's information is ``root' root``. The last K
-        columns are effects, with a standard normal prior.
-    misclosure
-        (m, r): closure errors in units of their noise.
-    """
-
-    parameters: tuple[str, ...]
-    root: FloatArray
-    misclosure: FloatArray
-
-    def of(self, poses: Sequence[int]) -> FloatArray:
-        """Information of a set of poses (P + K, P + K); a pose listed twice counts twice."""
-        rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
-        return np.asarray(rows.T @ rows)
-
-    def about(self, parameters: Sequence[str]) -> PoseInformation:
-        """Keep the columns of `parameters`, and of the effects; other parameters count as known."""
-        columns = [self.parameters.index(name) for name in parameters]
-        columns += range(len(self.parameters), self.root.shape[-1])
-        return replace(self, parameters=tuple(parameters), root=self.root[..., columns])
-
-    def at_poses(self, poses: slice) -> PoseInformation:
-        """Return the information of a slice of the poses."""
-        return replace(self, root=self.root[poses], misclosure=self.misclosure[poses])
-
-    def with_errors_scaled(self, factor: float) -> PoseInformation:
-        """Return the information if all errors, noise and effects, are `factor` times as large."""
-        root = self.root.copy()
-        root[..., : len(self.parameters)] /= factor
-        return replace(self, root=root, misclosure=self.misclosure / factor)
-
-    def error_scale(self) -> float:
-        """How many times larger than stated the errors of these poses are; 1 where they are not larger."""
-        P, w = len(self.parameters), self.misclosure.reshape(-1)
-        dof = len(w) - P
-        if dof <= 0:
-            return 1.0
-        rows = self.root.reshape(len(w), -1)
-        # Effects enter as observations of zero, so that one least-squares problem covers all.
-        prior = np.eye(rows.shape[-1])[P:]
-        left = np.concatenate((w, np.zeros(len(prior))))
-        columns = np.concatenate((rows, prior))
-        left = left - columns @ np.linalg.lstsq(columns, left, rcond=None)[0]
-        return float(np.sqrt(max(1.0, float(left @ left) / dof)))
-
-
-def about_parameters(information: FloatArray, parameters: int) -> FloatArray:
-    """Information (P, P) about the first P of P + K unknowns, the others having a standard normal prior."""
-    pp, pe = information[:parameters, :parameters], information[:parameters, parameters:]
-    ee = information[parameters:, parameters:] + np.eye(len(information) - parameters)
-    return np.asarray(pp - pe @ np.linalg.solve(ee, pe.T))
-
-
-def pose_information(
-    model: ClosureModel,
-    x: FloatArray,
-    q: FloatArray,
-    closed_q: FloatArray,
-    closed_u: FloatArray,
-    errors: ErrorModel,
-) -> PoseInformation:
-    """Information about the parameters of `model` that have no tolerance, under stated errors.
-
-    Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
-
-    `x`: parameters (P + T,) of `model`, toleranced ones among them. `q`: readings (m, n) of captured or planned poses.
-    `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U).
-    """
-    design = LinearModel(model, q, errors)
-    equations = Linearisation(
-        design, State(x=x, e=closed_q - q, u=closed_u, closed_q=closed_q, closed_u=closed_u)
-    )
-    sizes = design.start_variances()
-    root = np.sqrt(design.group_variances(sizes))
-    try:
-        parts = [design.whiten(equations.part(here), sizes, root, here) for here in design.parts()]
-    except np.linalg.LinAlgError as error:
-        raise ValueError(
-            "some closure components have no noise, because their joints have none"
-        ) from error
-    columns, w = (np.concatenate(rows) for rows in zip(*((p.M, p.w) for p in parts), strict=True))
-    effects = columns[..., design.hard :]
-    # Leading combinations of independent effects are independent effects again.
-    rows = effects.reshape(w.size, design.width - design.hard)
-    _, turn = np.linalg.eigh(rows.T @ rows)
-    leading = effects @ turn[:, : -EFFECTS - 1 : -1]
-    return PoseInformation(
-        parameters=tuple(model.parameters[k].name for k in design.hard_index),
-        root=np.concatenate((columns[..., : design.hard], leading), axis=-1),
-        misclosure=w,
-    )
-
 
 PRIOR_SHARE = 1e-8
 """Weight of the prior that makes the first choices comparable, relative to one average candidate."""

@@ -15,22 +15,19 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import DhEntry
 from solver.closing import close_loops, reduced_jacobian
-from solver.design.d_optimal import (
-    PoseInformation,
-    PoseSelection,
-    TooFewCandidatesError,
-    about_parameters,
-    choose_poses,
-    pose_information,
-)
+from solver.design.d_optimal import PoseSelection, TooFewCandidatesError, choose_poses
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
 from solver.design.paths import MotionLimits, PathGraph
+from solver.design.pose_information import PoseInformation, about_parameters, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
+
+AVOID_RADIUS_RAD = 0.15
+"""Nothing is planned this near to a pose where a move had to be stopped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -320,8 +317,6 @@ def _trusted(
     return np.asarray((sigma <= task.most_uncertain_rad) & (room >= 3.0 * sigma))
 
 
-AVOID_RADIUS_RAD = 0.15
-"""Nothing is planned this near to a pose where a move had to be stopped."""
 FAR_RAD = 1e3
 """Replaces an infinite distance: large, but small enough that sums keep the digits of the others."""
 MOST_ROUNDS = 50

@@ -1,4 +1,4 @@
-"""Calibrates during a session, and decides when to stop: the precision is reached, or no further pose helps.
+"""Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
 A pose always averages some noise, so "no pose helps" is decided by a forecast: the remaining poses, each the best for
 the worst parameter, would neither reach the requested precision nor come noticeably nearer to it.
@@ -6,19 +6,15 @@ the worst parameter, would neither reach the requested precision nor come notice
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.chain.parameters import nominal_vector
-from solver.design.d_optimal import PoseInformation, about_parameters
-from solver.estimators.estimate import Estimate
-from solver.estimators.implicit import NoiseModel, estimate_implicit
+from solver.design.pose_information import PoseInformation, about_parameters
 from solver.estimators.least_squares import column_scale
-from solver.loops.closure import ClosureModel
 
 BLIND = 1e-12
 """Directions whose scaled information is below this share of the largest are not determined. Subtracting the effects'
@@ -203,79 +199,3 @@ def _forecast(
 
 def _ratio(sigma: FloatArray, goal: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.isfinite(sigma), sigma / goal, 1e300))
-
-
-UNEXPLAINED = 3.0
-"""chi2 per degree of freedom above which sensor noise alone does not explain the closures."""
-GIVE_ROUNDS = 4
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class InterimEstimate:
-    """Part of a calibration that planning needs.
-
-    `x`, `covariance`: values (P,) and covariance (P, P). `trusted`: whether planning may use it. `text`: outcome, as
-    text.
-    """
-
-    x: FloatArray
-    covariance: FloatArray
-    trusted: bool
-    text: str
-
-
-Calibrate = Callable[[FloatArray], InterimEstimate]
-"""Estimates from the readings (m, n) of the poses so far; raises SolverError when they do not suffice."""
-
-
-def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
-    """Interim calibration by the implicit estimator, from nominal values or the last good estimate.
-
-    When the closure errors are far larger than the joint sensors' noise, the excess is attributed to the fixture's
-    compliance and the poses are fitted again: otherwise few poses in a compliant fixture would look too certain.
-    """
-    last: list[FloatArray] = []
-    explained = [noise]
-
-    def calibrate(q: FloatArray) -> InterimEstimate:
-        start = last[-1] if last else None
-        used = explained[-1]
-        found = estimate_implicit(model, q, used, x0=start)
-        for _ in range(GIVE_ROUNDS):
-            scatter = found.chi2_per_dof or 0.0
-            overstated = used.fixture_variance is not None and scatter < 1.0 / UNEXPLAINED
-            if scatter <= UNEXPLAINED and not overstated:
-                break
-            used = _with_give(noise, found, used)
-            found = estimate_implicit(model, q, used, x0=start)
-        scatter = max(1.0, found.chi2_per_dof or 1.0)
-        trusted = (
-            found.converged
-            and not found.flipped
-            and scatter <= 10.0 * UNEXPLAINED
-            and bool(np.all(np.isfinite(found.x)))
-        )
-        if trusted:
-            last.append(found.x)
-            explained.append(used)
-        change = np.abs(found.x - nominal_vector(model.parameters))
-        largest = int(np.argmax(change))
-        return InterimEstimate(
-            x=found.x,
-            covariance=found.covariance * scatter,
-            trusted=trusted,
-            text=f"chi2 per degree of freedom {scatter:.1f}; "
-            f"{model.parameters[largest].name} is farthest from nominal",
-        )
-
-    return calibrate
-
-
-def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseModel:
-    """Noise with fixture compliance: first as large as the closures, then scaled by the unexplained part."""
-    if used.fixture_variance is not None:
-        scale = found.chi2_per_dof or 1.0
-        return replace(noise, fixture_variance=used.fixture_variance * scale)
-    turned, shift = found.sigmas.orientation_rad, found.sigmas.position_m.rms
-    turn = 0.0 if turned is None else turned.rms
-    return replace(noise, fixture_variance=np.array([turn**2] * 3 + [shift**2] * 3))

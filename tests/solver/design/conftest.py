@@ -5,9 +5,9 @@ import pytest
 
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
-from solver.design.d_optimal import PoseInformation, pose_information
 from solver.design.manifold import Manifold, Ranges, grow_manifold
 from solver.design.plan import PlanningTask, StatedErrors, information_of
+from solver.design.pose_information import PoseInformation, pose_information
 from solver.estimators.error_model import ErrorModel
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth

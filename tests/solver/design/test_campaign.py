@@ -6,8 +6,8 @@ import pytest
 from solver.chain.parameters import nominal_vector
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign, CampaignSettings
+from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.plan import PlanningTask
-from solver.design.stop_rule import InterimEstimate, implicit_interim
 from solver.estimators.implicit import NoiseModel
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.design.conftest import HOME, SIGMA, of_noise, paper_ranges

@@ -265,7 +265,7 @@ class ArmInterface(Protocol):
         """Clear the latch and drive faults; starts no motion, the drives stay disabled."""
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage, read back, commit; `UploadRefused` with the controller's reason."""
+        """Stage, read back, commit, also with the drives off; `UploadRefused` with the controller's reason."""
 
     def active_parameters(self) -> bytes:
         """Read the controller's active parameter document; empty if there is none."""

@@ -228,8 +228,7 @@ class OutsideArm:
             raise Stopped("STOP was pressed again during the reset: it stays latched")
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Upload to a controller that keeps parameters."""
-        self._require_control()
+        """Upload to a controller that keeps parameters; no drive has to be enabled."""
         with self._translated_errors():
             return self._connected.upload_parameters(document)
 

@@ -75,6 +75,10 @@ class PlainArm:
 
     reset_stop = stop
 
+    def upload_parameters(self, document: bytes) -> arms.UploadReceipt:
+        self.document = document
+        return arms.UploadReceipt(slot="A", sha256="", length=len(document), home_offset_counts=())
+
 
 @pytest.fixture
 def plain() -> PlainArm:
@@ -201,3 +205,8 @@ def test_closing_an_arm_that_is_being_closed_waits_for_it(arm: OutsideArm, plain
     for thread in threads:
         thread.join(5.0)
     assert answers == [True, True]
+
+
+def test_an_upload_needs_no_drive(arm: OutsideArm, plain: PlainArm) -> None:
+    assert arm.upload_parameters(b"table").length == len(plain.document)
+    assert not plain.on

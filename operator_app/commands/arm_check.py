@@ -90,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
                 held = arm.close()
                 powered = arm.left_powered if isinstance(arm, PowerReporting) else ()
     if args.json:
-        found = [asdict(f) | {"stage": f.stage.value} for f in findings]
+        found = [{"stage": "", **asdict(f)} | {"stage": f.stage.value} for f in findings]
         say(as_json({"findings": found, "held": held}))
     failed = sum(f.passed is False for f in findings)
     passed = sum(f.passed is True for f in findings)

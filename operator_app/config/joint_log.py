@@ -206,14 +206,20 @@ def find_columns(
 
 
 def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return where names stand that differ only in a number, 0 or 1 to n; empty unless one series does."""
-    found: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
-    for k, name in enumerate(names):
-        if match := NUMBERED_JOINT.fullmatch(name.casefold()):
-            found[match[1], match[3]].append((int(match[2]), k))
+    """Return the places of names that differ only in a number, 0 or 1 to n; empty unless one series does.
+
+    Upper and lower case differ (`Q1` beside `q1` to `q7`), unless only names of mixed case are a series.
+    """
     wanted = [*range(count)], [*range(1, count + 1)]
-    whole = [series for series in found.values() if sorted(n for n, _ in series) in wanted]
-    return tuple(k for _, k in sorted(whole[0])) if len(whole) == 1 else ()
+    for spelled in (names, [name.casefold() for name in names]):
+        found: dict[tuple[str, str], list[tuple[int, int]]] = defaultdict(list)
+        for k, name in enumerate(spelled):
+            if match := NUMBERED_JOINT.fullmatch(name):
+                found[match[1], match[3]].append((int(match[2]), k))
+        whole = [series for series in found.values() if sorted(n for n, _ in series) in wanted]
+        if len(whole) == 1:
+            return tuple(k for _, k in sorted(whole[0]))
+    return ()
 
 
 def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool) -> np.ndarray:

@@ -326,6 +326,7 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
         found = json.loads(out)
         assert found["held"]
         assert {f["stage"] for f in found["findings"]} == {"look"}
+        assert list(found["findings"][0]) == ["stage", "name", "passed", "text", "joint"]
         # That a busy computer is late is nothing that the arm does.
         lacking = [f for f in found["findings"] if f["passed"] is not True]
         assert not [f for f in lacking if (f["name"], f["passed"]) != ("period", None)]

@@ -1,4 +1,4 @@
-"""Formats of numbers: quantity, unit, digits and role, defined here once. Knows no renderer.
+"""Formats of numbers: quantity, unit, digits and role, defined here once.
 
 Text, page and screen show `Figure.shown`, JSON has `Figure.in_json` under `Figure.key`. Figures shown in several places
 have a `Kind`, listed here.

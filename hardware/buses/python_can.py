@@ -173,8 +173,8 @@ def open_sender(settings: BusSettings) -> can.BusABC:
 def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
     """Clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
 
-    An adapter's clock (kvaser, pcan, vector, gs_usb) drifts more in an hour than data may be old; on a serial line
-    frames are stamped when they are read.
+    In an hour, the clock of an adapter (kvaser, pcan, vector, gs_usb) drifts by more than the age limit of a sample.
+    Frames of a serial adapter are stamped only when they are read.
     """
     return time.time if settings.interface in _HOST_STAMPED else None
 

@@ -76,7 +76,7 @@ class ControlLoop:
     Attributes
     ----------
     latency
-        The host's own latency, which silences of the nodes exclude.
+        Monitor of the host's latency, which is excluded from the nodes' receive timeout.
     commands
         Commands sent last; None before control was taken.
     moving

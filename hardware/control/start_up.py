@@ -125,7 +125,7 @@ def require_unused(
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    """Drives that close a loop, with their state."""
+    """Drives with power on their motors, with their state."""
     states = {node: state_of(word) for (node, index), word in values.items() if index == STATUSWORD}
     return {node: state for node, state in states.items() if state in POWERED_STATES}
 

@@ -1,4 +1,4 @@
-"""Object dictionaries of our devices, read from their EDS files. Knows no bus.
+"""Object dictionaries of our devices, read from their EDS files.
 
 `hardware.canopen.objects` gives names to the indices that code uses; a test compares the two.
 """

@@ -99,9 +99,9 @@ class DropoutMonitor:
         return tuple(sorted(self._dropouts.values(), key=_priority))
 
     def command(self, joint: int, command: Setpoint) -> Setpoint | None:
-        """Return what to send in place of a joint's command: after a dropout nothing that enables a drive.
+        """Return the command to send for a joint: after a dropout one that enables no drive.
 
-        None (send nothing) while this joint may have dropped out: a command might enable it again.
+        None (send nothing) while a dropout of this joint is suspected: a command might enable the drive again.
         """
         if command.controlword != CONTROLWORD_ENABLE_OPERATION:
             return command

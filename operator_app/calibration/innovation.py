@@ -29,7 +29,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftSeen:
-    """Effect of a joint's shift on a reading: its most likely size and sigma, rad, and the reduction of chi2."""
+    """Shift of a joint by one reading: most likely size and sigma, rad, and the reduction of chi2 that it explains."""
 
     size_rad: float
     sigma_rad: float

@@ -240,7 +240,7 @@ def _same_placement(found: IndistinguishablePlacements) -> Finding:
 
 
 def _ill_conditioned(seen: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Return the finding that the poses are ill-conditioned by the paper's limit; the sigmas decide."""
+    """Return a warning if the condition number exceeds the paper's limit; acceptance goes by the sigmas."""
     if seen.scaled_condition_number <= limits.scaled_condition_number:
         return ()
     return (

@@ -58,8 +58,9 @@ def shift_in_words(shift: CommonShift) -> str:
     more = "more" if shift.size > 0.0 else "less"
     return (
         f"joint {shift.subject} reads {SLIP_SIGMA(abs(shift.size)).with_unit} {more} than the calibration predicts "
-        f"(sigma {SLIP_SIGMA(shift.sigma).with_unit}) in all these poses: its offset is wrong, or it has "
-        f"slipped since{turned}. Check the coupling and the counter of joint {shift.subject}, then calibrate again"
+        f"(sigma {SLIP_SIGMA(shift.sigma).with_unit}) in all these poses: its offset is wrong, or the "
+        f"joint has slipped since the calibration{turned}. Check the coupling and the counter of joint "
+        f"{shift.subject}, then calibrate again"
     )
 
 

@@ -253,7 +253,7 @@ def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
 def stated_noise(
     arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, fixed: Fixed | None = None
 ) -> NoiseModel:
-    """Return the stated noise of new readings, or the one estimated with `fixed` where that is less.
+    """Return the stated noise of new readings, or the estimate of the calibration `fixed` where that is smaller.
 
     Noise estimated larger than stated is not used: after a slip of the fixture during the calibration every later pose
     would look good.

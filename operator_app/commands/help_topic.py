@@ -66,8 +66,10 @@ def _write_files(found: Manual, topic: str | None, folder: Path) -> int:
     from operator_app.manual.pages import NoSuchTopicError
 
     with_files = [t for t in found.topics if not found.made_by_code(t) and found.page(t).files]
+    if topic is None:
+        raise UsageError(f"--files: name a page that shows files: {', '.join(with_files)}")
     try:
-        shown = found.page(topic or "").files
+        shown = found.page(topic).files
     except NoSuchTopicError as error:
         raise UsageError(f"--files: {error}.") from error
     if not shown:

@@ -33,7 +33,7 @@ def execute(args: argparse.Namespace) -> int:
     with open_arm(opening_from(args), record_to=args.record) as rig:
         if rig.simulated:
             raise UsageError(
-                "the embedded virtual arm starts anew with every program, with nothing to reset; name a bus with -i, "
+                "the embedded virtual arm has nothing to reset: it starts with each command; name a bus with -i, "
                 "or a session on one"
             )
         if isinstance(rig.arm, CanopenArm):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
@@ -23,6 +23,7 @@ from operator_app.config.error_model import (
     assumed_of_rows,
     link_masses,
 )
+from operator_app.config.errors import value_in_words
 from operator_app.config.quantities import (
     AngleDeg,
     Count,
@@ -164,6 +165,18 @@ class ArmFile(StrictModel):
     home_deg: tuple[AngleDeg, ...]
     gravity: GravityModel | None = None
     links: tuple[LinkModel, ...] | None = None
+
+    @field_validator("offset_tolerance_deg", mode="before")
+    @classmethod
+    def _known_or_unknown(cls, value: Any) -> Any:
+        """Refuse all wrong values in one sentence, which pydantic would not: it has no word for both alternatives."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        if value == "unknown" or (number and 0.0 < value <= 180.0):
+            return value
+        raise refuse(
+            f"must be a number above 0 and at most 180, or unknown, not {value_in_words(value)}",
+            "write the standard deviation of the joints' zeros in degrees, or unknown",
+        )
 
     @field_validator("dh")
     @classmethod

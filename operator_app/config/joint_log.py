@@ -19,7 +19,7 @@ from operator_app.config.csv_table import MOST_PROBLEMS, BadCell, number
 from operator_app.config.errors import ConfigError, Problem, decode_text, only
 from operator_app.config.poses_file import (
     FEWEST_POSES_FOR_UNIT,
-    HEADER_EXAMPLE,
+    HEADER_COLUMNS,
     LIMIT_BYTES,
     THETA,
     LoadedPoses,
@@ -188,7 +188,7 @@ def find_columns(
         raise only(
             file,
             text,
-            f"name those of the joints, e.g. --columns {example}; or write the header {HEADER_EXAMPLE}",
+            f"name those of the joints, e.g. --columns {example}; or write a header: {HEADER_COLUMNS}",
         )
     found: list[int] = []
     for word in (part.strip() for part in wanted.split(",")):

@@ -252,7 +252,7 @@ def _entry_complaints(
     if part.entry in before:
         yield "is listed twice", "keep one of them"
     elif getattr(part, key) is None or getattr(part, other) is not None:
-        yield f"has no {key} or has a {other}", f"write {key} and nothing else"
+        yield f"has no {key} or has a {other}", f"write {key}, and leave {other} out"
     elif joints is not None and entry.row > len(joints):
         yield f"there is no row {entry.row}", f"the arm has rows 0 to {len(joints)}"
     elif joints is not None and entry.name.startswith("theta_off_") and entry.row > 0:

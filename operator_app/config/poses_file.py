@@ -58,7 +58,8 @@ THETA = re.compile(r"theta([1-9][0-9]{0,2})_deg")
 SD = re.compile(r"sd([1-9][0-9]{0,2})_deg")
 NUMBERED = re.compile(r"(\D*)(\d{1,15})", re.ASCII)
 """A label that is a number, or ends in one: `12`, `pose 12`."""
-HEADER_EXAMPLE = "the header is placement,pose,theta1_deg,theta2_deg,..."
+HEADER_COLUMNS = "placement,pose,theta1_deg,theta2_deg,..."
+HEADER_EXAMPLE = f"the header is {HEADER_COLUMNS}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -267,7 +267,7 @@ def load_bag(
         raise
     except Exception as error:
         # A damaged bag may raise anything inside the library.
-        text = f"cannot be read as a ROS 2 bag: {str(error) or type(error).__name__}"
+        text = f"cannot be read as a ROS 2 bag: {str(error).rstrip('.') or type(error).__name__}"
         remedy = "record it again, or repair it (mcap recover, ros2 bag reindex)"
         raise only(file, text, remedy) from error
     names = sorted({name for _, _, at in states for name in at})

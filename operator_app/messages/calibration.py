@@ -54,7 +54,7 @@ def source_remedy(source: str) -> str:
 SOURCE_REMEDIES = {
     "": "take more poses that differ more",
     "rvdt_curve": "replace the RVDT of joint {joint} or measure its linearity on a bench",
-    "rvdt_gain": "set the scale factor of joint {joint}'s RVDT twice as accurately and state its gain",
+    "rvdt_gain": "set the scale factor of joint {joint}'s RVDT twice as accurately and state the tolerance of its gain",
     "rvdt_noise": "take four times as many samples of joint {joint} in every pose",
     "lengths": "measure the arm's lengths twice as accurately and state their tolerance",
     "twists": "measure the arm's twists twice as accurately and state their tolerance",
@@ -227,7 +227,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.RVDT_GAIN_EXCEEDS: (
         "the gain of joint {joint}'s RVDT is off by about {times:TIMES} times what its specification states",
-        "have its scale factor set or state its gain, or " + _UNSENSED,
+        "have its scale factor set or state the tolerance of its gain, or " + _UNSENSED,
     ),
     K.RVDT_VERDICT: ("{reported}", ""),
     K.RVDT_HARMFUL: ("{reported}", ""),

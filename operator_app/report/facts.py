@@ -2,7 +2,7 @@
 
 Text, page, JSON, screen and plain mode render these facts and decide nothing. A table that is added
 to `facts_of` appears in all of them; figures with a key are in JSON as well; further JSON data are in
-`calibration_data`. Knows no renderer, no session and no file.
+`calibration_data`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tables of identified values: parameters, D-H table, corrected entries, correlations. Knows no renderer."""
+"""Tables of identified values: parameters, D-H table, corrected entries, correlations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a calibration's quality: condition, accuracy, closure. Knows no renderer."""
+"""Tables of a calibration's quality: condition, accuracy, closure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of a session's joints, sensors and poses, for the page. Knows no renderer and solves nothing."""
+"""Tables of a session's joints, sensors and poses, for the page."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The workflow without a screen: states, guards, journal, resume. Knows no Textual and prints nothing."""
+"""The workflow without a screen: states, guards, journal, resume. It prints nothing."""

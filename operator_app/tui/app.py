@@ -1,7 +1,6 @@
 """The app: polls one snapshot at 20 Hz, sends keys to actions, STOP straight to the arm.
 
-Decides nothing about a calibration; `session` does. Knows no bus. Slow imports run in a thread while the first screen
-is shown.
+Decides nothing about a calibration; `session` does. Slow imports run in a thread while the first screen is shown.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ CHUNK = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class System:
-    """Reduced linear system of m poses: w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
+    """Reduced closure of m poses (see the module): w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
 
     `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
     rates (k, P) of measured distances, which belong to no pose.

@@ -152,7 +152,7 @@ class Fit:
     converged
         Whether the last step was below `LEAST_STEP`, or no smaller step descends.
     triangle
-        Triangle of the equations there; at the start of the last step if it was taken without evaluation.
+        Triangle at `x`; if the last step was taken without evaluation, the triangle at its start.
     """
 
     x: FloatArray

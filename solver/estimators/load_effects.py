@@ -272,9 +272,9 @@ def _cuts(m: int) -> list[slice]:
 def _wrenches(
     part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
 ) -> FloatArray:
-    """Fixture's wrench W (m, k, 4 n, sets) for a unit of each uncertain moment, by driven set.
+    """Fixture's wrench W (m, k, 4 n, sets) per unit of each uncertain moment: four of each of n masses, by driven set.
 
-    `torque` are the `torques` of these poses if they are known.
+    `torque`: result of `torques` for these poses, if it was computed before.
     """
     model = part.model
     error = model.loop(part.x, part.q[poses], part.u[poses])

@@ -284,5 +284,5 @@ def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray
 
 
 def poses_needed(parameters: int, equations_per_pose: int) -> int:
-    """Fewest poses that leave at least one degree of freedom; 0 where no number suffices."""
+    """Fewest poses with more closure equations than parameters; 0 if a pose has no equation."""
     return parameters // equations_per_pose + 1 if equations_per_pose > 0 else 0

@@ -1,7 +1,6 @@
 """Calls of the library: checks the arguments before anything is computed, with one BLAS thread.
 
 An error names the argument, its value and the valid values: TypeError for a wrong type, ValueError for a wrong value.
-Knows no arm's model and no file.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Before and after calibration, side by side: arm and fixture in one pose, the tool error over the workspace.
 
-Both pictures of a pair have the same axes. Knows no renderer.
+Both pictures of a pair have the same axes.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def arm_pair(subject: Subject) -> Pair | None:
     times = max((k for k in ENLARGED if k * max(sizes) <= PANEL_GAP_SHARE * reach), default=1)
     kind = subject.procedure.fixture.kind
     words = MEASURED if kind == "measured" else HELD
-    labels = (words.there or f"{kind}, table", f"{kind}, hand")
+    labels = (words.there or f"{kind}, table", f"{kind}, tool")
     drawn = [_layers(s, view, times, labels) for s in (before, after)]
     points = [np.array([layer.x, layer.y]) for layers in drawn for layer in layers]
     x, y = map_axes(

@@ -185,9 +185,10 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> di
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, found: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Joints of `zeros` with a reset counter: using their readings raises chi2 with a probability below `at_most`.
+    """Return the angle (rad) that closes the loop, by joint of `zeros` whose counter was reset; empty if none was.
 
-    The difference of chi2 with and without these readings counts, because other errors in the files raise both.
+    A reset is found where these readings raise chi2 by an amount less probable than `at_most` without one. Other errors
+    in the files raise chi2 with and without the readings.
     """
     from scipy.special import chdtrc
 

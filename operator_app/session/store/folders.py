@@ -122,7 +122,7 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     """Return (time of opening, sequence number) by folder name, for journals without an `order`.
 
-    The sequence number counts sessions that were opened after the clock was set back to before that time.
+    The sequence number counts the sessions after that time that were opened at an earlier time of a clock set back.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     found: dict[str, tuple[str, int]] = {}

@@ -294,7 +294,7 @@ class Journal:
 
     @property
     def kept_folder(self) -> Path:
-        """Folder that holds all entries: the rescue copy after a loss."""
+        """Folder that holds all entries: the session's, or after a loss the rescue copy."""
         if self._loss is not None and self._loss.rescued is not None:
             return self._loss.rescued
         return self.path.parent

@@ -46,13 +46,13 @@ class Sessions:
     last
         Folder of the last closed session; None if it was removed as empty.
     held
-        Whether its arm confirmed that it is held; None if none was connected.
+        Whether its arm confirmed that it holds its position; None if none was connected.
     exported
         Whether its parameters were written.
     lost
         The error of its lost journal, if it was lost.
     not_held
-        The error of an arm that may not be held, if there is one.
+        The error of an arm that did not confirm it, if there is one.
     """
 
     def __init__(

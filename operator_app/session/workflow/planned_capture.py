@@ -135,7 +135,7 @@ class PlannedCapture:
 
     @property
     def continues_in_place(self) -> bool:
-        """After `ready`: whether the arm is at its last position, or nothing is left to do."""
+        """After `ready`: whether the campaign needs no move back of the arm first; also true if it has ended."""
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:

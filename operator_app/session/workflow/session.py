@@ -134,7 +134,7 @@ class Session(Logbook):
         return identity
 
     def mounted(self) -> None:
-        """Record the operator's confirmation that the fixture is mounted, in a placement without poses."""
+        """Record the operator's confirmation that the fixture is mounted; nothing once the placement has poses."""
         if self.state.unconfirmed_placement:
             self.record("remounted", {"placement": self.state.placement})
 
@@ -356,7 +356,7 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> NotLetGoError | None:
-        """The error of an arm that may not be held after `let_go`; None if it is held."""
+        """The error of an arm that did not confirm after `let_go` that it is held; None if it did."""
         return None if self.held else NotLetGoError(self._powered)
 
     def require_let_go(self) -> None:

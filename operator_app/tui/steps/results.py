@@ -182,7 +182,7 @@ class ResultsPlot(Lines):
 def _of_rvdt(
     subject: Subject, verdict: RvdtVerdict, width: int, height: int, *, ascii_only: bool
 ) -> Sequence[Line]:
-    """Return the linearity deviation of one RVDT with its limits, then as text."""
+    """Return the plot of one RVDT's linearity deviation with its limits, and its verdict below."""
     words = wrapped(f" {verdict.text}", width, "warn" if verdict.treat_as_unsensed else "text", " ")
     if verdict.figures is None:
         return words

@@ -39,6 +39,7 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
     "half a channel": (lambda _: ["run", "hinge", "-i", "socketcan", "-c", "\udcff"], "printable"),
     "no interface": (lambda _: ["run", "hinge", "-i", "nonsense"], "Use one of"),
     "no channel": (lambda _: ["probe", "-i", "socketcan"], "No channel is given"),
+    "files of no page": (lambda _: ["help", "--files", "x"], "name a page that shows files"),
     "nobody's home": (lambda _: ["run", "~nosuchuser/x"], "~nosuchuser/x: there is no such file"),
     "nobody's poses": (lambda _: ["solve", "~nosuchuser/x", *ARM], "there is no such file"),
     "nobody's session": (lambda _: ["report", "~nosuchuser/x"], "~nosuchuser/x is not a session"),

@@ -151,6 +151,15 @@ BAD: list[tuple[str, Callable[[str], str], str, str, str]] = [
     ("nan", replace("s_m: 0.355", "s_m: .nan"), ".nan", "dh[row 3].s_m"),
     ("infinity", replace("s_m: 0.355", "s_m: -.inf"), "-.inf", "dh[row 3].s_m"),
     ("overflow", replace("s_m: 0.355", "s_m: 1e999"), "1e999", "dh[row 3].s_m"),
+    *(
+        (
+            f"zeros known to {value}",
+            replace("dh:", f"offset_tolerance_deg: {value}\ndh:"),
+            "offset_tolerance_deg",
+            "offset_tolerance_deg",
+        )
+        for value in ("unknow", "-3", "true")
+    ),
     ("text", replace("s_m: 0.355", "s_m: long"), "long", "dh[row 3].s_m"),
     ("null", replace("s_m: 0.355", "s_m: "), "row: 3", "dh[row 3].s_m"),
     ("list", replace("s_m: 0.355", "s_m: [1]"), "row: 3", "dh[row 3].s_m"),

@@ -2,7 +2,8 @@
 
 With an `ArmOffer` as OFFER and::
 
-    [project.entry-points."sarcal.arm"] my_arm = "my_package:OFFER"
+    [project.entry-points."sarcal.arm"]
+    my_arm = "my_package:OFFER"
 
 a package makes ``-i my_arm -c CHANNEL`` an arm like any other. Interface names of python-can keep their meaning.
 """

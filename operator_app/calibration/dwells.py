@@ -42,7 +42,7 @@ class Dwell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedDwell:
-    """A rest that is no dwell: it was too short, or `joint` (1-based) moved by `moved_rad`."""
+    """A rest that does not count as a dwell: it was too short, or `joint` (1-based) moved by `moved_rad`."""
 
     start_s: float
     seconds: float

@@ -227,6 +227,6 @@ def _far(estimate: Estimate) -> list[tuple[Parameter, float]]:
 
 
 def _described(estimate: Estimate, judged: tuple[str, ...]) -> Estimate:
-    """Return the identified parameters only, the fixture's in the one of several placements that its file describes."""
+    """Return the identified parameters, without those of placements that the fixture's file does not describe."""
     names = [p.name for p in estimate.parameters]
     return estimate.without([n for n in names if n not in judged or n.endswith("]")])

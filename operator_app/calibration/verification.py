@@ -268,7 +268,7 @@ def stated_noise(
         least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(whole, least) + gain**2
     give = np.repeat([fixture.compliance.orientation_rad**2, fixture.compliance.position_m**2], 3)
-    give = give + stated.give
+    give = give + stated.deflection_variance
     if fixed is not None and fixed.fixture_variance is not None:
         give = np.minimum(give, fixed.fixture_variance)
     return NoiseModel(joint_variance=variance, fixture_variance=give)

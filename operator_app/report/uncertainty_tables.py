@@ -23,6 +23,7 @@ from operator_app.units import (
     significant,
 )
 from solver.chain.parameters import DhKind
+from solver.estimators.component_report import NORMAL_95
 from solver.estimators.variance_components import VarianceComponents
 from solver.posterior.corrections import ReadingCorrection
 
@@ -274,8 +275,6 @@ def posterior_data(solution: Solution) -> dict[str, Any]:
         ]
     return found
 
-
-NORMAL_95 = 1.959963984540054
 
 _PER_SI = np.array([np.rad2deg(1.0) if kind.is_angle else 1.0 for kind in DhKind])
 

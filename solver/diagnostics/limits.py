@@ -124,7 +124,7 @@ LEARNED_VARIANCE_FACTOR = 2.0
 
 FAR_FROM_NOMINAL_RAD = np.deg2rad(20.0)
 FAR_FROM_NOMINAL_M = 0.06
-"""Difference from the file's value that no mounting and no stated offset credibly has."""
+"""Difference from the file's value that neither a mounting error nor an offset can credibly cause."""
 
 LEAST_INFORMATION_SHARE = 0.5
 """A parameter counts as known from the files if the poses contribute a smaller share of its information."""
@@ -203,7 +203,7 @@ RVDT_LEAST_SPAN = 0.15
 """Least number of poses, and share of full scale that they have to cover, to distinguish a curve from a line."""
 
 RVDT_NOISE_RATIO = 1.25
-"""Noise exceeds its specification if it is certainly this many times larger, since whole LSB resolve no less."""
+"""Ratio to its specification that noise must certainly exceed to be out of it; whole LSB do not resolve less."""
 
 RVDT_HARMFUL_RATIO = 3.0
 """Deviations (rms) of this many times the sensor's noise impair the calibration."""

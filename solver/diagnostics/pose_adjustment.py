@@ -54,7 +54,7 @@ def adjust_poses(
 
     `near` are corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
     """
-    variance, give = np.broadcast_to(noise.joint_variance, q.shape), noise.give
+    variance, give = np.broadcast_to(noise.joint_variance, q.shape), noise.deflection_variance
     if near is None:
         sd = np.sqrt(variance.mean(axis=0))
         near = np.zeros_like(q), close_loops(model, x, q, sigma_rad=sd, max_iterations=3).u
@@ -128,7 +128,7 @@ def loop_angles(
     error = adjusted.error
     variance = np.broadcast_to(noise.joint_variance, q.shape)
     S = (error.jac_q * variance[:, None, :]) @ np.swapaxes(error.jac_q, -1, -2)
-    S = S + np.diag(noise.give[-S.shape[-1] :])
+    S = S + np.diag(noise.deflection_variance[-S.shape[-1] :])
     system = adjusted.system
     inverse = left_inverse(error.jac_u)
     SE = S @ system.E

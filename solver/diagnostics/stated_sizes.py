@@ -11,7 +11,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, MOTION_NOISE_LEAST_SHARE
-from solver.estimators.component_report import MOST_CERTAIN, standard_errors
+from solver.estimators.component_report import MOST_CERTAIN, NORMAL_95, standard_errors
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import scale_spread, with_priors
@@ -112,8 +112,6 @@ def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]
     level = np.log(FALSE_ALARM_PROBABILITY / max(len(design.components), 1))
     return tuple(sorted((x for x in found if x.log_chance < level), key=lambda x: x.times))
 
-
-NORMAL_95 = 1.959963984540054
 
 FAMILIES = {
     "fixture_m": "fixture_play_position",

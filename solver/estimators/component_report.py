@@ -15,7 +15,7 @@ from solver.estimators.mixed_fit import MixedFit
 COMPLIANCE_LEVEL = 0.01
 """Probability of the data below which the fixture counts as more compliant than stated."""
 
-TWO_SIDED = 1.959963984540054
+NORMAL_95 = 1.959963984540054
 """Standard normal deviate of a two-sided 95 % interval."""
 
 
@@ -134,7 +134,7 @@ def interval(variance: float, error: float) -> tuple[float, float]:
     degrees = 2.0 * min(variance / max(error, 1e-300), MOST_CERTAIN) ** 2
     if degrees < 1.0:
         # Nearly zero: the lower end is zero, and chi2's upper end would tend to infinity.
-        return 0.0, variance + TWO_SIDED * error
+        return 0.0, variance + NORMAL_95 * error
     # chdtri takes the probability above.
     low, high = chdtri(degrees, (0.025, 0.975))
     return float(degrees * variance / low), float(degrees * variance / high)

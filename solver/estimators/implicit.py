@@ -60,8 +60,8 @@ class NoiseModel:
     fixture_variance: FloatArray | None = None
 
     @property
-    def give(self) -> FloatArray:
-        """The fixture's variance (6,), zeros without one."""
+    def deflection_variance(self) -> FloatArray:
+        """The fixture's variance (6,), zeros if it has none."""
         return np.zeros(6) if self.fixture_variance is None else self.fixture_variance
 
 
@@ -154,7 +154,7 @@ def fit_implicit(
         # Readings are poor initial angles: take them from loops closed as well as `x0` allows.
         sigma = np.sqrt(variance.mean(axis=0))
         u = close_loops(model, x, q, sigma_rad=sigma, u=u, max_iterations=3).u
-    loops = _Loops(model, q, variance, noise.give)
+    loops = _Loops(model, q, variance, noise.deflection_variance)
     iterations, converged = 0, False
     for iterations in range(1, max_iterations + 1):
         triangle = loops.linearised(x, e, u, prior)

@@ -1,4 +1,4 @@
-"""Gravity's torque on every joint, displacements of a fixture of unknown compliance, and smooth functions of the pose.
+"""Gravity's torque on every joint, and the displacements of a fixture of unknown compliance.
 
 Each half of a fixture has a compliance, constant in that half's own axes. It is symmetric and
 positive: C = S M S, S one size for angles and one for positions, M of mean I and with the second moments
@@ -11,10 +11,6 @@ so that under wrenches W z, z ~ N(0, I), the displacements C W z at two poses p,
     s_i s_j (G_ij + (d_ij sum_k G_kk + G_ji) / nu),     G = S W(p) W(p')' S.
 
 The torques follow from a closure model's table and the arm's stated and uncertain masses.
-
-Other deflections that repeat at the same pose are a Gaussian process over joint space with several scales at once and a
-linear part, in low rank: its values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far
-apart (Nystroem), so its cost grows with the poses and not with their square.
 """
 
 from __future__ import annotations
@@ -167,91 +163,3 @@ def by_moment(rates: FloatArray, masses: LinkMasses) -> FloatArray:
     # One product for each link: all joints at all poses with its moments.
     by_link = rates.transpose(2, 0, 1, 3).reshape(n, m * n, 4) @ masses.moments_sd
     return by_link.reshape(n, m, n, 4).transpose(1, 2, 0, 3).reshape(m, n, -1)
-
-
-CENTRES = 64
-"""Poses, as far apart as there are, from which the others are interpolated."""
-
-CHUNK = 1024
-"""Poses computed at a time."""
-
-SCALES_RAD = (np.deg2rad(60.0), np.deg2rad(120.0))
-WEIGHTS = (0.5, 0.5)
-"""Shares of the variance at each scale."""
-
-CONSTANT, LINEAR = 0.5, 0.5
-"""Variance of the constant and of the linear part, in addition to that of the scales."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseBasis:
-    """Smooth columns.
-
-    `phi`: values (m, k). `missed`: share (m,) of the variance at each pose that so few columns leave out.
-    """
-
-    phi: FloatArray
-    missed: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PoseProcess:
-    """The process in low rank, before the few columns are chosen.
-
-    `values` (m, c): one column for each centre. `turn` (c, c): from these to orthogonal columns, the largest first.
-    `variance` (m,): variance of the process itself.
-    """
-
-    values: FloatArray
-    turn: FloatArray
-    variance: FloatArray
-
-    def leading(self, columns: int) -> PoseBasis:
-        """Return the columns of largest variance."""
-        phi = self.values @ self.turn[:, :columns]
-        return PoseBasis(phi=phi, missed=np.maximum(self.variance - (phi**2).sum(-1), 0.0))
-
-
-def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess:
-    """Return the process over joint angles `q` (m, n), rad; independent in each `group` (m,) of poses."""
-    spread = np.maximum(q.std(axis=0), 1e-9)
-    moving = np.ptp(q, axis=0) > np.deg2rad(0.5)
-    angle = q[:, moving]
-    linear = (angle - angle.mean(axis=0)) / (spread[moving] * np.sqrt(max(1, moving.sum())))
-    group = np.zeros(len(q), dtype=np.int64) if group is None else group
-    far = farthest(np.column_stack((angle, 10.0 * group)), CENTRES)
-
-    def kernel(one: IntArray, two: IntArray) -> FloatArray:
-        a, b = angle[one], angle[two]
-        d2 = np.maximum((a**2).sum(-1)[:, None] + (b**2).sum(-1)[None, :] - 2.0 * (a @ b.T), 0.0)
-        k = CONSTANT + LINEAR * (linear[one] @ linear[two].T)
-        for scale, weight in zip(SCALES_RAD, WEIGHTS, strict=True):
-            k = k + weight * np.exp(-0.5 * d2 / scale**2)
-        return np.asarray(k * (group[one][:, None] == group[two][None, :]))
-
-    values, vectors = np.linalg.eigh(kernel(far, far))
-    good = values > 1e-8 * values[-1]
-    if len(far) == len(q):
-        # Every pose is a centre: the columns are orthogonal already.
-        whole = vectors[:, good] * np.sqrt(values[good])
-        turn = np.eye(whole.shape[1])
-    else:
-        root = vectors[:, good] / np.sqrt(values[good])
-        parts = np.array_split(np.arange(len(q)), -(-len(q) // CHUNK))
-        whole = np.concatenate([kernel(part, far) @ root for part in parts])
-        turn = np.linalg.eigh(whole.T @ whole)[1]
-    diagonal = CONSTANT + sum(WEIGHTS) + LINEAR * (linear**2).sum(-1)
-    return PoseProcess(values=whole, turn=turn[:, ::-1], variance=diagonal)
-
-
-def farthest(points: FloatArray, count: int) -> IntArray:
-    """Indices of points (m, d) chosen one by one, each the farthest from those before."""
-    if len(points) <= count:
-        return np.arange(len(points))
-    distance = ((points - points.mean(axis=0)) ** 2).sum(-1)
-    chosen: list[int] = []
-    for _ in range(count):
-        chosen.append(int(np.argmax(distance if chosen else -distance)))
-        near = ((points - points[chosen[-1]]) ** 2).sum(-1)
-        distance = near if len(chosen) == 1 else np.minimum(distance, near)
-    return np.array(chosen)

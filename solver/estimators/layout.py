@@ -16,12 +16,14 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.parameters import DhKind, Parameter, nominal_vector
 from solver.chain.sensors import LOWEST
-from solver.estimators.compliance import PoseBasis, PoseProcess, pose_process
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.load_shapes import (
     UNMODELLED_SHARE,
+    PoseBasis,
+    PoseProcess,
     Shapes,
     loaded_give,
+    pose_process,
     shapes_of_sag,
     sides_of_play,
 )

@@ -39,7 +39,6 @@ from solver.estimators.compliance import (
     by_moment,
     compliance_sizes,
     covariance,
-    farthest,
     variance,
 )
 from solver.loops.closure import ClosureModel
@@ -377,3 +376,16 @@ def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)
     )
     return [every[i] for i in chosen]
+
+
+def farthest(points: FloatArray, count: int) -> IntArray:
+    """Indices of points (m, d) chosen one by one, each the farthest from those before."""
+    if len(points) <= count:
+        return np.arange(len(points))
+    distance = ((points - points.mean(axis=0)) ** 2).sum(-1)
+    chosen: list[int] = []
+    for _ in range(count):
+        chosen.append(int(np.argmax(distance if chosen else -distance)))
+        near = ((points - points[chosen[-1]]) ** 2).sum(-1)
+        distance = near if len(chosen) == 1 else np.minimum(distance, near)
+    return np.array(chosen)

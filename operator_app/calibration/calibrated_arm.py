@@ -1,12 +1,11 @@
-"""The calibrated arm without its loop: tool position, its uncertainty and true error, and offsets that were fixed.
+"""The calibrated arm without its loop: tool position, its uncertainty, and offsets that were fixed.
 
 Parameters of the mounting (`ground_side`, `hand_side`) are replaced when the fixture is; the arm's own remain.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,7 +16,6 @@ from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import (
     HandAccuracy,
     HeldOffset,
-    TrueErrors,
     spread_along,
     spread_of,
 )
@@ -26,7 +24,6 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.sensors import NoSensor
-from solver.diagnostics.statistics import intervals
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
@@ -376,55 +373,3 @@ def _rate(
         )
         places.append(there.T_base(q)[:, :3, 3])
     return np.asarray(np.linalg.norm(places[1] - places[0], axis=-1) / (2.0 * DERIVATIVE_STEP_RAD))
-
-
-Truths = Callable[[int], Mapping[str, float]]
-"""True values, rad and m, by the names of unknowns, of one mounting of the fixture (from 1)."""
-
-
-def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
-    """Return a calibration with its errors against the truth; `first` is its first mounting with poses.
-
-    The tool position error does not include the fixture's place, as in `HandAccuracy`.
-    """
-    estimate = solution.identified
-    inside, of = 0, 0
-    for parameter, x, bound in zip(
-        estimate.parameters, estimate.x.tolist(), intervals(estimate), strict=True
-    ):
-        name, _, number = parameter.name.partition("[")
-        true = truths(int(number[:-1]) if number else first).get(name)
-        if true is None:  # the orientation of a target has no true value by that name
-            continue
-        off = true - x
-        if parameter.is_angle:
-            off = math.remainder(off, 2.0 * math.pi)
-        of += 1
-        inside += bound.low <= x + off <= bound.high
-    # The identified entries are compared, since the best table also includes errors of readings.
-    found = replace(calibrated_arm(solution, arm), best=None)
-    part = solution.model.parts()[0][0]
-    values = dict(truths(first))
-    mine = {
-        entry.name: values[entry.name]
-        for row in range(1, arm.joint_count + 1)
-        for kind in DhKind
-        if (entry := DhEntry(kind=kind, row=row)).name not in part.ground_side
-    }
-    true_arm = replace(
-        found,
-        hand=with_entries(found.hand, mine),
-        tip_m=np.array([values.get(n, v) for n, v in zip(TIP, found.tip_m, strict=True)]),
-    )
-    q = even_poses(arm)
-    tip, sigma = found.tip_with_sigma_m(q)
-    off_m = np.linalg.norm(tip - true_arm.T_base(q)[:, :3, 3], axis=-1)
-    return replace(
-        solution,
-        truth=TrueErrors(
-            inside_95=inside,
-            of=of,
-            tool_rms_m=float(np.sqrt(np.mean(off_m**2))),
-            predicted_rms_m=float(np.sqrt(np.mean(sigma**2))),
-        ),
-    )

@@ -13,15 +13,10 @@ from dataclasses import replace
 import numpy as np
 
 from hardware.arm import Reading
-from operator_app.calibration.prior import (
-    ClosureFit,
-    KnownArm,
-    LoopAtReading,
-    known_arm,
-    loop_at_reading,
-)
+from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError
+from operator_app.session.safety.closure_gate import ClosureFit, LoopAtReading, loop_at_reading
 from operator_app.session.safety.resume_checks import (
     MAX_SAG_RAD,
     ClosureResult,

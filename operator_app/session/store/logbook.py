@@ -9,7 +9,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.calibrated_arm import with_truth
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.serialization import to_dict
 from operator_app.config.poses_file import save_poses
@@ -24,15 +23,16 @@ from operator_app.session.store.stored_calibration import (
     missing_repeat_notices,
     solution_data,
 )
+from operator_app.session.store.true_errors import with_truth
 
 if TYPE_CHECKING:
     from fixtures.base import EndpointConstraint
-    from operator_app.calibration.calibrated_arm import Truths
     from operator_app.calibration.result import Solution
     from operator_app.config.parameters import ParametersDocument
     from operator_app.config.procedure import Procedure
     from operator_app.session.store.journal import Clock, Journal
     from operator_app.session.store.state import CapturedPose, SessionState
+    from operator_app.session.store.true_errors import Truths
     from solver.chain.arm_model import ArmModel
     from solver.estimators.least_squares import Progress
 

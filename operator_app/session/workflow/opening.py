@@ -27,8 +27,8 @@ from solver.estimators.estimate import require_enough_poses
 
 if TYPE_CHECKING:
     from hardware.arm import ArmInterface
-    from operator_app.calibration.calibrated_arm import Truths
     from operator_app.config.procedure import CapturePlan, Procedure
+    from operator_app.session.store.true_errors import Truths
     from operator_app.session.workflow.pose_reading import Instrument
     from operator_app.session.workflow.session import Session
 

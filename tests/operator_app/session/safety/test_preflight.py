@@ -9,10 +9,10 @@ import pytest
 from hardware.arm import Reading
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles
-from operator_app.calibration.prior import loop_at_reading
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
+from operator_app.session.safety.closure_gate import loop_at_reading
 from operator_app.session.safety.preflight import check_closure_without_poses
 
 FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])

@@ -5,13 +5,13 @@ import math
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.calibrated_arm import with_truth
 from operator_app.calibration.tool_accuracy import TrueErrors
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
+from operator_app.session.store.true_errors import with_truth
 from solver.chain.parameters import DhEntry, DhKind
 
 

@@ -1,0 +1,132 @@
+"""Closure gate: whether the loop can close at the present reading within the tolerances of the files, without any pose.
+
+With S and Q the covariances of the unknowns phi and of the readings q, the most probable way to close is
+
+    min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
+
+by Newton's iteration on the reduced equations (`solver.closing`); its value is chi2 with as many degrees of
+freedom as a pose has equations.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fixtures.base import EndpointConstraint
+from operator_app.calibration.error_model import free_within_tolerance
+from operator_app.calibration.prior import KnownArm, PlacementPrior, placement_prior
+from solver.arrays import FloatArray
+from solver.chain.arm_model import ArmModel
+from solver.chain.sensors import NoSensor
+from solver.closing import reduced_equations, unsensed_step
+from solver.loops.closure import ClosureModel
+
+GATE_ROUNDS, LONGEST_STEP, CLOSURE_TOLERANCE = 40, 0.5, 1e-6
+"""Most steps, the longest step (rad, m), and the error (rad, m) below which a loop is closed."""
+
+LEAST_READING_RAD = float(np.deg2rad(0.1))
+"""Least standard deviation of a reading here, because this model has no deflections."""
+
+UNKNOWN_RAD = math.pi
+"""Standard deviation of an ignored reading."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClosureFit:
+    """The most probable way to close the loop at one reading.
+
+    `chi2`: chi2 of the necessary changes; infinite where it does not close at all. `dof`: equations of the pose minus
+    ignored readings. `q_rad`: joint angles (n,) at which it closes.
+    """
+
+    chi2: float
+    dof: int
+    q_rad: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopAtReading:
+    """The loop at one reading, with the prior from its files.
+
+    `model`, `prior`: the loop, and the prior of its unknowns. `reading_rad`, `reading_sd_rad`: readings (n,) and their
+    standard deviations.
+    """
+
+    model: ClosureModel
+    prior: PlacementPrior
+    reading_rad: FloatArray
+    reading_sd_rad: FloatArray
+
+    @property
+    def joints(self) -> tuple[int, ...]:
+        """Joints (1-based) whose readings are used."""
+        return tuple(
+            j for j in range(1, len(self.reading_rad) + 1) if j not in self.model.unsensed_joints
+        )
+
+    def fit(self, *ignored_joints: int) -> ClosureFit:
+        """Close the loop without the readings of `ignored_joints` (1-based)."""
+        model, x0, q0 = self.model, self.prior.mean, self.reading_rad
+        S, Q = self.prior.covariance, self.reading_sd_rad**2
+        unknown = [j - 1 for j in ignored_joints]
+        Q[unknown] = UNKNOWN_RAD**2
+        x, q = x0.copy(), q0.copy()
+        u = model.initial_unsensed(x, q[None])
+        dof, size, moved, by_prior = 0, np.inf, np.inf, 0.0
+        for _ in range(GATE_ROUNDS):
+            error = model.loop(x, q[None], u)
+            size = float(np.abs(error.residual).max())
+            if size < CLOSURE_TOLERANCE and moved < CLOSURE_TOLERANCE:
+                break
+            reduced = reduced_equations(error)
+            w, A, B = reduced.w[0], reduced.A[0], reduced.B[0]
+            dof = len(w)
+            of_x = A @ S @ A.T
+            V = of_x + (B * Q) @ B.T
+            pull = np.linalg.lstsq(V, w - A @ (x - x0) - B @ (q - q0), rcond=1e-12)[0]
+            dx, dq = x0 - S @ (A.T @ pull) - x, q0 - Q * (B.T @ pull) - q
+            by_prior = float(pull @ of_x @ pull)
+            moved = max(float(np.abs(dx).max(initial=0.0)), float(np.abs(dq).max()))
+            share = min(1.0, LONGEST_STEP / max(moved, 1e-300))
+            dx, dq = share * dx, share * dq
+            u = u + unsensed_step(error, (error.jac_x @ dx + (error.jac_q @ dq[..., None])[..., 0]))
+            x, q = x + dx, q + dq
+        if not size < CLOSURE_TOLERANCE:
+            return ClosureFit(chi2=math.inf, dof=dof, q_rad=q)
+        by_readings = np.where(Q > 0.0, (q - q0) ** 2 / np.where(Q > 0.0, Q, 1.0), 0.0)
+        by_readings[unknown] = 0.0
+        left = max(dof - len(unknown), 0)
+        return ClosureFit(chi2=by_prior + float(by_readings.sum()), dof=left, q_rad=q)
+
+
+def loop_at_reading(
+    arm: ArmModel,
+    fixture: EndpointConstraint,
+    reading_rad: FloatArray,
+    *,
+    unsensed_joints: tuple[int, ...] = (),
+    known: KnownArm | None = None,
+) -> LoopAtReading:
+    """Return the loop at a reading (n,), with the prior from its files and from the arm as far as `known`."""
+    model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
+    errors = np.stack(
+        [
+            arm.sigma_rad(),
+            arm.linearity_rad(),
+            arm.gain_rad(),
+            arm.accuracy_rad,
+            arm.backlash_rad,
+            arm.sag_rad,
+        ]
+    )
+    read = np.hypot(np.sqrt((errors**2).sum(0)), LEAST_READING_RAD)
+    unsensed = [isinstance(j.sensor, NoSensor) for j in arm.joints]
+    return LoopAtReading(
+        model=model,
+        prior=placement_prior(model, arm, fixture, stated, known),
+        reading_rad=np.asarray(reading_rad, dtype=np.float64),
+        reading_sd_rad=np.where(unsensed, 0.0, read),
+    )

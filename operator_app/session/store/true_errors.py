@@ -1,0 +1,68 @@
+"""True errors of a calibration of a simulated arm, whose parameters are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from operator_app.calibration.calibrated_arm import calibrated_arm, even_poses, with_entries
+from operator_app.calibration.result import Solution
+from operator_app.calibration.tool_accuracy import TrueErrors
+from solver.chain.arm_model import ArmModel
+from solver.chain.parameters import DhEntry, DhKind
+from solver.diagnostics.statistics import intervals
+from solver.loops.point import TIP
+
+Truths = Callable[[int], Mapping[str, float]]
+"""True values, rad and m, by the names of unknowns, of one mounting of the fixture (from 1)."""
+
+
+def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
+    """Return a calibration with its errors against the truth; `first` is its first mounting with poses.
+
+    The tool position error does not include the fixture's place, as in `HandAccuracy`.
+    """
+    estimate = solution.identified
+    inside, of = 0, 0
+    for parameter, x, bound in zip(
+        estimate.parameters, estimate.x.tolist(), intervals(estimate), strict=True
+    ):
+        name, _, number = parameter.name.partition("[")
+        true = truths(int(number[:-1]) if number else first).get(name)
+        if true is None:  # the orientation of a target has no true value by that name
+            continue
+        off = true - x
+        if parameter.is_angle:
+            off = math.remainder(off, 2.0 * math.pi)
+        of += 1
+        inside += bound.low <= x + off <= bound.high
+    # The identified entries are compared, since the best table also includes errors of readings.
+    found = replace(calibrated_arm(solution, arm), best=None)
+    part = solution.model.parts()[0][0]
+    values = dict(truths(first))
+    mine = {
+        entry.name: values[entry.name]
+        for row in range(1, arm.joint_count + 1)
+        for kind in DhKind
+        if (entry := DhEntry(kind=kind, row=row)).name not in part.ground_side
+    }
+    true_arm = replace(
+        found,
+        hand=with_entries(found.hand, mine),
+        tip_m=np.array([values.get(n, v) for n, v in zip(TIP, found.tip_m, strict=True)]),
+    )
+    q = even_poses(arm)
+    tip, sigma = found.tip_with_sigma_m(q)
+    off_m = np.linalg.norm(tip - true_arm.T_base(q)[:, :3, 3], axis=-1)
+    return replace(
+        solution,
+        truth=TrueErrors(
+            inside_95=inside,
+            of=of,
+            tool_rms_m=float(np.sqrt(np.mean(off_m**2))),
+            predicted_rms_m=float(np.sqrt(np.mean(sigma**2))),
+        ),
+    )

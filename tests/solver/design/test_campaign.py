@@ -94,7 +94,7 @@ def test_stopped_move_is_taken_back_and_planned_round(task, x) -> None:
     campaign = at_plan(task, x, poses=3)
     actions = drive(campaign, task, x, stop_planned=1)
     whys = [a.why for a in actions if isinstance(a, GoTo)]
-    assert any("back where it came from (an obstacle)" in why for why in whys)
+    assert any("(an obstacle)" in why for why in whys)
     assert actions[-1].complete
 
 
@@ -103,7 +103,7 @@ def test_stopped_again_and_again_gives_up(task, x) -> None:
     campaign = at_plan(task, x, poses=3, most_blocked=2)
     actions = drive(campaign, task, x, stop_planned=99)
     assert not actions[-1].complete
-    assert "again and again" in actions[-1].text
+    assert actions[-1].text.endswith("repeatedly: an obstacle")
 
 
 @pytest.mark.campaign

@@ -122,8 +122,9 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
             broken="5 % of all frames come 5 to 50 ms late",
             says=(
                 *(*_BAD_FRAMES, "jumped by", "two devices answer", "does not come to rest"),
-                # A target that arrives after its successors is a step back; a controlword undoes their effect.
-                *("target refused", "the drive is in"),
+                # A target that arrives after its successors is a step back, which is refused or trips the drive; a
+                # controlword undoes their effect.
+                *("target refused", "overspeed", "the drive is in"),
             ),
             goes_on=True,
             remedy="A busy gateway or network in between delays them: connect the arm's bus directly.",

@@ -1,6 +1,6 @@
 """Kinematics, closure, estimation and planning. NumPy and SciPy only: no bus, no screen, no file.
 
-Where the equations of the paper are (Giugovaz and Hollerbach); phi is ``x`` and C = dF/dphi is ``jac_x``:
+Functions for the equations of the paper (Giugovaz and Hollerbach); phi is ``x`` and C = dF/dphi is ``jac_x``:
 
     eqs. 1, 2      p_c, R_c of the chain           solver.chain.kinematics.forward
     (section 2.1)  theta' = theta + theta_off      solver.loops.arm_loop.ArmLoop.frames

@@ -1,4 +1,4 @@
-"""Array vocabulary of the solver: aliases and read-only copies."""
+"""Array types of the solver, and read-only copies of arrays."""
 
 from __future__ import annotations
 

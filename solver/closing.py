@@ -10,8 +10,8 @@ left null space of N,
 
     E' c + E' C dphi + E' J_q dq = 0,     and afterwards     du = -N+ (c + C dphi + J_q dq).
 
-This is the one reduction of the whole solver (`reduced_equations`). Its one closer, `close_loops`, is
-Newton's iteration on it with dphi = 0: the smallest dq in a given measure. The estimators are the same
+The whole solver uses this one reduction (`reduced_equations`). Loops are closed in one place, `close_loops`:
+Newton's iteration on it with dphi = 0, for the smallest dq in a given measure. The estimators solve the same
 equations with dphi unknown.
 """
 
@@ -68,12 +68,12 @@ class ReducedEquations:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rates:
-    """Rates of the unsensed angles of linearised poses with parameters, joint angles and displacements.
+    """Derivatives of the unsensed angles of linearised poses by parameters, joint angles and displacements.
 
     Attributes
     ----------
     closed
-        ``N+ (c - J_q e)`` (m, U), e being the joint corrections at which loops were linearised.
+        ``N+ (c - J_q e)`` (m, U), where e are the joint corrections at which the loops were linearised.
     by_x, by_q
         ``N+ C`` (m, U, P) and ``N+ J_q`` (m, U, n).
     down
@@ -137,9 +137,9 @@ def close_loops(
         Standard deviation of each joint (n,): the correction is the smallest in this measure
         (default: all joints alike). A joint with 0 does not move.
     u
-        Initial unsensed angles (m, U), by default the model's; they are not constrained.
+        Unsensed angles (m, U) to start from, by default the model's; they may change freely.
     max_step_rad
-        Longest correction of a joint in one iteration.
+        Largest correction of a joint in one iteration.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
@@ -182,7 +182,7 @@ def close_loops(
 
 
 def held_still(joints: Sequence[int], joint_count: int) -> FloatArray:
-    """Measure (n,) that weights all joints equally but keeps `joints` (1-based) fixed."""
+    """Measure (n,) for `close_loops` that weights all joints equally but keeps `joints` (1-based) fixed."""
     return np.where(np.isin(np.arange(1, joint_count + 1), joints), 0.0, 1.0)
 
 

@@ -9,7 +9,7 @@ class SolverError(Exception):
     """Base of the solver's errors. A fit that does not converge is a result, not an error."""
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Rebuild from the attributes, without the constructor's arguments: the error may come from another process."""
+        """Pickle by attributes instead of constructor arguments: the error may come from another process."""
         return _again, (type(self), self.args, dict(self.__dict__))
 
 
@@ -54,7 +54,7 @@ class UnidentifiableDirection:
 class UnidentifiableError(SolverError):
     """The pose set leaves some parameters undetermined; `directions` names them.
 
-    `code` and `note` are the reason where it is known: too few poses, or a stuck sensor, that of `stuck_joint`
+    `code` and `note` are the reason where it is known: too few poses, or a stuck sensor, that of joint `stuck_joint`
     (1-based, 0 if none).
     """
 

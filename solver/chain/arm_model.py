@@ -22,7 +22,7 @@ class Joint:
     name
         Name shown to the operator.
     lower_rad, upper_rad
-        Range in sensor coordinates (the measured angle theta, without the offset).
+        Range in sensor coordinates (the measured angle theta, before the offset is added).
     sensor
         Its angle sensor.
     backlash_rad, sag_rad
@@ -83,7 +83,7 @@ class ArmModel:
     hayati_rows
         Rows that join parallel axes: they have beta_j in place of s_j, which is not unique there.
     assumed
-        Figures of its error model that are defaults, as ``key: value`` of its file.
+        Figures of its error model that are defaults and not in its file, as ``key: value``.
     """
 
     name: str
@@ -130,7 +130,7 @@ class ArmModel:
         )
 
     def maker_entries(self, row: int) -> tuple[DhEntry, ...]:
-        """Lengths and twists of a row that the maker's table states: a, s and alpha, or a, alpha and beta."""
+        """Lengths and twists in a row of the maker's table: a, s and alpha, or a, alpha and beta."""
         ours = (
             (DhKind.A, DhKind.ALPHA, DhKind.BETA)
             if row in self.hayati_rows

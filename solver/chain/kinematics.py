@@ -168,7 +168,7 @@ are angles."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Entries:
-    """D-H entries whose screws are needed, in their order, sorted once by where they act.
+    """D-H entries whose screws are needed, in the order given; how each acts is worked out once.
 
     `frame`, `axis`: frame and axis (C,), x 0, y 1 or z 2, about or along which each entry moves the links after it.
     `turning`, `sliding`: which of them are angles, and which are lengths.
@@ -181,7 +181,7 @@ class Entries:
 
     @classmethod
     def of(cls, kinds: Sequence[int], rows: Sequence[int]) -> Entries:
-        """Entries `kinds` (`DhKind`) of links `rows`, 0 the first of the chain."""
+        """Entries `kinds` (`DhKind`) of links `rows`; row 0 is the first link of the chain."""
         kind = np.array(kinds, dtype=np.int64)
         axis, turns = _AXIS[kind], _TURNS[kind]
         return cls(
@@ -205,7 +205,7 @@ def screws(frames: Frames, entries: Entries) -> FloatArray:
 
     Returns
     -------
-    Array of shape (C, 6, ...): the infinitesimal rotation (rad) over the translation (m) of the end
+    Array of shape (C, 6, ...): the infinitesimal rotation (rad), then the translation (m), of the end
     point, seen in the chain's first frame.
 
     Notes
@@ -234,5 +234,5 @@ def _links_first(values: FloatArray, dims: int) -> FloatArray:
 
 
 def poses_first(values: FloatArray, *order: int) -> FloatArray:
-    """View with the leading axes, in the order given, after those of the poses."""
+    """View with the poses' axes first, then the leading axes in the order given."""
     return values.transpose(*range(len(order), values.ndim), *order)

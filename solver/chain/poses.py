@@ -17,7 +17,7 @@ class PoseSet:
     Attributes
     ----------
     placement
-        Placement of the fixture each pose belongs to, shape (m,), from 1.
+        Number (from 1) of the fixture placement to which each pose belongs, shape (m,).
     label
         Name of each pose, unique within its placement, length m.
     q_rad

@@ -18,7 +18,7 @@ DITHER = 0.5
 
 
 def _variance_of_mean(resolution_rad: float, noise_counts: float, samples: int) -> float:
-    """Variance of the mean of `samples` readings: rounding errors average out only if noise dithers them."""
+    """Variance of the mean of `samples` readings: rounding errors average out only where noise acts as dither."""
     rounding = 1.0 / 12.0 / (samples if noise_counts >= DITHER else 1)
     return resolution_rad**2 * (rounding + noise_counts**2 / samples)
 
@@ -121,7 +121,7 @@ _POWERS = _power_series()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorCurve:
-    """Deviation of one sensor from the true angle: a line, and ``sum_k c_k P_k(x)``, k = 2, 3, ...
+    """Deviation of one sensor from the true angle: a line plus ``sum_k c_k P_k(x)``, k = 2, 3, ...
 
     x is the angle from `middle_rad` over `half_scale_rad`. The line is an error of the gain, the polynomials are the
     linearity deviation of a specification. P_0 is left out because the joint's offset covers it.
@@ -131,13 +131,13 @@ class SensorCurve:
     joint
         1-based.
     middle_rad
-        Electrical zero, in sensor coordinates.
+        Angle of the electrical zero, in sensor coordinates.
     half_scale_rad
         Half of full scale.
     gain
         Standard deviation of its gain error; 0 leaves the line out.
     bent
-        Whether there are polynomials.
+        Whether the polynomials are included.
     """
 
     joint: int
@@ -162,7 +162,7 @@ class SensorCurve:
         return self.lines + self.bends
 
     def place(self, theta_rad: FloatArray) -> FloatArray:
-        """Sensor angles (m,) from the middle, in units of half the full scale."""
+        """Sensor angles (m,) relative to the middle, in units of half the full scale."""
         x = (theta_rad - self.middle_rad) / self.half_scale_rad
         # Beyond full scale a sensor saturates; polynomials would run away there.
         return np.asarray(np.clip(x, -1.2, 1.2))
@@ -177,7 +177,7 @@ class SensorCurve:
 
 
 def powers_of(curve: SensorCurve, coefficients: FloatArray) -> FloatArray:
-    """Coefficients (11,), rad, of 1, x, ..., x^10, for the deviation whose shapes have `coefficients` (width,)."""
+    """Convert coefficients (width,) of the shapes to those of 1, x, ..., x^10: (11,), rad."""
     powers = np.zeros(len(_POWERS))
     if curve.bent:
         powers += _POWERS @ coefficients[curve.lines :]

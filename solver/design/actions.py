@@ -1,4 +1,4 @@
-"""A planned calibration: its settings and phases, what it proposes (moves, captures, drives), how a move is watched."""
+"""Settings and phases of a planned calibration, the actions that it proposes, and the check of readings during a move."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class GoTo:
     Attributes
     ----------
     targets_rad
-        Drive joints (1-based) and where they should go.
+        Targets of the drive joints (1-based).
     trace_rad
         (t, n) predicted readings of all joints on the way; None where no prediction exists.
     tolerance_rad
@@ -50,7 +50,7 @@ class Capture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeDrives:
-    """Stop, and put these joints (1-based) into position mode, all others into free mode."""
+    """Stop; put these joints (1-based) into position mode and all others into free mode."""
 
     drives: tuple[int, ...]
     why: str

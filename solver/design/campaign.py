@@ -1,6 +1,6 @@
 """A planned calibration as a policy: explore, calibrate, plan with the estimate, visit poses, stop.
 
-`propose` returns the next action, `observe` takes the end of a move, `captured` a measured pose. It never touches an
+`propose` returns the next action; `observe` takes the result of a move, and `captured` a measured pose. It never touches an
 arm: the session feeds it and keeps the journal; the same readings lead to the same proposals.
 """
 
@@ -47,12 +47,12 @@ BACK = "to a captured pose"
 
 
 class Campaign:
-    """The policy. Loop: `propose`, carry it out, report with `observe` (moves) or `captured` (poses).
+    """The policy. Repeat: call `propose`, carry out the action, report it with `observe` (moves) or `captured` (poses).
 
     Parameters
     ----------
     task
-        Planning task; its first drive set is the pair the arm stands in.
+        Planning task; its first drive set is the one in position mode now.
     start_rad
         Readings at the start (n,).
     settings
@@ -128,7 +128,7 @@ class Campaign:
         return self._queue[0]
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
-        """Take the end of a proposed move or change of drives at `q_rad` (n,); `stopped` is why it ended early."""
+        """Report that a proposed move or change of drives ended at `q_rad` (n,); `stopped` is why it ended early."""
         action = self._queue[0] if self._queue else None
         if not isinstance(action, GoTo | ChangeDrives):
             raise ValueError("no move was proposed")  # noqa: TRY004 - a wrong call, not a wrong type
@@ -204,7 +204,7 @@ class Campaign:
             self.plan = None
 
     def _shift(self) -> float:
-        """Largest change of the plan's remaining poses with the present estimate, rad."""
+        """Largest change of a remaining pose of the plan if predicted from the current estimate, rad."""
         if self.plan is None or self.estimate is None or not self.plan.visits:
             return 0.0
         index = list(self.plan.visits)
@@ -312,7 +312,7 @@ class Campaign:
     def _route(self, plan: PosePlan, target: int) -> Route | None:
         """Return a path from the present pose to a candidate of `plan`; None where none is known to be safe.
 
-        A path must keep four fifths of the planning margin, since it may bulge between two candidates that keep all.
+        A path must keep four fifths of the planning margin, not all: it may bulge between two candidates that keep all.
         """
         return plan.graph.route(
             self.task.model,

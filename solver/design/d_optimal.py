@@ -58,7 +58,7 @@ def log_det(information: FloatArray) -> float:
 def gains(root: FloatArray, information: FloatArray, parameters: int | None = None) -> FloatArray:
     """log det gained by adding each candidate (m,) to a regular information matrix (N, N).
 
-    `root` is (m, r, N): `PoseInformation.root`. Of N unknowns the first `parameters` count; the others are effects,
+    `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of N unknowns count; the others are effects,
     whose prior `information` contains.
     """
     gained = _gains(root, information)
@@ -87,7 +87,7 @@ def choose_poses(
 ) -> PoseSelection:
     """Choose `count` different candidates whose information, with that of `fixed`, has the largest log det.
 
-    Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed, or are far enough apart.
+    Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def choose_poses(
 def _comparable(
     root: FloatArray, parameters: int, information: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the scale (N,) of the unknowns, and the scaled information so far, made regular, with the effects' prior.
+    """Return the scale (N,) of the unknowns, and the information so far, scaled, with the effects' prior, and made regular.
 
     With unit columns over all candidates the average candidate has information 1/m on the diagonal.
     """
@@ -177,7 +177,7 @@ class _Search:
         return chosen
 
     def fill(self, M: FloatArray, chosen: list[int], count: int) -> None:
-        """Add the best candidate, one after the other, until there are `count`."""
+        """Add the best candidate again and again until `count` are chosen."""
         while len(chosen) < count:
             gain = self.gains(M, chosen)
             best = int(np.argmax(gain))
@@ -189,7 +189,7 @@ class _Search:
             chosen.append(best)
 
     def exchange(self, M: FloatArray, chosen: list[int]) -> None:
-        """Replace one pose at a time by the best, until a whole sweep changes nothing."""
+        """Replace one pose at a time by the best candidate, until a whole sweep changes nothing."""
         for _ in range(MAX_SWEEPS):
             changed = False
             for k, old in enumerate(chosen):

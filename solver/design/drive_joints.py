@@ -38,12 +38,12 @@ class RankedDrives:
     usable
         Whether the set may be used at all.
     leverage
-        Smallest singular value of the drives' share in the self-motion: 1 when the drives see all motion, 0 at a fold.
+        Smallest singular value of the drives' share in the self-motion: 1 if the drives measure all motion, 0 at a fold.
         Over a region: the median of the poses that the set reaches.
     passive_conditioning
-        Smallest singular value of the passive joints' closure Jacobian, likewise.
+        Smallest singular value of the passive joints' closure Jacobian; over a region the median as well.
     fastest_passive, fastest_joint
-        Largest speed of a passive joint over that of the drives, and which joint.
+        Largest ratio of a passive joint's speed to that of the drives, and the number of that joint.
     still
         Passive joints that hardly move with these drives.
     reach
@@ -101,7 +101,7 @@ def rank_over_region(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrialWiggles:
-    """Measured trial motions of one set of drive joints.
+    """Measured trial motions of one drive set.
 
     Attributes
     ----------
@@ -128,7 +128,7 @@ class TrialWiggles:
 def rank_by_trial(
     trials: Sequence[TrialWiggles], *, limits: MotionLimits | None = None
 ) -> tuple[RankedDrives, ...]:
-    """Rank drive sets by the measured internal motion (paper, section 3), best first. Uses no model.
+    """Rank drive sets by the measured motion of the chain (paper, section 3), best first. Uses no model.
 
     Raises `ValueError` if a trial has too few motions to separate its drives.
     """

@@ -1,4 +1,4 @@
-"""Explores with the drive joints by measured readings alone, before any model can be trusted.
+"""Explores with the drive joints, guided by readings alone, before any model can be trusted.
 
 A policy without an arm: `propose` returns the next targets of the drives, `observe` takes the readings at the end of a
 move and why it ended early, if it did. Small steps go out from the start along rays in drive space and back along them.
@@ -35,7 +35,7 @@ class ExplorationLimits:
     margin_rad
         Distance of every joint from the ends of its range.
     most_rate
-        Largest motion of a passive joint over that of the drives; more means a fold is near. Where the start already
+        Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
         exceeds it, up to twice as much is allowed.
     """
 
@@ -77,7 +77,7 @@ class _Ray:
 
 @dataclass(slots=True)
 class _Here:
-    """Latest readings and the rates that belong to them."""
+    """Latest readings, and the rates of the joints there."""
 
     q: FloatArray
     rates: FloatArray
@@ -156,7 +156,7 @@ class Explorer:
         return None
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
-        """Take the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
+        """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
 
         Raises `ValueError` if no move was proposed.
         """
@@ -190,7 +190,7 @@ class Explorer:
 
     @property
     def rates(self) -> FloatArray:
-        """Learnt motion of every joint per motion of each drive (n, d), at the present pose."""
+        """Learnt motion of every joint per motion of each drive (n, d), at the current pose."""
         return self._here.rates.copy()
 
     def _plan_rays(self) -> list[_Ray]:
@@ -230,12 +230,12 @@ class Explorer:
         return ""
 
     def _most_rate(self, direction: FloatArray) -> float:
-        """Largest rate allowed along a ray with the given rate at its start."""
+        """Largest allowed ratio of a joint's motion to the drives' along a ray in this direction."""
         least = self.limits.most_rate
         return float(np.clip(1.3 * self._start_rate(direction), least, 2.0 * least))
 
     def _start_rate(self, direction: FloatArray) -> float:
-        """Rate at the start along a ray."""
+        """Largest ratio of a joint's motion to the drives' in this direction, at the start."""
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
     def _return(self, ray: _Ray) -> ExplorationStep:
@@ -259,7 +259,7 @@ class Explorer:
         self._finish(self._rays[self._ray])
 
     def _finish(self, ray: _Ray) -> None:
-        """Close the ray; at the start the rates of the first steps apply again."""
+        """End the ray; back at the start, the rates of the first steps apply again."""
         if ray.ended:
             self.ended[tuple(ray.direction.tolist())] = ray.ended
         if self._ray < 2 * len(self.drives):

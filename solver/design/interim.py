@@ -80,7 +80,7 @@ def implicit_interim(model: ClosureModel, noise: NoiseModel) -> Calibrate:
 
 
 def _with_give(noise: NoiseModel, found: Estimate, used: NoiseModel) -> NoiseModel:
-    """Noise with fixture compliance: first as large as the closures, then scaled by the unexplained part."""
+    """Noise with fixture compliance: first as large as the closure errors, then scaled by the unexplained part."""
     if used.fixture_variance is not None:
         scale = found.chi2_per_dof or 1.0
         return replace(noise, fixture_variance=used.fixture_variance * scale)

@@ -1,8 +1,8 @@
 """The self-motion manifold inside joint ranges: closed poses that cover it, and pairs of neighbours.
 
-The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from the present pose
+The closed chain moves on a manifold of its mobility's dimension (two with a hinge). It is grown from the current pose
 in waves: each new pose sends out tangent steps, all of a wave are closed in one batch, and those too near to an older
-pose are dropped. The rest covers the part of the manifold that can be reached inside the ranges at nearly even spacing.
+pose are dropped. The rest covers, at nearly even spacing, the part of the manifold reachable inside the ranges.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Manifold:
     step_rad
         Length of a growing step in the space of all joints.
     complete
-        False when growth ended at the limit on poses and not at the ends of the ranges.
+        Whether growth ended at the ends of the ranges and not at the limit on the number of poses.
     """
 
     q: FloatArray
@@ -154,7 +154,7 @@ def candidate_poses(
 ) -> Manifold:
     """Cover the reachable manifold with about `count` poses, whatever its size.
 
-    A coarse growth measures its size, from which the step of the fine one follows.
+    A coarse growth measures the manifold's size, which gives the step of the fine one.
     """
     first = COARSE_STEP_RAD if count > 1000 else 2.0 * COARSE_STEP_RAD
     coarse = grow_manifold(model, x, q_start, ranges, step_rad=first, most=4 * count, seed=seed)
@@ -198,7 +198,7 @@ def _wave(
 
 
 def _place(q: FloatArray, u: FloatArray, degrees: int) -> FloatArray:
-    """Coordinates in which poses are kept apart: joint angles, or all angles on a curve."""
+    """Coordinates in which poses are kept apart: the joint angles, or on a one-dimensional manifold all angles."""
     return q if degrees > 1 else np.concatenate((q, u), axis=-1)
 
 
@@ -209,7 +209,7 @@ def _tree(points: FloatArray) -> cKDTree:
 
 
 def _far_from(tree: cKDTree, points: FloatArray, distance: float) -> FloatArray:
-    """Whether no point of the tree is nearer than `distance` (m,)."""
+    """Whether each point (m,) is at least `distance` from all points of the tree."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.bool_)
     nearest, _ = tree.query(points, distance_upper_bound=distance)

@@ -101,7 +101,7 @@ class DriveTraces:
     leverage
         (b, s + 1): leverage of the drive joints; 0 at a fold.
     rate
-        (b,): largest motion of any arm joint per motion of the faster drive joint.
+        (b,): largest motion of any arm joint per motion of the drive joint that moves most.
     closed
         (b,): whether the chain could be followed to the end of the line.
     """
@@ -132,7 +132,7 @@ def drive_straight(
     *,
     steps: int,
 ) -> DriveTraces:
-    """Follow b moves from closed poses `q` (b, n), `u` (b, U) to drive angles `targets_rad` (b, d).
+    """Predict b moves from closed poses `q` (b, n), `u` (b, U) to drive angles `targets_rad` (b, d).
 
     `drives`: joints (1-based) in position mode; the rest is free. `steps`: points each line is divided into.
     """

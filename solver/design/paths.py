@@ -1,8 +1,8 @@
 """Paths of the drive joints from pose to pose along the manifold, with changes of drive joints on the way.
 
-A graph over the manifold's poses, one layer per set of drive joints. Two neighbouring poses are joined in a layer when
-its drives can move the chain between them: leverage at both ends and no fold between. A route is followed exactly
-before it is accepted, and an edge that fails is closed.
+A graph over the manifold's poses, one layer per drive set. Two neighbouring poses are joined in a layer if
+its drives can move the chain between them: leverage at both ends and no fold between. A route is computed exactly
+before it is accepted, and an edge that fails is removed.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ LINE_STEP_RAD = 0.03
 class MotionLimits:
     """Limits of a path.
 
-    `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest speed of a passive
-    joint over that of the faster drive joint.
+    `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest ratio of the speed
+    of a passive joint to that of the faster drive joint.
     """
 
     least_leverage: float = 0.2
@@ -145,7 +145,7 @@ class PathGraph:
         target: int,
         drives: tuple[int, ...],
     ) -> Route | None:
-        """Find and follow a path; None when no path survives.
+        """Find a path and check it along its whole length; None if no path passes.
 
         `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
         drive joints in position mode at the source.
@@ -181,7 +181,7 @@ class PathGraph:
         return least, most
 
     def _costs(self, drives: tuple[int, ...]) -> FloatArray:
-        """Length of each edge, increased where the drives have little leverage."""
+        """Cost of each edge: its length, increased where the drives have little leverage."""
         i, j = self.manifold.neighbours.T
         leverage = self.manifold.motion.leverage(drives)
         near = self.limits.least_leverage / np.maximum(np.minimum(leverage[i], leverage[j]), 1e-3)
@@ -237,7 +237,7 @@ class PathGraph:
     def _follow(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, nodes: list[tuple[int, int]]
     ) -> tuple[Leg, ...] | None:
-        """Follow every straight move of a path; close the first edge that fails and return None."""
+        """Compute every straight move of a path; remove the first edge that fails and return None."""
         legs = []
         for layer, group in groupby(nodes, key=lambda node: node[0]):
             poses = [pose for _, pose in group]
@@ -251,7 +251,7 @@ class PathGraph:
     def _leg(
         self, model: ClosureModel, x: FloatArray, ranges: Ranges, layer: int, poses: list[int]
     ) -> Leg | None:
-        """Join poses by as few straight moves as are safe."""
+        """Join poses by the fewest straight moves that are safe."""
         drives = self.drive_sets[layer]
         columns = [j - 1 for j in drives]
         q, u = self.manifold.q[poses], self.manifold.u[poses]

@@ -64,7 +64,7 @@ class PlanningTask:
     noise
         Noise of the readings, for interim estimates.
     errors
-        Error model under which the information of a pose is computed, as in the final calibration.
+        Error model for the information of a pose, the same as in the final calibration.
     parameters
         Names of the parameters to be determined; the others count as known. None takes all.
     drive_sets
@@ -72,7 +72,7 @@ class PlanningTask:
     limits
         Limits of leverage and rates of every path.
     pose_leverage
-        Least leverage of the drives at a planned pose. It is larger than that of a path, because the weight of the free
+        Least leverage of the drives at a planned pose. It is larger than along a path, because the weight of the free
         joints must not deflect the fixture there.
     candidates
         Number of poses to choose from.
@@ -101,7 +101,7 @@ class PlanningTask:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosePlan:
-    """Poses to visit, with all that later plans need.
+    """Poses to visit, and what the next plan needs.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class PosePlan:
     manifold, information, graph
         Candidates, their information, and the paths between them.
     allowed
-        (m,): candidates that can be reached and whose prediction is trusted.
+        (m,): which candidates can be reached and have a trusted prediction.
     visits
         Indices of the chosen candidates in visiting order.
     ranked
@@ -154,7 +154,7 @@ def make_plan(
     Parameters
     ----------
     captured
-        Joint angles (c, n) of poses captured already, whose information counts.
+        Joint angles (c, n) of poses captured already; their information is included.
     covariance
         (P, P) of `x`; None trusts it everywhere.
     avoid_rad
@@ -221,7 +221,7 @@ def _choose(
     allowed: BoolArray,
     count: int,
 ) -> PoseSelection:
-    """D-optimal choice; poses are closer together where space is short."""
+    """Choose poses by D-optimality; they may be closer together where too few candidates are far apart."""
     for share in (1.0, 0.5):
         try:
             return choose_poses(
@@ -253,10 +253,10 @@ def information_of(
     closed_q: FloatArray,
     closed_u: FloatArray,
 ) -> tuple[FloatArray, PoseInformation]:
-    """Return the information (N, N) from captured readings (c, n) and priors, and that of closed poses (m, n), (m, U).
+    """Return the information (N, N) of captured readings (c, n) and priors, and that of the candidates (m, n), (m, U).
 
-    Captured poses are evaluated on the nearest closed loops. Where they scatter more than stated, the same is assumed
-    for the others.
+    Captured poses are evaluated on the nearest closed loops. If they scatter more than stated, candidates are assumed
+    to do so too.
     """
     c = len(readings)
     variance = np.broadcast_to(task.noise.joint_variance, (max(c, 1), readings.shape[-1]))
@@ -287,7 +287,7 @@ def prediction_sigma(
 ) -> FloatArray:
     """Largest sigma of the free joints' readings at given drive angles, for each pose (m,), rad.
 
-    With the drives fixed, the loop leads to ``dq = -(E' J_p)^+ E' C dphi`` of the free joints.
+    With the drives fixed, the loop moves the free joints by ``dq = -(E' J_p)^+ E' C dphi``.
     """
     A, B = reduced_jacobian(model, x, q, u)
     free = [j for j in range(q.shape[-1]) if j + 1 not in drives]

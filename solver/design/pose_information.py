@@ -57,7 +57,7 @@ class PoseInformation:
         return replace(self, root=self.root[poses], misclosure=self.misclosure[poses])
 
     def with_errors_scaled(self, factor: float) -> PoseInformation:
-        """Return the information if all errors, noise and effects, are `factor` times as large."""
+        """Return the information if all errors (noise and effects) are `factor` times as large."""
         root = self.root.copy()
         root[..., : len(self.parameters)] /= factor
         return replace(self, root=root, misclosure=self.misclosure / factor)
@@ -92,11 +92,11 @@ def pose_information(
     closed_u: FloatArray,
     errors: ErrorModel,
 ) -> PoseInformation:
-    """Information about the parameters of `model` that have no tolerance, under stated errors.
+    """Return the poses' information, under stated errors, about the parameters of `model` that have no tolerance.
 
     Raises `ValueError` if a closure component has no noise at all (exact joints and a stiff fixture).
 
-    `x`: parameters (P + T,) of `model`, toleranced ones among them. `q`: readings (m, n) of captured or planned poses.
+    `x`: parameters (P + T,) of `model`, T of them toleranced. `q`: readings (m, n) of captured or planned poses.
     `closed_q`, `closed_u`: closed poses at `x` nearest to the readings: (m, n), (m, U).
     """
     design = LinearModel(model, q, errors)

@@ -1,6 +1,6 @@
 """Decides when to stop taking poses: the precision is reached, or no further pose helps.
 
-A pose always averages some noise, so "no pose helps" is decided by a forecast: the remaining poses, each the best for
+Every pose reduces noise a little, so "no pose helps" is decided by a forecast: the remaining poses, each the best for
 the worst parameter, would neither reach the requested precision nor come noticeably nearer to it.
 """
 
@@ -26,7 +26,7 @@ WORTHWHILE_SHARE = 0.05
 
 
 class PrecisionStatus(Enum):
-    """Status of a pose set against the requested precision."""
+    """Status of a pose set relative to the requested precision."""
 
     REACHED = "reached"
     GOING_ON = "going on"
@@ -49,14 +49,14 @@ class WeakParameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StopDecision:
-    """Whether to stop, why, and which parameters stay weak.
+    """Whether to stop, why, and which parameters are not yet precise enough.
 
     Attributes
     ----------
     standing
-        Status against the requested precision.
+        Status relative to the requested precision.
     weak
-        Parameters short of the request, the worst (largest sigma over request) first.
+        Parameters less precise than requested, the worst (largest ratio of sigma to request) first.
     poses_needed
         Further poses that the forecast needs; None when the remaining ones do not suffice.
     text
@@ -173,7 +173,7 @@ def _forecast(
     goal: FloatArray,
     left: int,
 ) -> tuple[FloatArray, int | None]:
-    """Best standard deviations after up to `left` poses spent on the worst parameter each time."""
+    """Best standard deviations after up to `left` poses, each chosen for the parameter that is worst at that point."""
     M = information.copy()
     if len(root) == 0:
         return standard_deviations(M, P)[columns], None

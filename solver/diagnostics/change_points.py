@@ -1,4 +1,4 @@
-"""Change points: score tests for a step of any suspect at any pose.
+"""Change points: score tests for a step change of any quantity ("suspect") at any pose.
 
 A suspect is a joint's offset, a length or a side of the fixture; the test asks whether a constant added from pose k
 on explains the whitened residuals. Poses are in time order; sums from the end give all k at once.
@@ -29,9 +29,9 @@ FREE = 1e-7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspect:
-    """Something that may have changed: `columns` (m, r, d) are the misclosure's rates with it.
+    """Quantity that may have changed: `columns` (m, r, d) are the misclosure's derivatives by it.
 
-    `share` is its part of the false alarms, relative to the other suspects. `of_reading`: only a reading may have
+    `share` is its share of the false alarms, relative to other suspects. `of_reading`: only a reading may have
     shifted, not the geometry of the loop.
     """
 
@@ -86,7 +86,7 @@ def steps(
     """Test every suspect for a step at every pose, the most significant suspect first.
 
     `left`: whitened residuals of the fit, poses in the order in which they were taken. `quiet`: whitened residuals with
-    other noise, for suspects that are readings. `scale`: factor of the variances relative to those of the fit.
+    another noise, for suspects with `of_reading`. `scale`: factor of the variances relative to those of the fit.
     """
     m = len(left.white)
     if m < 2 * STEP_EDGE_POSES or not suspects:
@@ -107,7 +107,7 @@ def steps(
 def _largest(
     left: WhitenedResiduals, suspects: Sequence[Suspect], scale: float, level: float
 ) -> Iterator[ChangePoint]:
-    """Largest step of each of several suspects (S) with the same number of columns (d).
+    """Largest step of each of S suspects with the same number d of columns.
 
     `level` is the false-alarm probability of a suspect whose share is 1.
     """
@@ -157,7 +157,7 @@ def _from_here_on(values: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=256)
 def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
-    """Return the value that the largest chi2 over all k exceeds with probability `false_alarm`.
+    """Return the value that the largest chi2 over all poses k exceeds by chance with probability `false_alarm`.
 
     The statistic is the square of a standardised Brownian bridge in `dof` dimensions, evaluated between the shares h
     and 1-h of the poses; the tail of its maximum (Csorgo & Horvath 1997, eq. 1.3.26):
@@ -165,7 +165,7 @@ def step_threshold(poses: int, dof: int, false_alarm: float) -> float:
         P(max > x) ~ x^(d/2) e^(-x/2) / (2^(d/2) Gamma(d/2)) ((1 - d/x) T + 4/x),
         T = log((1-h)^2 / h^2).
 
-    It includes steps between poses, which are more than half of its alarms: `AT_POSES` corrects this.
+    This counts steps at any instant between poses, more than half of its alarms: `AT_POSES` corrects for that.
     """
     from scipy.special import chdtri, gammaln
 

@@ -4,9 +4,9 @@ NIST/SEMATECH e-Handbook of Statistical Methods, 6.3.2 (Shewhart, EWMA) and 2.3.
 process by a check standard: within- and between-session standard deviations). Without a long history that would fix the
 limits, each session is compared with those before it, except the `RECENT` ones, so that a shift does not hide in its
 own baseline. The scatter is that between the sessions of the history, as systematic parts common to all do not scatter.
-With few sessions the variance of a quantity is shrunk towards the common ratio of observed to stated variance, as of
-`PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not all scatter equally, nearly all of the
-false-alarm probability belongs to the EWMA, which averages several sessions.
+With few sessions the variance of a quantity is shrunk towards the common ratio of observed to stated variance, which
+counts as `PRIOR_DOF` degrees of freedom (Smyth 2004, "moderated t"). Since sessions do not all scatter equally, nearly
+all of the false-alarm probability belongs to the EWMA, which averages several sessions.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ LEAST_RATIO = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChartSignal:
-    """Quantity `column` has shifted by `size` (standard deviation `sigma`) from session `at` on.
+    """Detected shift of quantity `column` by `size` (standard deviation `sigma`), from session `at` on.
 
     Session `seen` (from 0) is the first that shows it, by `chart`: ``shewhart`` or ``ewma``.
     """
@@ -148,7 +148,7 @@ def smallest_shift(between: FloatArray, sessions: int, quantities: int) -> Float
 def _variances(
     values: FloatArray, within: FloatArray, begin: IntArray, ends: IntArray, judged: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Moderated variances between sessions of the tested quantities, and their degrees of freedom."""
+    """Moderated between-session variances of the tested quantities, and their degrees of freedom."""
     own, stated, nu = np.zeros(len(judged)), np.zeros(len(judged)), np.zeros(len(judged))
     for k, j in enumerate(judged.tolist()):
         rows = slice(int(begin[j]), int(ends[j]))
@@ -164,7 +164,7 @@ def _variances(
 
 
 def _change(values: FloatArray, baseline: int, variance: float) -> tuple[int, float, float]:
-    """Most probable first session of a shift behind the baseline, its size and standard deviation."""
+    """Most probable first session of a shift after the baseline, its size and standard deviation."""
     best = (0, 0.0, 1.0)
     for k in range(baseline, len(values)):
         size = float(values[k:].mean() - values[:k].mean())

@@ -1,7 +1,7 @@
 """Held-out poses: parts of a pose set predicted by the rest, verification of new poses, and shifts common to them.
 
-Later poses and fitted ones are one mixed model: what the first determine of parameters and of effects that are drawn
-once (sensor curves, harmonics, sag, compliance) is the prior of the later ones, covariance included.
+Fitted and later poses form one mixed model: what the fitted poses determine of parameters and of effects that are drawn
+once (sensor curves, harmonics, sag, compliance) is the prior for the later poses, covariance included.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class HeldOutPoses:
     Attributes
     ----------
     chi2
-        Test of all poses together, the parameters' own uncertainty taken into account.
+        Test of all poses together, with the parameters' own uncertainty included.
     pose_chi2, pose_probability
-        The same for each pose alone (m,), and the chance of a larger value.
+        The same for each pose alone (m,), and the probability of a larger value.
     sigmas
         sigma_pos and sigma_ori at the measured joints.
     closed
@@ -54,7 +54,7 @@ class HeldOutPoses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """One part of a pose set tested with an estimate from the rest.
+    """Test of one part of a pose set with an estimate from the rest.
 
     `poses`: indices of the poses held out. `estimate`: estimate from the others. `verification`: test of the held-out
     poses with that estimate.
@@ -162,7 +162,7 @@ def hold_out(
     noise: NoiseModel,
     parts: tuple[IntArray, ...],
 ) -> HoldOut:
-    """Estimate without each part in turn and verify the part with that estimate.
+    """Estimate from all poses but one part, in turn for each part, and verify the part with that estimate.
 
     Raises `TooFewPosesError` if the rest is too small for an estimate.
     """
@@ -217,7 +217,7 @@ class CommonShift:
     size, sigma
         Size of the shift and its standard deviation, where it is one number.
     chi2, threshold
-        Reduction of chi2, and the value that chance reaches in `FALSE_ALARM_PROBABILITY` of sound sets.
+        Reduction of chi2, and the value that it exceeds by chance in `FALSE_ALARM_PROBABILITY` of sound sets.
     """
 
     subject: str
@@ -232,7 +232,7 @@ def predicted_residuals(
 ) -> WhitenedResiduals:
     """Return the residuals of the `later` poses (m,), predicted from the other poses of `fit`.
 
-    `given`: fixed parameters, tested as they are instead of by their poses.
+    `given`: fixed parameters to test in place of those fitted to the other poses.
     """
     width, hard = fit.design.width, fit.design.hard
     gram, right = np.zeros((width, width)), np.zeros(width)
@@ -272,7 +272,7 @@ def predicted_residuals(
 
 
 def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> CommonShift | None:
-    """Return the most significant of the columns (m, r, c) common to all poses; None where none is significant."""
+    """Return the most significant shift along `columns` (m, r, c), common to all poses; None if none is significant."""
     from scipy.special import chdtri
 
     found = []

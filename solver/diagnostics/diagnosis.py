@@ -1,6 +1,6 @@
-"""Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed one.
+"""Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
-All from one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted, and
+All of it uses one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted, and
 this is repeated until the residuals are as stated.
 """
 
@@ -85,7 +85,7 @@ class Diagnosis:
     rounds
         For each accepted cause, the explanations that were compared, the most probable first.
     suspected_entries
-        Lengths and twists that may differ from their file although no test fires, the most probable first.
+        Lengths and twists that may differ from the arm file although no test fires, the most probable first.
     odd
         Poses that do not fit the others, indices in time order.
     step
@@ -95,7 +95,7 @@ class Diagnosis:
     stated_chi2_per_dof
         chi2/dof at the stated variances.
     parameter_shift
-        Difference (P,) of the estimate at stated variances from the tested one, rad and m.
+        Estimate at stated variances minus the tested one (P,), rad and m.
     scene
         The system that was tested.
     """
@@ -131,9 +131,9 @@ def diagnose(
         The mixed model at its solution; it is tested at its *stated* variances, single readings at the estimated noise
         where that is less.
     taken
-        (m,): rank in time of each pose of the fit.
+        (m,): position of each pose of the fit in time order.
     measured
-        Linearity deviations of sensors, by joint (1-based), where the loop measured them.
+        Linearity deviations of sensors, by joint (1-based), where the loops have measured them.
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
@@ -177,7 +177,7 @@ def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
 def _residual_tests(
     scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
 ) -> tuple[Outliers, ChangePoint | None, list[HypothesisTest]]:
-    """Search outliers and steps, both with the noise model; steps of a reading with `quiet` noise.
+    """Search for outliers and steps with the noise of the fit; for steps of a reading with `quiet` noise.
 
     The noise is not scaled down where the residuals are small: one sensor may exceed its specification while most
     sources are below theirs. `quiet` noise is used for readings only, since deflections that the smooth model describes
@@ -220,7 +220,7 @@ def _explanations(
 
 
 def _with_cause(left: WhitenedResiduals, cause: Candidate, sd: FloatArray) -> WhitenedResiduals:
-    """Return the residuals with a cause fitted, its coefficients of standard deviation `sd`."""
+    """Return the residuals after a cause is fitted, with `sd` the standard deviation of its coefficients."""
     if cause.own is None:
         return left.with_drawn(cause.columns, sd)
     return OwnColumns.of(left, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)).drawn(
@@ -234,7 +234,7 @@ def _suspected_entries(
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
 ) -> tuple[Explanation, ...]:
-    """Toleranced entries that may differ from their file although no test fires."""
+    """Toleranced entries that may differ from the arm file although no test fires."""
     found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))
     return tuple(
         x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
@@ -242,7 +242,7 @@ def _suspected_entries(
 
 
 def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
-    """Candidates found in the residuals: steps, and outliers (`odd`: those at the noise of the fit)."""
+    """Candidates found in the residuals: steps, and outliers (`odd`: the outliers at the noise of the fit)."""
     scale = noise_scale(left.chi2, left.dof)
     suspects = {s.name: s for s in scene.suspects()}
     for step in steps(left, tuple(suspects.values()), scale=scale):
@@ -271,7 +271,7 @@ def _evidence(left: WhitenedResiduals, c: Candidate) -> Evidence | None:
 
 
 def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
-    """Probabilities of all candidates, of no fault and of an unknown one, the most probable first."""
+    """Probabilities of all candidates, of no fault and of an unknown fault, the most probable first."""
     listed = [
         (c, e)
         for c in candidates

@@ -1,4 +1,4 @@
-"""One possible fault of arm, fixture or readings: rates of the misclosures with it, and its natural size."""
+"""One possible fault of arm, fixture or readings: derivatives of the misclosures by it, and its natural size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver.diagnostics.limits import CERTAIN_SIGMAS
 
 
 class Cause(Enum):
-    """Kinds of faults."""
+    """Kind of fault."""
 
     SLIPPED = "slipped"
     LOST_COUNTS = "lost counts"
@@ -34,14 +34,14 @@ class Cause(Enum):
 
 
 class PeakDeviation(NamedTuple):
-    """Largest deviation of a sensor over the poses, rad, its standard deviation, and its reference."""
+    """Largest deviation of a sensor over the poses, rad, its standard deviation, and what it is measured from."""
 
     peak: float
     sd: float
     from_line: bool
 
     def beyond(self, stated: float) -> bool:
-        """Whether it exceeds the stated value by more than chance."""
+        """Whether it exceeds the stated value by more than chance would explain."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
 
 
@@ -57,12 +57,12 @@ class Candidate:
     cause, subject
         Kind of cause, and its joint, entry or side.
     columns, natural
-        Rates (m, r, c) of the misclosures and the natural size (c,) of each coefficient.
+        Derivatives (m, r, c) of the misclosures by each coefficient, and its natural size (c,).
     own
         Poses (p,) with separate columns: then `columns` are (p, r, c), each with its own coefficient, and `natural` is
         (p * c,).
     places
-        Number of alternatives searched to find it (poses, for instance).
+        Number of alternatives searched to find this cause (poses, for instance).
     poses
         Poses concerned, indices in the order of the fit; empty for all.
     most
@@ -74,8 +74,8 @@ class Candidate:
         Largest deviation that the files state, where they do: only what exceeds it by `CERTAIN_SIGMAS` of its own
         sigmas counts as a cause.
     measured
-        Its linearity deviation as the loop measures it without these readings, which is more accurate; None where it
-        cannot.
+        The sensor's linearity deviation as measured by the loops without these readings, which is more accurate; None
+        if not measured.
     lines
         (m, 2), orthonormal: the straight lines of a sensor's offset and gain.
     entries
@@ -113,7 +113,7 @@ class Candidate:
         return out
 
     def deviation(self, b: FloatArray, covariance: FloatArray) -> PeakDeviation:
-        """Largest deviation over the poses, either including the gain or from the best line: the more certain one.
+        """Largest deviation over the poses, including the gain or from the best line, whichever is more certain.
 
         The loop determines a sensor's linearity deviation far better than its gain.
         """

@@ -1,6 +1,6 @@
 """Models of all faults of arm, fixture and readings, as columns of the linear fit.
 
-A column is the rate of the misclosures with a quantity that the fit took as exact, so faults are compared without a
+A column is the derivative of the misclosures by a quantity that the fit took as exact, so faults are compared without a
 refit.
 """
 
@@ -73,19 +73,19 @@ class FaultModels:
                 yield side, np.array([names.index(name) for name in own])
 
     def joint(self, j: int) -> FloatArray:
-        """Rates (m, r, 1) with the reading of joint j."""
+        """Derivatives (m, r, 1) of the misclosures by the reading of joint j."""
         return self.system.B[:, :, j - 1, None]
 
     def _along(
         self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
     ) -> Candidate:
-        """An error of joint j's reading of these shapes (m, c), each of this natural size."""
+        """Candidate of an error of joint j's reading with these shapes (m, c), each of this natural size."""
         columns = self.joint(j) * shapes[:, None, :]
         natural = np.full(shapes.shape[1], size)
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
 
     def suspects(self) -> tuple[Suspect, ...]:
-        """Suspects of a change in mid-session."""
+        """Quantities that may have changed during the session."""
         names = [p.name for p in self.design.model.parameters]
         found = [
             Suspect(name=f"joint {j}", columns=self.joint(j), of_reading=True) for j in self.sensed
@@ -131,7 +131,7 @@ class FaultModels:
     ) -> Iterator[Candidate]:
         """Causes that act in all poses, or in a run of them.
 
-        `measured` are linearity deviations of sensors, by joint (1-based), where the loop measured them.
+        `measured` are linearity deviations of sensors, by joint (1-based), where the loops have measured them.
         """
         yield from self._readings()
         yield self._scatter()
@@ -156,7 +156,7 @@ class FaultModels:
             )
 
     def _scatter(self) -> Candidate:
-        """Candidate of independent errors, of one size, in all readings of all joints: an arm that was not at rest."""
+        """Candidate of independent errors of equal size in all readings of all joints: the arm was not at rest."""
         sensed = np.array(self.sensed) - 1
         stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
@@ -176,7 +176,7 @@ class FaultModels:
             yield self._along(Cause.DRIFT, j, ramp[:, None])
 
     def scales(self) -> Iterator[Candidate]:
-        """Candidates of one encoder's counts per turn being wrong: no file states their uncertainty."""
+        """Candidates of a wrong number of counts per turn of one encoder, whose uncertainty no file states."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
@@ -249,7 +249,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Candidates of a compliant fixture: independent deflections in every pose, or a smooth function of it."""
+        """Candidates of a compliant fixture: deflections independent in every pose, or a smooth function of the pose."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)
@@ -273,7 +273,7 @@ class FaultModels:
         )
 
     def _in_time(self, phi: FloatArray) -> FloatArray:
-        """Rows of a basis over the fit's poses (m, k) in the order of the scene."""
+        """Rows of a basis over the fit's poses (m, k) in time order."""
         return np.asarray(phi[self.order] if phi.size else np.zeros((len(self.order), 0)))
 
     @property

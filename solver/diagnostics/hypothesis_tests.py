@@ -1,4 +1,4 @@
-"""Tests of a fit against the stated error model, each with its threshold and false-alarm probability, and outliers.
+"""Tests of a fit against the stated error model, each with threshold and false-alarm probability; tests for outliers.
 
 All use one linear fit, without a refit.
 """
@@ -32,7 +32,7 @@ SEEN = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HypothesisTest:
-    """One test: it fires when `statistic` exceeds `threshold`, for sound sets with probability `false_alarm`."""
+    """One test: it fires when `statistic` exceeds `threshold` (in sound sets with probability `false_alarm`)."""
 
     code: str
     statistic: float
@@ -54,7 +54,7 @@ class HypothesisTest:
         false_alarm: float = FALSE_ALARM_PROBABILITY,
         among: int = 1,
     ) -> HypothesisTest:
-        """Test a chi2 by its degrees of freedom; it is the largest of `among` values."""
+        """Test a chi2 with its degrees of freedom; it is the largest of `among` values."""
         from scipy.special import chdtri
 
         return cls(
@@ -94,7 +94,7 @@ def pull_tests(
 
 
 def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[HypothesisTest]:
-    """Test the scale of every encoder: the loops show 1 % of it, and no other test covers it."""
+    """Test the scale of every encoder: the loops show an error of 1 %, and no other test covers it."""
     z = []
     for candidate in scene.scales():
         s, C = left.score(candidate.columns)
@@ -105,7 +105,7 @@ def scale_tests(scene: FaultModels, left: WhitenedResiduals) -> list[HypothesisT
 
 
 def prediction_test(stated: LinearFit) -> HypothesisTest:
-    """Predict every fifth of the poses, and a block far from the rest, by all the others."""
+    """Test predictions of each fifth of the poses, and of a block far from the rest, by all the others."""
     q = stated.design.q
     parts = (*fold_poses(q, FOLDS), far_block(q, FAR_SHARE)) if len(q) >= 2 * FOLDS else ()
     worst = HypothesisTest(code="PREDICTION", statistic=0.0, threshold=np.inf)
@@ -120,7 +120,7 @@ def prediction_test(stated: LinearFit) -> HypothesisTest:
 def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
     """Test every variance: whether the slope of the likelihood at the stated one exceeds chance.
 
-    The slope is a square of few directions (a sensor's gain and bow, for instance) minus its expectation: it is
+    The slope is a sum of few squares (a sensor's gain and bow, for instance) minus its expectation: it is
     distributed as chi2 with degrees of freedom from its mean and variance (Satterthwaite), not as a normal variable.
     """
     from scipy.special import chdtri
@@ -146,8 +146,8 @@ def without_curves_in_specification(
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
-    A specification bounds the largest deviation only. The size of the whole curve is an assumption, which a curve with
-    ripples exceeds.
+    A specification bounds the largest deviation only. The assumed size of the whole curve may be exceeded by ripples
+    within it.
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
@@ -158,7 +158,7 @@ def without_curves_in_specification(
 def _as_stated(
     j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, PeakDeviation]
 ) -> bool:
-    """Whether the curve of joint j may be within its linearity, by the loop's measurement of it where there is one."""
+    """Whether the curve of joint j may be within specification, by the loops' measurement where there is one."""
     linearity_curve = scene.linearity_curve(j)
     if linearity_curve is None:
         return False
@@ -203,7 +203,7 @@ class Outliers:
 
 
 def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
-    """Test every pose against the others; `scale` is that of the variances (see `noise_scale`).
+    """Test every pose against the others; `scale` is the factor of the variances (see `noise_scale`).
 
     The most improbable pose is set aside and the rest tested again, so that several do not hide each other; of many
     poses several are set aside at a time, so that the work grows with their number. Nothing is excluded here.
@@ -241,17 +241,17 @@ def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
 
 
 def pose_columns(left: WhitenedResiduals, poses: IntArray) -> FloatArray:
-    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them ignores the poses."""
+    """Columns (p, r, r), one for each equation of the poses (p,), in units of noise: fitting them removes the poses."""
     return np.asarray(np.linalg.inv(left.whitener[poses]))
 
 
 def leave_one_out_chi2(left: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose from the prediction by all others, and its degrees of freedom, (m,) each."""
+    """Misfit of every pose to the prediction by all others, and its degrees of freedom, (m,) each."""
     return _misfits(left, np.ones(len(left.U), dtype=np.bool_))
 
 
 def _misfits(left: WhitenedResiduals, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose from the prediction by the others, and its degrees of freedom, (m,) each."""
+    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
     r = left.U.shape[1]
     H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)
     values, vectors = np.linalg.eigh(H)

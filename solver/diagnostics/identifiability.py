@@ -47,9 +47,10 @@ class Identifiability:
     rank
         Number of parameters (or combinations) the poses determine: all but the `directions`.
     scaled_condition_number
-        Ratio of extreme singular values with unit columns (paper: below 100 is acceptable); inf when the rank is short.
+        Ratio of largest to smallest singular value with unit columns (paper: below 100 is acceptable); inf if
+        rank-deficient.
     condition_number
-        Ratio of extreme singular values without column scaling (1 m : 1 rad).
+        Ratio of largest to smallest singular value without column scaling (1 m : 1 rad).
     observability
         Indices O1..O5 of the literature, for the scaled Jacobian with `m` poses.
     directions
@@ -57,7 +58,7 @@ class Identifiability:
     weakest
         The weakest direction that is still determined, by name.
     trend
-        Pairs of a number of poses and the scaled condition number of the first so many, at the same parameters; only
+        Pairs of a number k of poses and the scaled condition number of the first k, at the same parameters; only
         where the rank is full.
     """
 
@@ -114,8 +115,8 @@ def _trend(J: FloatArray) -> tuple[tuple[int, float], ...]:
 def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> float | None:
     """Scaled condition number at the readings `q` (m, n), without closing the loops.
 
-    It is that of the paper's C (eq. 6) at parameters `x` (P,). None where joints are unsensed, which the paper does not
-    treat; inf when the rank is deficient.
+    The Jacobian is the paper's C (eq. 6) at parameters `x` (P,). None where joints are unsensed, which the paper does
+    not treat; inf when the rank is deficient.
     """
     if model.unsensed_joints:
         return None
@@ -127,7 +128,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
 def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     """Whether the readings `q` (m, n) show, without closing the loops, that all directions are identifiable.
 
-    It uses the paper's estimate: up to a factor, its covariance is the inverse of the normal equations.
+    It uses the paper's estimate, whose covariance is, up to a factor, the inverse of the normal equations.
     """
     sd = paper.standard_deviation
     if not (sd > 0.0).all() or _immobile(np.ptp(q, axis=0)):
@@ -226,9 +227,9 @@ def _immobile_offsets(
 ) -> tuple[UnidentifiableDirection, ...]:
     """Offsets of joints that do not move.
 
-    Such a joint is one more constant of the geometry. With the link lengths taken as exact the
+    The offset is then one more constant of the geometry. With the link lengths taken as exact the
     equations still have full rank (rigid fixture, full turn of the elbow: scaled condition 9.6), but
-    a millimetre in a length then passes for an offset. Such an offset is refused.
+    a millimetre in a length is then indistinguishable from an offset. Such an offset is refused.
     """
     named = {name for direction in known for name in direction.parameters}
     return tuple(
@@ -288,7 +289,8 @@ def identifiability_of_fit(
 ) -> Identifiability:
     """Compute the identifiability of the unknowns `names` from the poses of `fit`, all others being known.
 
-    `taken` (m,): rank in time of each pose of the fit. `without`: joints (1-based) whose readings are not used.
+    `taken` (m,): position of each pose of the fit in time order. `without`: joints (1-based) whose readings are not
+    used.
     """
     system, model, q = fit.whole, fit.design.model, fit.design.q
     lost = [j - 1 for j in without if j not in model.unsensed_joints]

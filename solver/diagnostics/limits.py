@@ -1,4 +1,4 @@
-"""Every limit for a calibration, with its reason: probabilities, misfits, sigmas, poses, readings.
+"""Limits used to assess a calibration, each with its reason: probabilities, misfits, sigmas, poses, readings.
 
 Names state quantity and unit; angles in rad, lengths in m, shares as fractions of 1.
 """

@@ -1,7 +1,7 @@
 """Selects the unknowns of a model: model evidence of faults, all on one scale, and parameters to fix.
 
-A fault is some columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely v
-rises with what it explains and falls with what it could have explained (Occam's factor). The scale of the noise is free
+A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely v
+rises with the misfit it explains and falls with its freedom to explain anything (Occam's factor). The noise scale is free
 above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
 
 Any one parameter of an unidentifiable direction may be fixed without changing the loop. An entry of
@@ -71,12 +71,12 @@ def noise_scale(chi2: float, dof: int) -> float:
 
 
 def sound_log_likelihood(left: WhitenedResiduals) -> float:
-    """Log-likelihood without a fault: noise as stated or less."""
+    """Log-likelihood without a fault, with the noise as stated or less."""
     return _log_likelihood(left.chi2, left.dof, noise_scale(left.chi2, left.dof))
 
 
 def unexplained_log_likelihood(left: WhitenedResiduals) -> float:
-    """Log-likelihood of all errors being larger than stated, whatever their cause."""
+    """Log-likelihood if all errors are larger than stated, from an unknown cause."""
     return _log_likelihood(
         left.chi2, left.dof, max(SMALLEST_NOISE_SCALE, left.chi2 / max(left.dof, 1))
     )
@@ -85,7 +85,7 @@ def unexplained_log_likelihood(left: WhitenedResiduals) -> float:
 def evidence(
     left: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
-    """Compute the evidence of columns G (m, r, c) whose coefficients have natural sizes (c,), up to `most` times these.
+    """Compute the evidence of columns G (m, r, c) whose coefficients have natural sizes (c,), or up to `most` times these.
 
     None if all of them are fitted already.
     """
@@ -185,9 +185,9 @@ def drop_unidentifiable(
     model
         The loop with all unknowns.
     x
-        Parameters (P,) that nearly close the loops; elsewhere no direction looks unidentifiable. None: offsets and
-        fixture are fitted with the arm's lengths and twists at their nominal values (with all of those unknown a fit
-        may shrink the arm to zero).
+        Parameters (P,) that nearly close the loops; with others no direction looks unidentifiable. None: offsets and
+        fixture are fitted with the arm's lengths and twists at their nominal values (if all of those were unknown, a fit
+        might shrink the arm to zero).
     q
         Joint angles (m, n), rad.
     sigma_rad

@@ -52,7 +52,7 @@ def adjust_poses(
 ) -> AdjustedPoses:
     """Find the most likely joint corrections of `q` (m, n), rad, that close the loops of `x` (P,).
 
-    `near` are corrections (m, n) and unsensed angles (m, U), rad, to start from, if known.
+    `near`: corrections (m, n) and unsensed angles (m, U), rad, to start from, where known.
     """
     variance, give = np.broadcast_to(noise.joint_variance, q.shape), noise.deflection_variance
     if near is None:
@@ -96,9 +96,9 @@ class LoopAngle:
     angle_rad
         theta' (m,), continuous, near the reading plus the nominal offset.
     pose_variance
-        Variance from the pose's own readings (m,), rad^2: independent between poses.
+        Variance (m,), rad^2, due to the pose's own readings: independent between poses.
     by_parameters
-        (m, P): change of the angle with the parameters; common to all poses.
+        (m, P): derivative of the angle by the parameters, whose error is common to all poses.
     """
 
     joint: int

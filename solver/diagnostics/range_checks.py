@@ -27,7 +27,7 @@ class ReadingFault(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeFinding:
-    """Readings of one joint that its sensor or its stops do not allow.
+    """Readings of one joint that are impossible for its sensor or its stops.
 
     Attributes
     ----------
@@ -245,7 +245,7 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
 
 
 def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, ...]:
-    """Poses in which an RVDT sits at an end of full scale: more than one reading is identical there."""
+    """Poses in which an RVDT is saturated at an end of full scale: more than one identical reading there."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):

@@ -47,9 +47,9 @@ class RvdtVerdict:
     joint
         1-based.
     verdict, text
-        The verdict, and the same as text with its figures.
+        The verdict, and its text with the figures.
     treat_as_unsensed
-        Whether the joint's reading does the calibration more harm than good.
+        Whether the calibration is better without the joint's reading.
     share
         Share of the squared closure error at the readings that correcting this joint removes
         (0..1, negative if it grows); 0 when the poses cannot decide.
@@ -189,7 +189,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
 
 
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
-    """Return why the poses cannot decide on the sensor's curve, with the noise as far as known."""
+    """Return the verdict that the poses cannot decide on the sensor's curve, with the reason, and the noise where known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     words = [] if noise is None else _noise_words(noise, sensor)
@@ -275,7 +275,7 @@ def _words(
 
 
 def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
-    """Return text on the noise and its remedy."""
+    """Return a sentence on the noise and its remedy."""
     allowed = f"specification {sensor.noise_lsb:g} LSB"
     if noise.determined:
         words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"

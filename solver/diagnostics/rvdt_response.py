@@ -42,9 +42,9 @@ class RvdtFigures:
     loop_sd_rad
         Standard deviation (rms) of the angle of one pose as the loop measures it.
     line_probability
-        Chance of so much curvature if the sensor were straight.
+        Probability of so much curvature if the sensor is linear.
     angle_rad, deviation_rad
-        (m,) true sensor angle and reading minus it, by pose.
+        (m,) true sensor angle, and reading minus true angle, by pose.
     curve
         Deviation as a function of the true sensor angle.
     table_rad
@@ -67,7 +67,7 @@ class RvdtFigures:
     table_rad: FloatArray
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings with the curve; beyond the covered range its end value is used."""
+        """Correct readings with the curve; beyond the covered range, with its value at the nearer end."""
         angle = reading_rad - self.curve(np.clip(reading_rad, self.curve.low, self.curve.high))
         # The curve is known over the true angle: one more pass takes it there.
         return np.asarray(reading_rad - self.curve(np.clip(angle, self.curve.low, self.curve.high)))
@@ -91,7 +91,7 @@ def measure(
     noise: SingleNoise | None,
     samples: float,
 ) -> RvdtFigures:
-    """Split the deviations of readings (m,) from the measured angles.
+    """Split the deviations of readings (m,) from the measured angles into line, curve and noise.
 
     Raises `ValueError` if there are too few poses to fit any curve.
 
@@ -175,9 +175,9 @@ TERMS = 200
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SingleNoise:
-    """Noise of a single reading, without what rounding to whole LSB adds.
+    """Noise of a single reading, without the error of rounding to whole LSB.
 
-    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether it follows from the spread inside the
+    `lsb`, `low`, `high`: value and 95 % interval, LSB. `from_spread`: whether it follows from the spread within the
     poses; otherwise from the scatter of the loops.
     """
 
@@ -254,7 +254,7 @@ def spread_of(noise_lsb: float) -> float:
 
 
 def noise_behind(mean_square: float) -> float:
-    """Noise (LSB) whose rounded readings have this mean square spread (LSB^2), the inverse of `spread_of`."""
+    """Noise (LSB) for which rounded readings have this mean square spread (LSB^2): the inverse of `spread_of`."""
     if mean_square > 1.0 + 1.0 / 12.0:
         # From 1 LSB on the series is negligible: exp(-4 pi^2).
         return float(np.sqrt(mean_square - 1.0 / 12.0))

@@ -55,7 +55,7 @@ class SmoothCurve:
     dof
         Number of points minus number of coefficients.
     line_probability
-        Chance of as much improvement over a straight line if the points lie on one (F test); 1
+        Probability of so much improvement over a straight line if the points lie on one (F test); 1
         when the curve is a straight line.
     """
 
@@ -81,14 +81,14 @@ class SmoothCurve:
         return np.asarray(self.basis(abscissa) @ self.coefficients)
 
     def by_points(self, abscissa: FloatArray) -> FloatArray:
-        """Rates (k, m) of the curve at `abscissa` (k,) with the points, from which its scatter follows."""
+        """Derivatives (k, m) of the curve at `abscissa` (k,) by the points, from which its scatter follows."""
         return np.asarray(self.basis(abscissa) @ self.smoother)
 
 
 def fit_curve(abscissa: FloatArray, values: FloatArray, least_degree: int = 1) -> SmoothCurve:
     """Fit points (m,) with the degree, from `least_degree` up, whose leave-one-out error is smallest.
 
-    A higher degree must better the best lower one by more than its standard error, so that noise
+    A higher degree must improve on the best lower one by more than its standard error, so that noise
     is not fitted; and against a straight line the chosen curve is tested as a whole.
 
     Raises `ValueError` if there are fewer than eight points, or they cover no range.

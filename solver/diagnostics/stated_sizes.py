@@ -1,6 +1,6 @@
-"""Compares stated sizes of error sources with those in the poses: motion noise, exceeded specifications, scales.
+"""Compares stated sizes of error sources with those that the poses show: motion noise, exceeded specifications, scales.
 
-Files state upper limits, and most of a fixture's compliance and of a joint's play repeats in the same pose.
+Files state upper limits, and most of a fixture's deflection and of a joint's play repeats in the same pose.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
 
     Each of the two changes by a factor from the restricted likelihood's slope and information at the stated variances:
     one scoring step, exact where all noise is of one kind. A sensor's noise has its own component and is unchanged:
-    less motion noise implies nothing about single readings.
+    less motion noise says nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
     play = [] if design.play_component is None else [design.play_component]
@@ -81,7 +81,7 @@ class ExceededSpecification:
 
 
 def exceeded_specifications(fit: LinearFit) -> tuple[ExceededSpecification, ...]:
-    """Return the sources that are certainly larger than stated, the nearest to its statement first.
+    """Return the sources that are certainly larger than stated, the one nearest to its stated size first.
 
     A source twice as large as stated is more common than one ten times as large.
 
@@ -127,7 +127,7 @@ FAMILIES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scale:
-    """Size of one family of errors over what the files state, with its 95 % interval."""
+    """Ratio of the size of one family of errors to the stated size, with its 95 % interval."""
 
     family: str
     value: float
@@ -159,8 +159,8 @@ def learned_scales(fit: LinearFit, found: Derivatives) -> tuple[Scale, ...]:
 def shares_of_poses(fit: LinearFit) -> dict[str, float]:
     """Share of each parameter's information that comes from the poses, by name.
 
-    It is 1 minus posterior over prior variance; 1 for a parameter without a prior. The prior is the stated one,
-    whatever scale its family was found to have.
+    It is 1 minus posterior over prior variance; 1 for a parameter without a prior. The prior is the stated one, even if
+    its family's scale was found to differ.
     """
     design = fit.design
     names = [p.name for p in design.model.parameters]

@@ -46,7 +46,7 @@ class Chi2Test:
 def intervals(estimate: Estimate, *, level: float = 0.95) -> tuple[Interval, ...]:
     """Two-sided intervals of all parameters.
 
-    Normal where the noise is stated or estimated beforehand; Student's where, as in `paper`, the scale comes from the
+    Normal where the noise is stated or estimated beforehand; Student's t where, as in `paper`, the scale comes from the
     residuals.
     """
     from scipy.special import ndtri, stdtrit

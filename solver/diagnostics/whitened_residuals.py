@@ -27,7 +27,7 @@ FREE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class WhitenedResiduals:
-    """A linear system of m poses with r equations each, P parameters and K fitted columns in all.
+    """A linear system of m poses with r equations each, and K fitted columns, including those of P parameters.
 
     Attributes
     ----------
@@ -56,11 +56,11 @@ class WhitenedResiduals:
         return np.asarray(self.to_x @ self.to_x.T)
 
     def whiten(self, G: FloatArray) -> FloatArray:
-        """Columns (m, r, c) in whitened coordinates."""
+        """Transform columns (m, r, c) to whitened coordinates."""
         return np.asarray(self.whitener @ G)
 
     def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Score (c,) of columns G (m, r, c) and its covariance (c, c)."""
+        """Score (c,) of columns G (m, r, c), and its covariance (c, c)."""
         white = self.whiten(G).reshape(-1, G.shape[-1])
         inside = self.U.reshape(len(white), -1).T @ white
         return white.T @ self.white.reshape(-1), white.T @ white - inside.T @ inside
@@ -71,7 +71,7 @@ class WhitenedResiduals:
         return np.asarray(self.to_x @ (self.U.reshape(len(white), -1).T @ white))
 
     def with_columns(self, G: FloatArray) -> WhitenedResiduals:
-        """Return the residuals when the columns G (m, r, c) are fitted as well."""
+        """Return the residuals after the columns G (m, r, c) are fitted as well."""
         m, r, K = self.U.shape
         white = self.whiten(G).reshape(m * r, -1)
         U = self.U.reshape(m * r, K)
@@ -199,11 +199,11 @@ class OwnColumns:
     poses
         (p,) indices.
     white, turn
-        (p, r, c) columns, and (p, c, c) from the turned coefficients to their own.
+        (p, r, c): rotated columns; (p, c, c): takes coefficients of these to those of the original columns.
     own, score
-        (p * c,) squares and scores of the turned columns.
+        (p * c,): squares and scores of the rotated columns.
     inside
-        (p * c, K): projection on the fit's columns.
+        (p * c, K): projection of the rotated columns on the fit's columns.
     """
 
     poses: IntArray
@@ -229,7 +229,7 @@ class OwnColumns:
         )
 
     def solved(self, variance: float) -> SolvedColumns:
-        """Solve for coefficients of this variance."""
+        """Solve for coefficients with this prior variance."""
         from scipy.linalg import lapack
 
         total = 1.0 / variance + self.own
@@ -266,7 +266,7 @@ class OwnColumns:
         return np.asarray(left.to_x @ (self.inside.T @ solved.b))
 
     def drawn(self, left: WhitenedResiduals) -> WhitenedResiduals:
-        """Return the residuals when their coefficients are random with variance 1: noise of these poses."""
+        """Return the residuals if their coefficients are random with variance 1: additional noise of these poses."""
         solved = self.solved(1.0)
         b = (self.turn @ solved.b.reshape(len(self.poses), -1, 1))[..., 0]
         white = left.white + left.U @ (self.inside.T @ solved.b)
@@ -291,7 +291,7 @@ class OwnColumns:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SolvedColumns:
-    """Rotated coefficients (p * c,), their reduction of chi2, and log det (1 + variance C).
+    """Coefficients of the rotated columns (p * c,), the reduction of chi2, and log det (1 + variance C).
 
     Their covariance is ``D + D W back' back W' D`` with D = diag(1 / total); `back` (K, K) is the inverse root of the
     rest of the fit's columns with this noise on these poses.

@@ -1,1 +1,1 @@
-"""From loops and readings to parameters."""
+"""Estimators: parameters from loops and readings."""

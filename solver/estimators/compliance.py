@@ -31,11 +31,11 @@ WISHART_DOF = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Pulled:
-    """A fixture loaded at m poses.
+    """Loads on a fixture at m poses, under uncertain masses and centres.
 
-    `pull` (m, k, a): wrenches S W for a unit of each of the a uncertain coefficients, in the frame of the deflection.
-    `halves`: for each half its share of the compliance, and its axes (m, k, k) in that frame; None where they are the
-    same. They rotate angles and positions separately, and S with them.
+    `pull` (m, k, a): wrenches S W for a unit of each uncertain coefficient (a), in the frame of the deflection.
+    `halves`: each half's share of the compliance, and its axes (m, k, k) in that frame; None where its axes are those
+    of the frame. The axes rotate angles and positions separately, and S with them.
     """
 
     pull: FloatArray
@@ -48,9 +48,10 @@ class Pulled:
 
 
 def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray:
-    """S (k,) for which unit moments and forces cause the stated deflection, rms of each component.
+    """S (k,) for which unit moments and forces cause the stated deflection (rms of each component).
 
-    With a and b the squares of its two sizes, by the module head's covariance summed over three components,
+    Let a and b be the squares of its two sizes. The covariance in the module's docstring, summed over three components,
+    is
 
         a^2 (1 + 4 / nu) + 3 a b / nu = 3 give_rad^2,   b^2 (1 + 4 / nu) + 3 a b / nu = 3 give_m^2.
     """
@@ -69,12 +70,12 @@ def compliance_sizes(give: tuple[float, float], *, rotations: int) -> FloatArray
 
 
 def blocks(k: int) -> list[slice]:
-    """Rows of k closure components with the same unit: rotations and positions, or positions alone."""
+    """Slices of k closure components with the same unit: rotations and positions, or positions alone."""
     return [slice(0, 3), slice(3, 6)] if k == 6 else [slice(0, k)]
 
 
 def covariance(one: Pulled, two: Pulled, s: FloatArray) -> FloatArray:
-    """Covariance (k m, k m') of the displacements at two sets of poses (module's head).
+    """Covariance (k m, k m') of the displacements at two sets of poses, as in the module's docstring.
 
     The rotation of a half's axes does not affect the first term.
     """

@@ -26,7 +26,7 @@ class Component:
     Attributes
     ----------
     name
-        ``rvdt_6`` (of one single reading), ``curve_6``, ``fixture_m``, ``fixture_rad``.
+        ``rvdt_6`` (noise of a single reading), ``curve_6``, ``fixture_m``, ``fixture_rad``.
     unit
         ``rad`` or ``m``.
     sd, low, high
@@ -50,7 +50,7 @@ class ComplianceTest:
     Attributes
     ----------
     statistic
-        Square of the score in its standard deviations; 0 where the data show a smaller compliance.
+        Square of the score divided by its standard deviation; 0 where the data show a smaller compliance.
     p_value
         Probability of so large a statistic if the stated value is right.
     gives
@@ -70,7 +70,7 @@ MOST_CERTAIN = 1e6
 
 
 def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
-    """Report noise and curve of every analogue sensor and the fixture's noise."""
+    """Report the noise and linearity deviation of every analogue sensor, and the fixture's noise."""
     v, out = found.fit.v, []
     stated = design.stated_variances()
     error = standard_errors(found.derivatives().information, v, design.floors)
@@ -95,7 +95,7 @@ def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
 
 
 def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | None:
-    """Test at the stated variances whether the fixture's noise is larger, one component at a time."""
+    """Test whether the fixture's noise is larger than stated, one component at a time, the others as stated."""
     from scipy.special import ndtr
 
     slots = list(design.fixture_components.values())
@@ -109,7 +109,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,); a component at its floor does not widen those of the others, but they widen its own."""
+    """Standard errors (K,); a component at its floor does not widen those of the others, but the others widen its own."""
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     scaled = information / np.outer(size, size)
@@ -125,7 +125,7 @@ def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -
 
 
 def interval(variance: float, error: float) -> tuple[float, float]:
-    """95 % interval of a variance with standard error `error`, Satterthwaite's.
+    """95 % interval of a variance with standard error `error`, by Satterthwaite's approximation.
 
     It is distributed as chi2 with 2 v^2 / s^2 degrees of freedom, exactly if there is no other component.
     """

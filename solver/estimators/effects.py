@@ -5,7 +5,7 @@ At one linearisation the reduced closure of all poses reads
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
 with dx the parameters without a prior, and w after the expected play and sag.
-Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
+Noise (n, f) is drawn anew in every pose, effects b once: deviations of toleranced entries, harmonics
 of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component scales
 one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both).
 """
@@ -31,10 +31,10 @@ CHUNK = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class System:
-    """Reduced closure of m poses (see the module): w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
+    """Reduced closure equations of m poses (see the module): w (m, r), A (m, r, P), B (m, r, n), E (m, k, r).
 
     `angle` (m, n) are the corrected joint angles at which curves are evaluated. `distances` are misclosures (k,) and
-    rates (k, P) of measured distances, which belong to no pose.
+    derivatives (k, P) of measured distances, which belong to no pose.
     """
 
     w: FloatArray
@@ -75,15 +75,15 @@ class Equations(Protocol):
 
     @property
     def distances(self) -> tuple[FloatArray, FloatArray]:
-        """Misclosures (k,) and rates (k, P) of measured distances, in units of their sigmas."""
+        """Misclosures (k,) of measured distances and their derivatives (k, P), in units of their sigmas."""
         ...
 
     def part(self, poses: slice) -> System:
-        """Return those of a slice of the poses."""
+        """Return the equations of a slice of the poses."""
         ...
 
     def at_poses(self, poses: IntArray) -> System:
-        """Return those of a selection of poses."""
+        """Return the equations of a selection of poses."""
         ...
 
 
@@ -140,7 +140,7 @@ class LinearModel(Layout):
         )
 
     def unsigned(self) -> LinearModel:
-        """Return the design that expects sag and play to both sides equally."""
+        """Return the design in which sag and play are equally likely to either side."""
         errors = replace(self.errors, signed=False)
         return LinearModel(self.model, self.q, errors, group=self.group, like=self)
 
@@ -156,7 +156,7 @@ class LinearModel(Layout):
         return S
 
     def _joints(self) -> FloatArray:
-        """Part that no component scales."""
+        """Part of the variance that no component scales."""
         used = np.ones(self.model.joint_count)
         used[[j - 1 for j in self.model.unsensed_joints]] = 0.0
         S = self.errors.joint_variance * used
@@ -174,7 +174,7 @@ class LinearModel(Layout):
         return F
 
     def _fixture(self) -> FloatArray:
-        """Part that no component scales."""
+        """Part of the variance that no component scales."""
         F = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))
         for rows, stated in self.gives:
             F[:, rows] += (self.give_basis.missed * self.free_give * stated**2)[:, None]
@@ -222,7 +222,7 @@ class LinearModel(Layout):
     def whiten(self, system: System, v: FloatArray, root: FloatArray, poses: slice) -> Whitened:
         """Whiten the columns of the poses of `system`.
 
-        `root` (width - hard,) scales the effects: the root of `group_variances` scales them to unit variance.
+        `root` (width - hard,) scales the effects: with the root of `group_variances` they have unit variance.
         """
         B, E = system.B, system.E
         Et = np.swapaxes(E, -1, -2)
@@ -291,10 +291,10 @@ class State:
 
 
 class Linearisation:
-    """Equations of `design` at `state`, those of requested poses computed at each request.
+    """Equations of `design` at `state`, computed for the requested poses at each request.
 
-    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept, which is
-    everything where poses are few.
+    The Jacobians of a hundred thousand poses are never in memory together. The last result is kept, which covers all
+    poses if there are few.
     """
 
     def __init__(self, design: LinearModel, state: State) -> None:

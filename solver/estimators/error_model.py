@@ -39,7 +39,7 @@ class AnalogueReading:
     curve
         Shapes of its systematic deviation; None where it has none.
     curve_variance
-        Variance of the shapes' coefficients (rad^2) that corresponds to the specification.
+        Variance of the coefficients of `curve` (rad^2) that corresponds to the specification.
     """
 
     joint: int
@@ -71,7 +71,7 @@ class ErrorModel:
     tolerance
         Standard deviation (rad, m) of entries of the maker's table that are corrected within it.
     distances
-        Distances between points of the loop that were measured.
+        Measured distances between points of the loop.
     prior
         Standard deviation (rad, m) of the identified parameters whose uncertainty a file states.
     discrepancy
@@ -79,9 +79,9 @@ class ErrorModel:
     loads
         Effects of gravity, where masses are stated; otherwise sag and compliance are smooth functions of the pose.
     approach
-        (m, n): direction of approach of every joint, 1 or -1, 0 where unknown.
+        (m, n): direction in which every joint approached the pose, 1 or -1; 0 where unknown.
     signed
-        Whether joints are expected to sag in the direction of gravity, instead of to both sides equally.
+        Whether joints are expected to sag in the direction of gravity; otherwise either side is equally likely.
     """
 
     joint_variance: FloatArray
@@ -182,7 +182,7 @@ Names = tuple[str, str, str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredDistance:
-    """Distance (m) of two points, each named by its three coordinates among the parameters, and its sigma (m)."""
+    """Distance (m) between two points, each given by the names of its three coordinates, and its sigma (m)."""
 
     first: Names
     second: Names
@@ -193,7 +193,7 @@ class MeasuredDistance:
 def distance_and_rates(
     first: Sequence[int], second: Sequence[int], x: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return the distance of two points, m, and its rates (P,) with the parameters x (P,)."""
+    """Return the distance between two points, m, and its derivatives (P,) by the parameters x (P,)."""
     apart = x[list(second)] - x[list(first)]
     value = float(np.linalg.norm(apart))
     rates = np.zeros_like(x)
@@ -205,7 +205,7 @@ def distance_and_rates(
 def distance_rows(
     distances: Sequence[MeasuredDistance], parameters: Sequence[Parameter], x: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return misclosures (k,) and rates (k, P) at x (P,), in units of each distance's sigma s.
+    """Return misclosures (k,) and their derivatives (k, P) at x (P,), in units of each distance's sigma s.
 
     ``(d(x) - d_measured) / s + u . (dp_b - dp_a) / s,  u = (p_b - p_a) / d``: one equation for each distance.
     """

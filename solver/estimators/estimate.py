@@ -1,4 +1,4 @@
-"""The result of every estimator, its closure error, and the checks before an estimate.
+"""Result of any estimator, its closure error, and the check that there are enough poses.
 
 sigma_pos and sigma_ori (paper, eqs. 14 and 15) are those of the loops at the measured joints.
 """
@@ -40,7 +40,7 @@ class Estimate:
     dof
         Degrees of freedom: equations less parameters.
     chi2
-        Weighted sum of squares; None where the estimator has no noise model.
+        Weighted sum of squared residuals; None where the estimator has no noise model.
     pose_chi2
         Each pose's share of `chi2` (m,); None where the estimator has no noise model.
     corrections
@@ -132,7 +132,7 @@ def require_enough_poses(model: ClosureModel, poses: int, *, known: int = 0) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoReadings:
-    """One figure in the two interpretations of the paper's formula.
+    """One figure by each of the two interpretations of the paper's formula.
 
     `rms` divides inside the root, sqrt(sum / (k m)), the only interpretation that leads to figures of the paper's size;
     `as_printed` divides outside it, sqrt(sum) / (k N).
@@ -172,7 +172,7 @@ def _both(rows: FloatArray) -> TwoReadings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureAtReadings:
-    """Reduced closure error of every pose at the joints as measured; fields as of `ReducedError`."""
+    """Reduced closure error of every pose at the measured joint angles; fields as in `ReducedError`."""
 
     residual: FloatArray
     rotation_rows: int

@@ -11,8 +11,8 @@ multiplied by E', the left null space of J_u, and the stacked system
     minimise sum |w + A dx|^2 in the metric (B S B' + F)^-1,
     A = E' J_x,  B = E' J_q,  F = E' S_f E,  w = E' (c - J_q e)
 
-is solved with scaled columns. Multipliers then give e_new, u and the next linearisation. Weights
-belong to the corrected joints: taken once at the measured ones they are not the same estimator.
+is solved with scaled columns. Lagrange multipliers then give e_new, u and the next linearisation. Weights must be
+evaluated at the corrected joints: with weights from the measured ones it is a different estimator.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ MAX_ITERATIONS = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoiseModel:
-    """Noise of a pose.
+    """Noise of a pose: of its joint readings and of the fixture.
 
     `joint_variance`: variance of each joint reading, (n,) or (m, n), rad^2. `fixture_variance`: variance of the
     fixture's deflection along the closure components, (6,), rad^2 then m^2; a model without rotations (ball) uses the
@@ -142,7 +142,7 @@ def fit_implicit(
 ) -> ImplicitFit:
     """Fit parameters and joint corrections to measured joint angles `q` (m, n), rad, from `x0` (P,).
 
-    Parameters under a `prior` bring as many equations as unknowns: they reduce no degree of freedom, and their distance
+    Parameters with a `prior` add as many equations as unknowns: they use up no degree of freedom, and their distance
     from the prior's mean is not in `pose_chi2`.
     """
     known = 0 if prior is None else int(np.count_nonzero(prior.precision))
@@ -256,9 +256,9 @@ def linearise(
 
 
 def whitener(V: FloatArray) -> FloatArray:
-    """``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
+    """Return ``L^-1`` (..., r, r) of the misclosures' covariances ``V = L L'``.
 
-    Raises `PosesDoNotFitError` if there is no such root: these poses are far from closing.
+    Raises `PosesDoNotFitError` if V has no such factor: these poses are far from closing.
     """
     try:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(V)))
@@ -268,7 +268,7 @@ def whitener(V: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Block:
-    """Some poses linearised: w, A, B and E' in units of their noise, and the rates of their unsensed angles."""
+    """Linearised equations of some poses: w, A, B and E' in units of their noise, and rates of the unsensed angles."""
 
     w: FloatArray
     A: FloatArray

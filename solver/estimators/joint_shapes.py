@@ -1,6 +1,6 @@
 """Effects that act along a joint, as shapes over the poses.
 
-Harmonics of encoders, gains and curves of analogue sensors, sides of play, sag: in the order of a layout's groups.
+Harmonics of encoders, gains and curves of analogue sensors, sides of play, sag; in the order of a layout's groups.
 A curve follows the corrected angle; all other shapes are constant during a fit.
 """
 

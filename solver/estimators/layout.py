@@ -1,6 +1,6 @@
 """Lists the effects of a loop with stated errors, the variance components that groups of them share, and their bounds.
 
-Every source of error that the files state is a group of columns, a variance component, or both. The values
+Every source of error that the files state has a group of columns, a variance component, or both. The values
 of the columns are in `solver.estimators.effects`.
 """
 
@@ -74,11 +74,11 @@ SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 class VarianceComponent:
     """One variance to be estimated, with its start value, floor and upper limit.
 
-    `stated` is the value in the files. With `scaled` the logarithm of its size over the stated one has a normal prior
-    (method, section 10): the poses determine it where they can, otherwise the stated value does. `soft` and `wall`
-    bound an amplitude by its specification: a prior of that mean variance, and a value it never exceeds. ``inf`` where
-    there is none. `leap` may be reached in one step from any value. `spread_variance` is its estimate from `spread_dof`
-    differences inside poses, or from a specification of the same weight.
+    `stated` is the value in the files. With `scaled`, the logarithm of the ratio of its size to the stated one has a
+    normal prior (method, section 10): the poses determine it where they can, otherwise the stated value does. `soft`
+    and `wall` bound an amplitude by its specification: the mean variance of a prior, and a value it never exceeds;
+    ``inf`` without a bound. `leap` is a value that one step may reach from any other. `spread_variance` is an estimate
+    from `spread_dof` differences within poses, or from a specification of the same weight.
     """
 
     name: str
@@ -94,7 +94,7 @@ class VarianceComponent:
 
     @property
     def source(self) -> str:
-        """Its name in an uncertainty budget: that of the groups it scales, if any."""
+        """Name in an uncertainty budget: that of the groups it scales, if any."""
         kind, _, which = self.name.partition("_")
         if kind in _OF_RVDTS:
             return f"rvdt_{_OF_RVDTS[kind]}_{which}"
@@ -127,7 +127,7 @@ class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
-    `quietest` and `scaled` (K,) are those of the components.
+    `quietest` and `scaled` (K,) are the corresponding values of the components.
     """
 
     def __init__(
@@ -360,7 +360,7 @@ class Layout:
         self.groups.append(Group(source=source, names=tuple(names), rates=((component, 1.0),)))
 
     def _scale(self, name: str) -> int:
-        """Return the component of a source that is as large as stated unless the poses show otherwise."""
+        """Return the variance component of a source whose size is the stated one unless the poses show otherwise."""
         return self._component(
             VarianceComponent(
                 name=name,
@@ -383,7 +383,7 @@ class Layout:
 
     @property
     def noise_components(self) -> list[int]:
-        """Components that are new in every pose."""
+        """Components of noise, which is new in every pose."""
         play = [] if self.play_component is None else [self.play_component]
         return [*range(len(self.errors.analogue)), *self.fixture_components.values(), *play]
 
@@ -392,7 +392,7 @@ class Layout:
         return np.array([c.start for c in self.components])
 
     def stated_variances(self) -> FloatArray:
-        """Components (K,) as the files state them, fully independent between poses; no discrepancy."""
+        """Components (K,) as the files state them, all of it independent between poses; no discrepancy."""
         return np.array([c.stated for c in self.components])
 
     def as_stated(self, v: FloatArray) -> FloatArray:

@@ -1,9 +1,9 @@
 """Damped, column-scaled Gauss-Newton for stacked closure equations.
 
 Minimises ``|r(x)|^2`` (paper, eqs. 5 and 6, iterated). Columns are scaled to unit norm [13], which makes the damping
-independent of units and leads to the scaled condition number. The undamped step is tried first and taken whenever it
-descends; damping (Levenberg-Marquardt) is used only when it does not, so the iteration never diverges. Of the equations
-only the triangle of their QR factors is kept (`triangle_of`): its size and the work with it do not grow with the poses.
+independent of units and gives the scaled condition number. The undamped step is tried first and taken whenever it
+descends; damping (Levenberg-Marquardt) is used only when it does not, so the iteration never diverges. Only the
+triangular QR factor is kept (`triangle_of`): its size and the work with it do not grow with the poses.
 """
 
 from __future__ import annotations
@@ -59,13 +59,13 @@ class Triangle:
         return 0.5 * (float(self.b @ self.b) + self.rest)
 
     def after(self, step: FloatArray) -> Triangle:
-        """Return these equations after a step (P,), as far as they are linear."""
+        """Return these equations after a step (P,), in linear approximation."""
         return replace(self, b=self.b + self.T @ step)
 
     def step(self, damping: float = 0.0) -> tuple[FloatArray, float]:
-        """Step (P,) with this damping, and the expected reduction of the cost.
+        """Return the step (P,) for this damping, and the expected reduction of the cost.
 
-        Zero along undetermined directions; nan if the equations are.
+        The step is zero along undetermined directions, and nan if the equations contain nan.
         """
         from scipy.linalg import lapack
 
@@ -105,10 +105,10 @@ class Triangle:
 
 
 def triangle_of(blocks: Iterable[tuple[FloatArray, FloatArray]]) -> Triangle:
-    """QR of blocks (TSQR): residuals (..., r) and Jacobians (..., r, P) of block after block.
+    """QR factorisation block by block (TSQR) of residuals (..., r) and Jacobians (..., r, P).
 
     Each block is triangularised below the triangle of those before it, so that memory does not grow with the number of
-    rows, and the Jacobian is never squared.
+    rows, and J'J is never formed.
     """
     whole = stacked_triangle(np.concatenate((J, r[..., None]), axis=-1) for r, J in blocks)
     return Triangle(T=whole[:-1, :-1], b=whole[:-1, -1], rest=float(whole[-1, -1] ** 2))

@@ -1,4 +1,4 @@
-"""Derivatives of the restricted likelihood of a mixed model with its variances.
+"""Derivatives of the restricted likelihood of a mixed model by its variances.
 
 Restricted likelihood (Patterson & Thompson 1971) estimates variances from the part that no parameter can explain, so
 degrees of freedom are accounted for. Its derivatives need the inverse of the mixed-model equations and per-pose blocks
@@ -21,7 +21,7 @@ from solver.estimators.effects import LinearModel, Whitened
 class Derivatives:
     """Gradient (K,), expected information and negative second derivative (K, K) of the likelihood.
 
-    Twice the gradient is a square of the residuals minus its expectation, `expected` (K,).
+    Twice the gradient is a quadratic form of the residuals minus its expectation, `expected` (K,).
     """
 
     score: FloatArray
@@ -99,5 +99,5 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
 
 
 def _indicator(component: IntArray, K: int) -> FloatArray:
-    """Matrix (f, K) that sums over the columns of each component."""
+    """Matrix (f, K) of ones and zeros that sums over the columns of each component."""
     return np.asarray(component[:, None] == np.arange(K), dtype=np.float64)

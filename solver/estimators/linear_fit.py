@@ -51,7 +51,7 @@ class LinearFit:
     step
         Estimate of dx for the parameters without prior (hard,).
     b
-        Prediction of the effects' coefficients, unscaled (width - hard,).
+        Predicted coefficients of the effects, unscaled (width - hard,).
     half
         Root of the inverse (width, width): ``H^-1 = half half'``.
     chi2, dof
@@ -115,7 +115,7 @@ class LinearFit:
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
-        """Measured distances minus those from the poses alone (k,), in sigmas of this difference."""
+        """Measured distances minus the distances that the poses alone give (k,), in sigmas of this difference."""
         w, rows = self._distances()
         known = 1.0 - ((rows @ self.half) ** 2).sum(-1)
         return np.asarray(-(w + rows @ self.coefficients) / np.sqrt(np.maximum(known, 1e-12)))
@@ -160,14 +160,14 @@ class LinearFit:
 
     @cached_property
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood with the variances, without their priors."""
+        """Derivatives of the likelihood by the variances, without their priors."""
         return likelihood_derivatives(self)
 
     # ---- uncertainty of the parameters
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (P, P) of all parameters: every source at its variance."""
+        """Covariance (P, P) of all parameters, from all sources of error."""
         return self._of_parameters(self.H_inverse)
 
     @property
@@ -259,9 +259,9 @@ class LinearFit:
         )
 
     def moved_by(self, G: FloatArray) -> FloatArray:
-        """Rates (P, k) of the parameters with further columns G (m, r, k) of the reduced equations.
+        """Derivatives (P, k) of the parameters by the coefficients of further columns G (m, r, k) of the equations.
 
-        ``-H^-1 M'G``: their change for a unit of each column of G.
+        ``-H^-1 M'G``: their change when the coefficient of one column is 1.
         """
         MG = np.zeros((self.design.width, G.shape[-1]))
         for part in self.parts():
@@ -273,9 +273,9 @@ class LinearFit:
         return out
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
-        """Misfit of each part of the poses (k,) from the prediction by all others: chi2 and degrees of freedom.
+        """Misfit of each part of the poses (k,) to the prediction by all others: chi2 and degrees of freedom.
 
-        No refit: with P the projector that is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
+        Needs no refit: with the projector P, chi2 is ``(P w)_F' P_FF^-1 (P w)_F``, and ``P_FF = I - N N'``.
         """
         rows = [
             (part.times(self.half), part.w + part.times(self.coefficients)) for part in self.parts()
@@ -287,7 +287,7 @@ class LinearFit:
         ]
 
     def left_out_chi2(self) -> tuple[FloatArray, IntArray]:
-        """Misfit of every single pose from the prediction by all others: chi2 and degrees of freedom, (m,) each."""
+        """Misfit of every single pose to the prediction by all others: chi2 and degrees of freedom, (m,) each."""
         chi2, dof = [], []
         for part in self.parts():
             P = np.eye(part.w.shape[1]) - part.times(self.H_inverse) @ np.swapaxes(part.M, -1, -2)
@@ -321,7 +321,7 @@ class LinearFit:
     def pulls(self) -> FloatArray:
         """Deviation of each effect from its mean (width - hard,): standard normal when the model is right.
 
-        Zero for an effect about which the poses have no information.
+        Zero for an effect about which the poses give no information.
         """
         left = np.diagonal(self.H_inverse)[self.design.hard :]
         z = self.unit_b / np.sqrt(np.maximum(1.0 - left, 1e-12))
@@ -348,7 +348,7 @@ def _held_out(N: FloatArray, left: FloatArray) -> tuple[float, int]:
 
 
 def _square_in(V: FloatArray, w: FloatArray) -> float | None:
-    """``w' V^-1 w``; None where V is so near to singular that its directions have to be counted."""
+    """Return ``w' V^-1 w``; None where V is so nearly singular that its rank has to be determined."""
     from scipy.linalg import lapack
 
     factor, failed = lapack.dpotrf(V, lower=True)

@@ -78,15 +78,15 @@ class LoadBasis:
     Attributes
     ----------
     sag_expected
-        (m, n) expected twist of every joint; zero where gravity has no lever.
+        (m, n) expected twist of every joint; zero where gravity has no lever arm.
     sag, sag_missed
         (m, n, c) deviations of its twist from that, and (m, n) variance that the columns leave out: all of it for a
-        joint on which gravity has no lever.
+        joint on which gravity has no lever arm.
     all_give, rows
         (M, k, c) deflection along the closure components in units of the stated one, and the rows (m,) of these poses.
-        It is by far the largest array, and is shared by every selection of poses.
+        `all_give` is by far the largest array, and is shared by every selection of poses.
     give_missed
-        (m, k) variance that its columns leave out.
+        (m, k) variance of the deflection that these columns leave out.
     side
         (m, n): expected side, between -1 and 1, to which gravity moves every joint within its play.
     gravity
@@ -104,11 +104,11 @@ class LoadBasis:
 
     @property
     def give(self) -> FloatArray:
-        """Displacement (m, k, c) of these poses."""
+        """Deflection (m, k, c) at these poses."""
         return self.give_at(slice(None))
 
     def give_at(self, poses: slice) -> FloatArray:
-        """Displacement (m, k, c) of a slice of these poses."""
+        """Deflection (m, k, c) at a slice of these poses."""
         return np.asarray(self.all_give[self.rows[poses]])
 
     def at_poses(self, poses: IntArray) -> LoadBasis:
@@ -137,18 +137,18 @@ class LoadBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Gravity:
-    """Each joint's twist as a function of gravity's torque, tau (m, n, s) by its shapes.
+    """Each joint's twist as a function of gravity's torque, given as s shapes tau (m, n, s).
 
     Attributes
     ----------
     part
-        The arm that has these torques.
+        The arm on which these torques act.
     turn
         (n, s, c): columns of the twist are ``tau_js turn_jsc``, of mean square 1 over the poses of the basis.
     rate
         (n,): expected twist is ``rate_j tau_j0``.
     held
-        (n,): variance left out for a joint on which gravity has no lever.
+        (n,): variance left out for a joint on which gravity has no lever arm.
     """
 
     part: ArmPoses
@@ -157,7 +157,7 @@ class Gravity:
     held: FloatArray
 
     def sags(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), its columns (m, n, c), variance they leave out (m, n), and side of play (m, n)."""
+        """Expected twist (m, n), its columns (m, n, c), variance that they leave out (m, n), and side of play (m, n)."""
         torque = replace(self.part, q=q, u=np.zeros((len(q), 0))).torques(slice(None))
         columns = (torque.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
         missed = np.broadcast_to(self.held, q.shape)
@@ -222,7 +222,7 @@ def load_basis(
 
 
 def _side(torque: FloatArray) -> FloatArray:
-    """Expected sign (m, n) of a torque whose first shape is its mean and the others its deviations."""
+    """Expected sign (m, n) of a torque whose first shape is its mean and whose other shapes are its deviations."""
     from scipy.special import erf
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
@@ -234,7 +234,7 @@ def _sags(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Expected twist (m, n), columns (m, n, c) of the deviations, and the variance left out (m, n).
 
-    Then their dependence on the torque, as in `Gravity`: (n, s, c) and (n,).
+    Also returns their dependence on the torque, as in `Gravity`: (n, s, c) and (n,).
 
     The mean square is 1 for every joint over the poses, under a torque (m, n, s) whose first shape is the mean and
     whose others have coefficients N(0, 1).
@@ -264,14 +264,14 @@ def _sags(
 
 
 def _cuts(m: int) -> list[slice]:
-    """Slices of m poses."""
+    """Slices that divide m poses into blocks."""
     return [slice(first, min(first + CHUNK, m)) for first in range(0, m, CHUNK)]
 
 
 def _wrenches(
     part: ArmPoses, poses: IntArray | slice, torque: FloatArray | None = None
 ) -> FloatArray:
-    """Fixture's wrench W (m, k, 4 n, sets) per unit of each uncertain moment: four of each of n masses, by driven set.
+    """Fixture's wrench W (m, k, 4 n, sets) per unit of each uncertain moment (four per link), for each driven set.
 
     `torque`: result of `torques` for these poses, if it was computed before.
     """
@@ -300,7 +300,7 @@ def _gives(
 ) -> tuple[FloatArray, FloatArray]:
     """Deflection (m, k, c) in units of the stated one, and the variance left out (m, k).
 
-    `torque` is that of all poses, if these are few.
+    `torque` is that of all poses if there are few, else None.
     """
     m, k = len(part.q), part.model.components
     centres = farthest(part.q, CENTRES)
@@ -370,7 +370,7 @@ def wrench_of(
 
 
 def driven_sets(joints: int, equations: int) -> list[tuple[int, ...]]:
-    """0-based joints that may have been in position mode, as many in each set as `equations` leave free."""
+    """Sets of 0-based joints that may have been in position mode: as many in each as the `equations` leave free."""
     every = list(combinations(range(joints), max(joints - equations, 0)))
     chosen = np.unique(
         np.linspace(0, len(every) - 1, min(MOST_DRIVE_SETS, len(every))).astype(np.int64)

@@ -1,6 +1,6 @@
 """Effects that repeat at the same pose: sides of play, sag and deflection, as shapes over the poses.
 
-By load where masses are stated (`solver.estimators.load_effects`), any smooth function of the pose where
+They follow from the load where masses are stated (`solver.estimators.load_effects`), and are any smooth function where
 they are not. Shapes have coefficients ~ N(0, 1); the rest of a stated variance is independent in every pose.
 
 The smooth functions are a Gaussian process over joint space with several scales at once and a linear part, in low rank:
@@ -52,9 +52,9 @@ class PoseBasis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PoseProcess:
-    """The process in low rank, before the few columns are chosen.
+    """The process as a low-rank approximation, before the few columns are chosen.
 
-    `values` (m, c): one column for each centre. `turn` (c, c): from these to orthogonal columns, the largest first.
+    `values` (m, c): one column for each centre. `turn` (c, c): takes these to orthogonal columns, the largest first.
     `variance` (m,): variance of the process itself.
     """
 
@@ -102,9 +102,10 @@ def pose_process(q: FloatArray, *, group: IntArray | None = None) -> PoseProcess
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shapes:
-    """Shapes (m, d, c) along d joints, and the variance they leave (m, d).
+    """Shapes (m, d, c) along d joints, and the variance (m, d) that they leave out.
 
-    `expected` (m, d) is the expected value, from which the shapes deviate. In units of the stated size of each joint.
+    `expected` (m, d) is the expected value; the shapes are deviations from it. All in units of each joint's stated
+    size.
     """
 
     columns: FloatArray
@@ -118,11 +119,11 @@ class Shapes:
 
 
 def sides_of_play(q: FloatArray, errors: ErrorModel) -> Shapes:
-    """Sides of play: that of the load where it is known, and that of the approach.
+    """Sides of play: the side to which the load acts, where it is known, and the side of approach.
 
-    It is unknown which of the two a joint follows. If the load, its link rests where gravity moves it: with a
-    probability of p it is there, the mean is p, and the rest of the variance, 1 - p^2, is a deviation from that. If the
-    approach, it is unknown whether link or drive leads: both sides are equally likely.
+    It is unknown which of the two a joint follows. With probability p it is the load, and the link rests on the side to
+    which gravity moves it: the expected side is p times that one, and the rest of the variance, 1 - p^2, is a deviation
+    from it. Otherwise it is the approach, and since link or drive may lead, both sides are equally likely.
     """
     by_load = np.ones_like(q) if errors.loads is None else errors.loads.side
     signed = errors.signed and errors.loads is not None
@@ -163,7 +164,7 @@ def shapes_of_sag(q: FloatArray, errors: ErrorModel, basis: PoseBasis) -> Shapes
 class LoadedGive:
     """Deflection of a fixture of stated `sizes` (k,), rad and m, under load, without the share `UNMODELLED_SHARE`.
 
-    Its shapes are the largest of all and are scaled for some poses at a time.
+    Its arrays of shapes are the largest of all, so they are scaled for some poses at a time.
     """
 
     loads: LoadBasis

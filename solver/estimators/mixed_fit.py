@@ -69,7 +69,7 @@ POSES_FOR_VARIANCES = 600
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MixedFit:
-    """Result of the iteration; poses in the order given.
+    """Result of the iteration, with the poses in the order given.
 
     Attributes
     ----------
@@ -78,11 +78,11 @@ class MixedFit:
     corrections, unsensed
         Joint corrections e (m, n) and unsensed angles (m, U), rad.
     shift, give
-        Part of the corrections that effects predict (m, n), rad, and of the fixture's displacement (m, k).
+        Parts that the effects predict: of the corrections (m, n), rad, and of the fixture's displacement (m, k).
     fit
         The linear fit at the solution.
     found
-        Derivatives of the likelihood there, from the poses that determined the variances; None for given ones.
+        Derivatives of the likelihood there, from the poses that determined the variances; None if these were given.
     """
 
     x: FloatArray
@@ -96,13 +96,13 @@ class MixedFit:
     converged: bool
 
     def derivatives(self) -> Derivatives:
-        """Derivatives of the likelihood with the variances at the solution."""
+        """Derivatives of the likelihood by the variances at the solution."""
         return with_priors(self.fit) if self.found is None else self.found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Near:
-    """Result of another fit of the same poses, as a start.
+    """Result of another fit of the same poses, from which a fit may start.
 
     `variances`: variance components by name. `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles
     (m, U) of the loops to be fitted, rad. `layout`: layout of the other fit, with its poses in the order of this fit.
@@ -114,7 +114,7 @@ class Near:
     layout: Layout | None = None
 
     def at_poses(self, poses: IntArray) -> Near:
-        """Return the start for a selection of poses, without the layout of all."""
+        """Return the start for a selection of poses, with `layout` None: it belongs to all poses."""
         return Near(
             variances=self.variances,
             corrections=self.corrections[poses],
@@ -140,9 +140,9 @@ def fit_mixed(
     x0
         Start (P,).
     group
-        Placement of each pose (m,): the fixture's deflections in one are independent of those in another.
+        Placement of each pose (m,): deflections of the fixture in different placements are independent.
     variances
-        Fixed variances (K,) of a layout, and gravity's sign with them; None: they are estimated.
+        Fixed variances (K,) of a layout; gravity's sign is fixed too. None: both are estimated.
     near
         Start of the fit, where known.
     """
@@ -181,7 +181,7 @@ def _iterate(
     near: Near | None,
     found: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) are fixed, `found` are the derivatives where they come from."""
+    """Iterate to convergence; given `variances` (K,) stay fixed, and `found` are the derivatives of the fit they come from."""
     said = _nothing if progress is None else progress
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
@@ -239,7 +239,7 @@ def _iterate(
 
 
 def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFit:
-    """Solve one linearisation; PosesDoNotFitError if these poses fit no loop."""
+    """Solve one linearisation; raises PosesDoNotFitError if the poses are too far from closing."""
     try:
         return LinearFit(design, here, v)
     except np.linalg.LinAlgError as error:
@@ -249,7 +249,7 @@ def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFi
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, found: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more where the loops close, with estimated sizes at their means; unchanged where none is estimated."""
+    """Solve once more where the loops close, with estimated sizes at their posterior means; no change if none is estimated."""
     v = expected_scales(fit, found)
     if np.array_equal(v, fit.v):
         return fit, state
@@ -261,21 +261,21 @@ def _at_mean_scales(
 def expected_scales(fit: LinearFit, found: Derivatives) -> FloatArray:
     """Variances (K,) with the learned sizes at their posterior mean.
 
-    At the mode sigmas would not include the uncertainty of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
-    has the mean exp(t_mode + s^2 / 2), its variance twice that exponent.
+    At the mode, sigmas would not include the uncertainty of the sizes themselves. A size exp(t), t ~ N(t_mode, s^2),
+    has the mean exp(t_mode + s^2 / 2); the variance is its square.
     """
     return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, found)), fit.design.walls))
 
 
 def _nothing(_rounds: int, _chi2: float) -> None:
-    """Ignore the progress."""
+    """Ignore progress reports."""
 
 
 def gravity_share(fit: LinearFit) -> float:
-    """Share of the sag and play expected from gravity that the readings show.
+    """Ratio of the sag and play that the readings show to those expected from gravity.
 
     An arm without the sag that its file states is to be calibrated as exactly as one whose file states none: with exact
-    readings the expected sag would itself be the error. Below one half it is not expected.
+    readings the expected sag would itself be the error. Below one half, no sag is expected.
     """
     design = fit.design
     G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
@@ -301,7 +301,7 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None
 def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[State, float, float]:
     """Solution of one linearisation, and the largest change of a parameter in standard errors.
 
-    The last figure is the remaining error of linearisation.
+    That change is the remaining error of linearisation.
     """
     old, soft = at.state, len(design.soft_index)
     x = old.x.copy()

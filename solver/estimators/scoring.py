@@ -1,7 +1,7 @@
 """One scoring step of the variances of a mixed model, by restricted maximum likelihood.
 
 `solver.estimators.likelihood` has the derivatives. The size of a family of errors
-has a log-normal prior about what the files state (method, section 10, "Scales").
+has a log-normal prior centred on the size that the files state (method, section 10, "Scales").
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ FAST_SHARE = 0.3
 
 
 def with_priors(fit: LinearFit) -> Derivatives:
-    """Add the prior information about the variances: specifications, spreads inside poses, the prior of each scale."""
+    """Add the prior information about the variances: specifications, spreads within poses, the prior of each scale."""
     v, found = fit.v, _with_readings(fit)
     scaled = fit.design.scaled
     # t = log(v / start) / 2 ~ N(0, SCALE_SD^2), differentiated by v.
@@ -58,7 +58,7 @@ def with_priors(fit: LinearFit) -> Derivatives:
 
 
 def _with_readings(fit: LinearFit) -> Derivatives:
-    """Add the information of a specification about an amplitude, and of spreads recorded inside poses."""
+    """Add the information of specifications about amplitudes, and of spreads recorded within poses."""
     v, bare = fit.v, fit.derivatives
     score, information, curvature = (
         bare.score.copy(), bare.information.copy(), bare.curvature.copy(),
@@ -103,9 +103,9 @@ class ScoringStep:
 
 
 def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
-    """Newton's step of the variances; those that would leave their bounds stay there.
+    """Newton's step of the variances; those that would leave their bounds stop there.
 
-    For estimated sizes it is a step of ``t = log(v) / 2``, in which their likelihood is nearest to its parabola.
+    For estimated sizes it is a step of ``t = log(v) / 2``, as the log-likelihood is most nearly quadratic in t.
     """
     v, floor, scaled = fit.v, fit.design.floors, fit.design.scaled
     wall, leap = fit.design.walls, fit.design.leaps
@@ -161,14 +161,14 @@ def step(fit: LinearFit, found: Derivatives) -> ScoringStep:
 
 
 class Ascent:
-    """Ascent of the likelihood: Newton's steps, shortened where they overshoot the maximum.
+    """Maximisation of the likelihood: Newton's steps, shortened where they overshoot the maximum.
 
     Where a variance leaves its floor the curvature changes quickly, and plain steps may oscillate forever. The slope at
     a step's end, known anyway, locates the maximum along the step, so nothing is computed twice: the next round starts
     there.
 
     `fast`: whether the last proposed step was so much smaller than the one before that little remains after it; after a
-    change of the likelihood, until two steps can be compared, the earlier value.
+    change of the likelihood it keeps its value until two steps can be compared.
     """
 
     def __init__(self, *, fast: bool = False) -> None:
@@ -182,7 +182,7 @@ class Ascent:
     ) -> FloatArray:
         """Variances (K,) for the next round, `wanted` being Newton's step from those of `fit`.
 
-        `far`: the next linearisation will be so different that slopes cannot be compared.
+        `far`: whether the next linearisation will be so different that slopes cannot be compared.
         """
         if self._wanted is not None:
             self.fast = wanted.largest < FAST_SHARE * self._wanted

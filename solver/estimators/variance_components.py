@@ -1,8 +1,8 @@
 """The implicit estimator with every stated source of error: parameters, effects and variances at once.
 
-The specification of an encoder can be relied upon; an RVDT's noise and a fixture's compliance cannot, and a maker's
-lengths are known to a tolerance. All of it is one linear mixed model (`solver.estimators.effects`), iterated by
-`solver.estimators.mixed_fit`.
+The specification of an encoder can be relied upon; those of an RVDT's noise and a fixture's compliance cannot, and a
+maker's lengths are known within a tolerance. All errors form one linear mixed model (`solver.estimators.effects`),
+iterated by `solver.estimators.mixed_fit`.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class VarianceComponents:
     components
         Every component with its interval.
     compliance
-        Test whether the fixture is more compliant than stated; None where it was not made.
+        Test whether the fixture is more compliant than stated; None if it was not made.
     noise
         Remaining noise of each pose at the estimated variances, rows in the order of the poses.
     curves_rad
@@ -104,9 +104,9 @@ class Calibrated:
     Attributes
     ----------
     linear, order
-        The fit, with its poses in canonical order, and the caller's indices (m,) of these.
+        The fit, with its poses in canonical order, and the caller's index of each of them (m,).
     found
-        Derivatives of the likelihood with the variances at the solution.
+        Derivatives of the likelihood by the variances at the solution.
     unsensed
         Unsensed angles (m, U), rad, in the caller's order.
     """
@@ -119,9 +119,9 @@ class Calibrated:
     unsensed: FloatArray
 
     def few(self, most: int) -> tuple[Calibrated, IntArray]:
-        """Return the calibration for `most` poses evenly among all, and the caller's indices of these.
+        """Return the calibration for `most` poses, evenly chosen from all, and the caller's indices of these.
 
-        Parameters and their covariance remain those of all poses; the linear fit covers the few only.
+        Parameters and their covariance remain those of all poses; the linear fit covers only the chosen ones.
         """
         if len(self.order) <= most:
             return self, np.arange(len(self.order))

@@ -1,4 +1,4 @@
-"""Base of the loops of one placement: an arm of D-H links with unknown entries, and the fixture's unknowns.
+"""Base class of the loops of one placement: an arm of D-H links with unknown entries, and the fixture's unknowns.
 
 A subclass defines the links, the unknowns of its endpoint, and the closure error (`loop`).
 """
@@ -101,7 +101,7 @@ class ArmLoop(ClosureModel):
 
     @property
     def equations_per_pose(self) -> int:
-        """Number of components minus number of unsensed freedoms."""
+        """Number of components minus number of unsensed degrees of freedom."""
         return self.components - len(self.unsensed_rows)
 
     def tables(self, x: FloatArray) -> FloatArray:
@@ -132,7 +132,7 @@ class ArmLoop(ClosureModel):
         return forward(theta, *np.moveaxis(table[..., 1:, :], -2, 0))
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
-        """Readings with nominal offsets, for the unsensed joints."""
+        """Readings of the unsensed joints plus their nominal offsets."""
         lost = [j - 1 for j in self.unsensed_joints]
         offsets = self.table.theta_off_rad[[j - self.FIRST_LINK for j in self.unsensed_joints]]
         lead = np.broadcast_shapes((*np.shape(x)[:-1], 1), q.shape[:-1])
@@ -168,7 +168,7 @@ class ArmLoop(ClosureModel):
     def columns(self, frames: Frames, lever_m: FloatArray | None = None) -> FloatArray:
         """Screws (..., 6, P_entries + links) of the unknown entries, then of every link's angle.
 
-        They are those of the chain's end, or of a point of its last link at `lever_m` (..., 3) from there, in the
+        They are the screws of the chain's end, or of a point of its last link at `lever_m` (..., 3) from there, in the
         chain's first frame: ``v_tip = v_end + w x lever``.
         """
         J = jacobian(frames, self._moved)

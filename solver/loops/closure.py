@@ -27,11 +27,11 @@ Which = IntArray | slice
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopError:
-    """Closure error of every pose with the unsensed freedoms as explicit angles.
+    """Closure error of every pose, with the unsensed angles as explicit variables.
 
     `residual`: c (..., m, k): rotation vector (rad), then position (m), of the end point in the frame on the fixture.
-    Zero when the loop closes. `jac_x`, `jac_q`, `jac_u`: its exact derivatives for the parameters, the paper's C =
-    dc/dphi (..., m, k, P), for the joint angles (..., m, k, n) and for the unsensed angles (..., m, k, U).
+    Zero when the loop closes. `jac_x`, `jac_q`, `jac_u`: its exact derivatives by the parameters, the paper's C =
+    dc/dphi (..., m, k, P), by the joint angles (..., m, k, n) and by the unsensed angles (..., m, k, U).
     """
 
     residual: FloatArray
@@ -51,14 +51,14 @@ class LoopError:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReducedError:
-    """Closure error with the unsensed freedoms eliminated, as the paper minimises it.
+    """Closure error with the unsensed angles eliminated, as the paper minimises it.
 
     Attributes
     ----------
     residual
         (..., m, r) in the fixture frame: for a hinge dx, dy (rad), then x, y, z (m) of eq. 13.
     jac_x
-        Its exact derivative (..., m, r, P), the paper's C for these rows.
+        Its exact derivative by the parameters (..., m, r, P), the paper's C for these rows.
     rotation_rows
         Number of the r rows that are rotations; they come first.
     unsensed
@@ -136,7 +136,7 @@ class ClosureModel(ABC):
     @property
     @abstractmethod
     def equations_per_pose(self) -> int:
-        """Closure equations of each pose after the unsensed freedoms are eliminated."""
+        """Closure equations of each pose after the unsensed angles are eliminated."""
 
     @property
     @abstractmethod
@@ -173,7 +173,7 @@ class ClosureModel(ABC):
         """Return the same loop with other nominal values of its links."""
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
-        """Closure error with the unsensed freedoms eliminated: the loop error where there are none.
+        """Closure error with the unsensed angles eliminated: the loop error where there are none.
 
         Without `rates` its Jacobian has no columns.
 
@@ -198,7 +198,7 @@ class ClosureModel(ABC):
         return np.asarray(x, dtype=np.float64)[None, :]
 
     def at_poses(self, poses: IntArray) -> Self:
-        """Return the model of a selection (or order) of poses; the same model unless it is bound to poses."""
+        """Return the model for a selection of poses, which may be reordered; the same model unless it is bound to poses."""
         return self
 
     def parts(self) -> tuple[tuple[ClosureModel, Which, Which], ...]:
@@ -212,9 +212,9 @@ class ClosureModel(ABC):
     def fixture_axes(
         self, x: FloatArray, q: FloatArray, u: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Axes (m, 3, 3) of the fixture's halves on table and tool, in the frame of the closure error.
+        """Axes (m, 3, 3) of the fixture's half on the table and of that on the tool, in the frame of the closure error.
 
-        For a loop of one placement; identity where a half does not turn.
+        For a loop of one placement; identity for a half that does not turn in that frame.
         """
         still = np.broadcast_to(np.eye(3), (len(q), 3, 3))
         return still, still
@@ -238,18 +238,18 @@ class ClosureModel(ABC):
         raise ValueError(f"{type(self).__name__} does not constrain the tool ({at})")
 
     def dh_table(self, x: FloatArray) -> DhTable | None:
-        """D-H table of links 0..n, entries as in `x` (P,); None if the loop has others."""
+        """D-H table of links 0..n, with the entries in `x` (P,); None if the loop does not consist of links 0..n."""
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points of the arm (k, 3), m, and its fixture's axis (3,), in the base frame; None: no picture.
+        """Points of the arm (k, 3), m, and the fixture's axis (3,), in the base frame, for a drawing; None: cannot be drawn.
 
         The last point is the one at the fixture; the axis is zero if there is none.
         """
         return None
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Place of the fixture and its axis (3,), in the frame of `drawn`; None: no picture."""
+        """Place of the fixture and its axis (3,), in the frame of `drawn`; None: cannot be drawn."""
         return None
 
 
@@ -262,12 +262,12 @@ def pose_blocks(model: ClosureModel, q: FloatArray) -> tuple[tuple[ClosureModel,
 
 
 def unsensed_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> FloatArray:
-    """Unsensed angles (m, U) as `ClosureModel.initial_unsensed`: a block at a time, to limit memory."""
+    """Same as `ClosureModel.initial_unsensed`, (m, U), but a block of poses at a time, to limit memory."""
     return np.concatenate([part.initial_unsensed(x, here) for part, here in pose_blocks(model, q)])
 
 
 def nearest_equivalent(model: ClosureModel, x: FloatArray, reference: FloatArray) -> FloatArray:
-    """Return the parameter vector equivalent to `x` that is nearest to `reference` (P,), 1 rad being as far as 1 m."""
+    """Of the parameter vectors equivalent to `x`, return the one nearest to `reference` (P,); 1 rad counts as 1 m."""
     parameters = model.parameters
     nearest, distance = np.asarray(x), np.inf
     while True:

@@ -1,4 +1,4 @@
-"""The loop of every fixture that is itself a D-H link of the chain: rigid and hinge (paper, section 2.3).
+"""The loop of a fixture that is itself a D-H link of the chain: rigid or hinge (paper, section 2.3).
 
 Follows the paper's eqs. 8 to 13.
 """
@@ -120,7 +120,7 @@ class DhLoop(ArmLoop):
         """Eight equivalent parameter vectors of a hinge loop; a rigid loop has only its own.
 
         (a_0, alpha_0, theta_off_1) -> (-a_0, -alpha_0, theta_off_1 + pi); likewise at link n; and the
-        hinge axis turned round: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
+        hinge axis reversed: (s_0, alpha_0, alpha_n) -> (-s_0, alpha_0 + pi, alpha_n - pi).
         An equivalent vector exists only if all entries that it changes are free.
         """
         candidates = [np.asarray(x, dtype=np.float64)]
@@ -146,7 +146,7 @@ class DhLoop(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """Link 0, and the entries of joint 1 that count from its common normal: s_1 and theta_off_1."""
+        """Link 0, and the entries of joint 1 that are measured from its common normal: s_1 and theta_off_1."""
         return tuple(
             e.name
             for e in self.entries
@@ -198,12 +198,12 @@ def _swing(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Rotation in the xy plane that carries z onto a unit vector, and its rates.
 
-    With vectors across z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
-    the vector over its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
+    With vectors perpendicular to z as complex numbers, x + iy, the swing is ``i f n``, f the angle between z and
+    the vector divided by its sine. Spatial angular increments w turn n by ``dn = i (w_z n - n_z w)``, so that
 
         d(i f n) = f (n_z w - w_z n) + i g Im(n* w) n,   g = 1 + n_z (n_z - f) / sine^2.
 
-    `n`, `nz`: the vector (...): complex across z, and along it. `w`, `wz`: angular increments (C, ...) likewise, rad.
+    `n`, `nz`: components of the vector (...): x + iy, and z. `w`, `wz`: angular increments (C, ...) likewise, rad.
 
     Returns
     -------

@@ -1,6 +1,6 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool and a line fixed in the table. Seen in the arm's base frame with joint 1's
+A hinge is a line fixed in the tool that coincides with a line fixed in the table. Seen in the arm's base frame with joint 1's
 offset and s_1 taken as zero (both only turn and shift that frame along z_0), and likewise in the frame before the last
 link, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
 """
@@ -25,7 +25,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConstrainedAxis:
-    """A line through the tool and the line in the table with which it coincides.
+    """A line fixed in the tool, and the line fixed in the table with which it coincides.
 
     `ground_direction`, `ground_point_m`: in the base frame turned and shifted so that theta_off_1 and s_1 are zero,
     (3,). `hand_direction`, `hand_point_m`: in the frame that turns with joint n, with theta_off_n zero: ``R_1 ..
@@ -96,12 +96,12 @@ def _quotient(numerator: float, sine: float) -> float:
 
 
 def turn_about_z(angle: float) -> FloatArray:
-    """Rotation matrix (3, 3) about z, rad."""
+    """Rotation matrix (3, 3) about z by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def turn_about_x(angle: float) -> FloatArray:
-    """Rotation matrix (3, 3) about x, rad."""
+    """Rotation matrix (3, 3) about x by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -167,7 +167,7 @@ class MeasuredClosure(ArmLoop):
         return np.concatenate((frames.origins_m[0], target[None, :])), np.zeros(3)
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Measured target position of a model bound to one pose; None otherwise."""
+        """Measured target position if the model is bound to one pose; None otherwise."""
         if self.endpoint_m is None or len(self.endpoint_m) != 1:
             return None
         own = self.own_values(x)[0]
@@ -175,7 +175,7 @@ class MeasuredClosure(ArmLoop):
         return (self.endpoint_m[0] - own[:3]) @ R_base, np.zeros(3)
 
     def _own_columns(self, own: FloatArray, R_hand: FloatArray, swung: FloatArray) -> FloatArray:
-        """Rates (..., m, 6, 12) of the target's rotation and position with base_x .. tip_rz.
+        """Derivatives (..., m, 6, 12) of the target's rotation and position by base_x .. tip_rz.
 
         `R_hand` is the flange in the instrument's frame, `swung` the vector from base to target.
         """

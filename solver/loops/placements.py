@@ -3,9 +3,9 @@
 The arm's parameters are shared; those of the fixture carry the placement's number: ``ground_x[2]``. With a single
 placement names have no number.
 
-Some entries of joints 1 and n count from the hinge: theta_off_1 from the common normal of the hinge axis and joint 1's
+Some entries of joints 1 and n are measured from the hinge: theta_off_1 from the common normal of its axis and joint 1's
 axis, s_1 from that normal's foot, theta_off_n to the normal with joint n's axis. So they belong to the placement
-(`ClosureModel.ground_side`, `hand_side`) and read ``theta_off_1[2]``. No information is lost: a rotation of joint 1's
+(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a rotation of joint 1's
 zero is a rotation of all placements about its axis, which no closed loop determines. If the tool keeps its half of the
 fixture (a ball, while sockets change), `same_hand` shares that side too, including theta_off_n.
 """
@@ -34,7 +34,7 @@ class Placements(ClosureModel):
     Attributes
     ----------
     numbers
-        The placements' numbers as the operator counts them, ascending.
+        The operator's numbers of the placements, ascending.
     models
         Loop of each placement, with the same arm and the same kind of fixture.
     placement
@@ -92,7 +92,7 @@ class Placements(ClosureModel):
 
     @property
     def equations_per_pose(self) -> int:
-        """Closure equations of each pose, equally many in all placements."""
+        """Closure equations of each pose, the same number in all placements."""
         return self.models[0].equations_per_pose
 
     def columns(self, number: int) -> IntArray:
@@ -104,7 +104,7 @@ class Placements(ClosureModel):
         return self.models[self.numbers.index(number)], self.columns(number)
 
     def arm_rows(self) -> FloatArray:
-        """Always a ValueError: each placement has its own table, see `parts`."""
+        """Always raises ValueError: each placement has its own table, see `parts`."""
         raise ValueError("several placements have no one table: ask their `parts`")
 
     def poses_of(self, number: int) -> IntArray:
@@ -178,7 +178,7 @@ class Placements(ClosureModel):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
 
-        Every placement has its own; those that change a shared entry have to agree on it. Beyond a few thousand
+        Each placement has equivalents of its own; those that change a shared entry have to agree on it. Beyond a few thousand
         combinations only those that differ in one placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)

@@ -70,10 +70,10 @@ class PointClosure(ArmLoop):
 
     @property
     def ground_side(self) -> tuple[str, ...]:
-        """The unknown ones of ground_x ..
+        """The unknown ones of ground_x to ground_z.
 
-        ground_z. The arm's theta_off_1 and s_1 are not among them: no number of sockets separates them from a rotation
-        or a lift of all sockets.
+        The arm's theta_off_1 and s_1 are not among them: no number of sockets separates them from a rotation or a lift
+        of all sockets.
         """
         return tuple(name for name in self.own if name in GROUND)
 

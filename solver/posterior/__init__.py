@@ -1,1 +1,1 @@
-"""Results of a fit where the arm is used: corrections of readings, the best D-H table, the tool's uncertainty."""
+"""What a fit implies at the poses where the arm is used: corrections of readings, the best D-H table, tool uncertainty."""

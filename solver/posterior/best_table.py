@@ -2,12 +2,12 @@
 
 Part of a fit is in corrections of readings, which a controller or a URDF cannot apply. The best table T minimises the
 mean square of fk_T(q) - fk(q), fk being the posterior mean with its corrections r(q) = S(q) b, over the poses where the
-arm is used (method, section 10, "Best table"). With J_T and J_q the rates of the tool with entries and joint angles
+arm is used (method, section 10, "Best table"). With J_T and J_q the tool's derivatives by entries and joint angles
 that is one linear least squares,
 
     min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
 
-d being the largest plausible error of an entry. Its covariance is that of the parameters with G's part of the
+where d is the largest plausible error of an entry. The table's covariance is that of the parameters and of G's part of the
 corrections; the part that no table can represent, J_q S - J_T G, is in `left_m`.
 """
 
@@ -47,7 +47,7 @@ class BestTable:
     tip_m
         The tool's point in frame n (3,).
     entries, covariance
-        Entries and coordinates of the tip that it determines (k,), and their covariance (k, k), rad and m.
+        Entries and tip coordinates that the fit determines (k,), and their covariance (k, k), rad and m.
     left_m
         Root mean square of the part of the tool corrections that no table can represent, its uncertainty included.
     sigma_m
@@ -77,7 +77,7 @@ class BestTable:
 
 
 def tool_point(table: DhTable, tip_m: FloatArray, entries: Sequence[DhEntry]) -> PointClosure:
-    """Return the loop of an arm of links 1..n and a point of its tool, with the base at the origin."""
+    """Return a loop that consists of links 1..n of an arm and a point of its tool, with the base at the origin."""
     return PointClosure(
         table=table, entries=tuple(entries), tip_m=tip_m, ground_m=np.zeros(3), own=TIP
     )
@@ -101,9 +101,9 @@ def every_entry(links: int, hayati: Sequence[int] = ()) -> list[DhEntry]:
 def where_used(
     q: FloatArray, lower_rad: FloatArray, upper_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Readings (m, n), rad, that represent the use of an arm, from a session's (k, n), and weights (m,) of sum 1.
+    """Return readings (m, n), rad, that represent the use of an arm, and their weights (m,) of sum 1.
 
-    The session's come first. `lower_rad` and `upper_rad` (n,) are the joints' ranges.
+    The session's readings (k, n) come first. `lower_rad` and `upper_rad` (n,) are the joints' ranges.
     """
     k = len(q)
     even = even_steps(TIMES * k, q.shape[1])
@@ -117,9 +117,9 @@ def where_used(
 
 
 def even_steps(count: int, n: int) -> FloatArray:
-    """Points (count, n) of the unit cube, as evenly spread as many times as many random ones.
+    """Points (count, n) of the unit cube, spread far more evenly than random ones.
 
-    They follow an additive recurrence (Roberts' R_n: steps of powers of the root of ``g^(n+1) = g + 1``), the same on
+    They follow an additive recurrence (Roberts' R_n: steps are powers of 1/g, with ``g^(n+1) = g + 1``), the same on
     every machine.
     """
     g = 2.0
@@ -151,9 +151,9 @@ def best_table(
         Fitted entries of `table` and of the tip (k,), and the covariance (k + c, k + c) of these and the coefficients
         of the corrections.
     fixed
-        Entries that do not change: those of the fixture's place.
+        Entries that do not change: those that describe the fixture's placement.
     tip
-        Whether the tool's point may move in the last frame as well: for a ball, whose centre is in no entry.
+        Whether the tool's point may move in the last frame as well: needed for a ball, whose centre is no D-H entry.
     """
     m = len(weight)
     point = tool_point(table, tip_m, every_entry(table.links, hayati))

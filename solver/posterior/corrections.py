@@ -3,11 +3,11 @@
 True angle = reading + theta_off + the sum of a joint's corrections, each a function of the readings q:
 
     harmonic   c1 sin q_j + c2 cos q_j + c3 sin 2 q_j + c4 cos 2 q_j        encoder, once and twice a turn
-    linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and curve
+    linearity  sum_k c_k x^k,  x = (q_j - middle) / half, |x| <= 1.2        RVDT, gain and linearity deviation
     gravity    sum_k z_j . ((p_k - p_j) m_k + R_k h_k) x g,  k >= j         twist under load; m_k, h_k per joint
     offset     c1                                                           play that lies to one side
 
-`tests/solver/posterior/reference_corrections.py` is the same in plain Python. `JointCorrections` has their mean and
+`tests/solver/posterior/reference_corrections.py` computes them in plain Python. `JointCorrections` has their mean and
 covariance at any pose. A fixture's deflection belongs to the mounting and is not a correction of the arm.
 """
 
@@ -37,7 +37,7 @@ TURN_LIMIT = 1.2
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReadingCorrection:
-    """One correction of one joint; the module describes each kind.
+    """One correction of one joint; the module's docstring describes each kind.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class ReadingCorrection:
 class Corrections:
     """All corrections of an arm.
 
-    `each`: the single corrections. `rows`: D-H rows 1..n (5, n), rad and m, for gravity's levers: those of the arm
+    `each`: the single corrections. `rows`: D-H rows 1..n (5, n), rad and m, for gravity's lever arms: those of the arm
     file.
     """
 
@@ -161,7 +161,7 @@ def _play(
 
 
 def _gravity(joint: int, shapes: FloatArray, masses: LinkMasses) -> Iterator[ReadingCorrection]:
-    """Convert coefficients of a torque's shapes (s,) to those of masses and moments."""
+    """Convert coefficients (s,) of a torque's shapes to coefficients of masses and first moments."""
     n = len(masses.mass_kg)
     uncertain = (masses.moments_sd @ shapes[1 : 1 + 4 * n].reshape(n, 4, 1))[..., 0]
     by_down = [(masses.down, shapes[0] * masses.moments + uncertain)]
@@ -189,7 +189,7 @@ class JointsThere:
     expected
         Expected correction (m, n), rad, before the fit.
     side
-        Expected side (m, n) of every joint's play, part of that.
+        Expected side (m, n) of every joint's play, which `expected` includes.
     """
 
     q: FloatArray

@@ -1,1 +1,1 @@
-"""Global start: parameters without a first guess."""
+"""Global start: finds parameters without a first guess."""

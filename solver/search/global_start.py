@@ -133,9 +133,9 @@ def global_start(
     Raises
     ------
     TooFewPosesError
-        No degree of freedom would be left.
+        The poses leave no degree of freedom.
     ValueError
-        There is no start.
+        `starts` is less than 1.
     """
     if starts is not None and starts < 1:
         raise ValueError("at least one start is needed")
@@ -217,7 +217,7 @@ def _upright(
 ) -> BoolArray:
     """Poses on the majority branch (m,), found from few poses at a time.
 
-    A few poses taken with the tool upside down spoil a fit of all. Some small sample has none of them; its loop closes
+    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample has none of them; its loop closes
     on the poses of its own branch and is upside down on the rest.
     """
     best = np.ones(len(q), dtype=np.bool_)

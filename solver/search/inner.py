@@ -1,9 +1,9 @@
 """Estimates the offsets of the inner joints alone, with the fixture's unknowns projected out.
 
-The part constrained by a passive fixture does not move in the base frame: of M_i = R_1 .. R_{n-1} Rz(theta_n) and
-p_i, the frame before the last link at pose i,
+The part constrained by a passive fixture does not move in the base frame. With M_i = R_1 .. R_{n-1} Rz(theta_n) and p_i
+the frame before the last link at pose i,
 
-    hinge:  M_i h = const (a line of the tool has one direction),  p_i + M_i t = const (and one place),
+    hinge:  M_i h = const (a line of the tool keeps its direction),  p_i + M_i t = const (and its place),
     ball:                                                          p_i + M_i t = const,
     rigid:  M_i   = const,                                         p_i = const.
 
@@ -133,14 +133,14 @@ class InnerProblem:
 
 
 def _tangents(h: FloatArray) -> FloatArray:
-    """Two unit vectors across each unit vector (S, 3), as columns (S, 3, 2)."""
+    """Two unit vectors perpendicular to each unit vector (S, 3), as columns (S, 3, 2)."""
     first = np.cross(h, np.eye(3)[np.argmin(np.abs(h), axis=-1)])
     first = first / np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack((first, np.cross(h, first)), axis=-1)
 
 
 def spread_poses(q: FloatArray, count: int) -> FloatArray:
-    """Choose `count` of the poses (m, n) that are far from each other, independent of their order.
+    """Choose `count` of the poses (m, n), far from each other; the order of the poses does not matter.
 
     Farthest-point selection over the points (cos q, sin q), from the pose farthest from their mean.
     """

@@ -32,7 +32,7 @@ SAME_MINIMUM = 0.02
 
 
 class StartSearch:
-    """Starts after minimisation.
+    """Result of minimising from all starts.
 
     `poses`: number of poses the search used.
     """
@@ -119,7 +119,7 @@ class StartSearch:
 
 
 def _minima(fit: BatchFit, angles: list[int]) -> list[IntArray]:
-    """Members of each minimum, by rising cost; the first member is the best."""
+    """Starts that reached each minimum, by rising cost; the first is the best."""
     left = np.argsort(fit.cost, kind="stable")
     found = []
     while len(left):
@@ -162,7 +162,7 @@ def minimise_batch(
     """Minimise the sum of squares from every row of `x0` (S, K).
 
     `halt_after`, `survivors`: after this many iterations only this many of the starts continue, those of least cost;
-    the others stop. Starts that will reach the solution nearly always lead by then.
+    the others stop. Starts that will reach the solution nearly always have the least cost by then.
     """
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)

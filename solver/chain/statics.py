@@ -8,8 +8,8 @@ the gravity part of the dynamic model). The generalised force of gravity on join
 
 with z_{j-1} and p_{j-1} the joint's axis and a point on it, and g the gravity vector. A link's centre is seen from its
 own joint: from p_{k-1}, in axes R_k with z along the joint's axis and x where ``theta + theta_off`` turns it (frame k-1
-turned with the joint). So the centre does not depend on the link's own length or twist, which for the first and last link belong
-to the fixture. The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
+turned with the joint). So the centre does not depend on the link's own length or twist, which for the first and last
+link belong to the fixture. The torque that holds the arm up is ``-tau``: the g(q) of most textbooks and of pinocchio's
 ``computeGeneralizedGravity``.
 """
 

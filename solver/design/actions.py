@@ -1,4 +1,4 @@
-"""Settings and phases of a planned calibration, the actions that it proposes, and the check of readings during a move."""
+"""Settings, phases and proposed actions of a planned calibration, and the check of readings during a move."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A planned calibration as a policy: explore, calibrate, plan with the estimate, visit poses, stop.
 
-`propose` returns the next action; `observe` takes the result of a move, and `captured` a measured pose. It never touches an
-arm: the session feeds it and keeps the journal; the same readings lead to the same proposals.
+`propose` returns the next action; `observe` takes the result of a move, and `captured` a measured pose. It never
+touches an arm: the session feeds it and keeps the journal; the same readings lead to the same proposals.
 """
 
 from __future__ import annotations

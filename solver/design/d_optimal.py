@@ -58,8 +58,8 @@ def log_det(information: FloatArray) -> float:
 def gains(root: FloatArray, information: FloatArray, parameters: int | None = None) -> FloatArray:
     """log det gained by adding each candidate (m,) to a regular information matrix (N, N).
 
-    `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of N unknowns count; the others are effects,
-    whose prior `information` contains.
+    `root` is (m, r, N): `PoseInformation.root`. Only the first `parameters` of N unknowns count; the others are
+    effects, whose prior `information` contains.
     """
     gained = _gains(root, information)
     if parameters is None or parameters == root.shape[-1]:
@@ -139,7 +139,7 @@ def choose_poses(
 def _comparable(
     root: FloatArray, parameters: int, information: FloatArray | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the scale (N,) of the unknowns, and the information so far, scaled, with the effects' prior, and made regular.
+    """Return the scale (N,) of the unknowns, and the scaled information so far, regular and with the effects' prior.
 
     With unit columns over all candidates the average candidate has information 1/m on the diagonal.
     """

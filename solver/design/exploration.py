@@ -35,8 +35,8 @@ class ExplorationLimits:
     margin_rad
         Distance of every joint from the ends of its range.
     most_rate
-        Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
-        exceeds it, up to twice as much is allowed.
+        Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start
+        already exceeds it, up to twice as much is allowed.
     """
 
     wiggle_rad: float = float(np.deg2rad(1.5))

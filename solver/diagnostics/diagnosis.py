@@ -1,7 +1,7 @@
 """Diagnosis of a fit: tests against the stated error model, and the faults that best explain a failed test.
 
-All of it uses one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted, and
-this is repeated until the residuals are as stated.
+All of it uses one linear fit at the stated variances. Faults are compared only when a test fires; the best is fitted,
+and this is repeated until the residuals are as stated.
 """
 
 from __future__ import annotations

@@ -249,7 +249,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Candidates of a compliant fixture: deflections independent in every pose, or a smooth function of the pose."""
+        """Candidates of a compliant fixture: deflections independent in each pose, or a smooth function of the pose."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

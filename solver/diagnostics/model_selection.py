@@ -1,8 +1,8 @@
 """Selects the unknowns of a model: model evidence of faults, all on one scale, and parameters to fix.
 
-A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely v
-rises with the misfit it explains and falls with its freedom to explain anything (Occam's factor). The noise scale is free
-above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
+A fault is a set of columns that were not fitted, with coefficients b ~ N(0, v D). Its log-likelihood at the most likely
+v rises with the misfit it explains and falls with its freedom to explain anything (Occam's factor). The noise scale is
+free above a floor, so that unexplained residuals make the choice less certain instead of deciding it.
 
 Any one parameter of an unidentifiable direction may be fixed without changing the loop. An entry of
 the arm's table is fixed before a parameter of the fixture: a wrong s_1 would look like an error of the arm.
@@ -85,7 +85,7 @@ def unexplained_log_likelihood(left: WhitenedResiduals) -> float:
 def evidence(
     left: WhitenedResiduals, G: FloatArray, natural: FloatArray, *, most: float = np.inf
 ) -> Evidence | None:
-    """Compute the evidence of columns G (m, r, c) whose coefficients have natural sizes (c,), or up to `most` times these.
+    """Compute the evidence of columns G (m, r, c) with coefficients of natural sizes (c,), or up to `most` times these.
 
     None if all of them are fitted already.
     """
@@ -186,8 +186,8 @@ def drop_unidentifiable(
         The loop with all unknowns.
     x
         Parameters (P,) that nearly close the loops; with others no direction looks unidentifiable. None: offsets and
-        fixture are fitted with the arm's lengths and twists at their nominal values (if all of those were unknown, a fit
-        might shrink the arm to zero).
+        fixture are fitted with the arm's lengths and twists at their nominal values (if all of those were unknown, a
+        fit might shrink the arm to zero).
     q
         Joint angles (m, n), rad.
     sigma_rad

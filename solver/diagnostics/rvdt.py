@@ -189,7 +189,7 @@ def _undecidable(reading: FloatArray, of_loops: Scatter, sensor: Rvdt) -> str:
 
 
 def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) -> RvdtVerdict:
-    """Return the verdict that the poses cannot decide on the sensor's curve, with the reason, and the noise where known."""
+    """Return the verdict "curve not determined by these poses", with the reason, and the noise where known."""
     noisy = noise is not None and _too_noisy(noise, sensor)
     verdict = Soundness.OUT_OF_SPECIFICATION if noisy else Soundness.CANNOT_DECIDE
     words = [] if noise is None else _noise_words(noise, sensor)

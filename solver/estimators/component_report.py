@@ -109,7 +109,7 @@ def compliance_test(stated: LinearFit, design: LinearModel) -> ComplianceTest | 
 
 
 def standard_errors(information: FloatArray, v: FloatArray, floor: FloatArray) -> FloatArray:
-    """Standard errors (K,); a component at its floor does not widen those of the others, but the others widen its own."""
+    """Standard errors (K,); a component at its floor does not widen those of others, but others widen its own."""
     inner = v > floor * (1.0 + 1e-9)
     size = np.sqrt(np.maximum(np.diagonal(information), 1e-300))
     scaled = information / np.outer(size, size)

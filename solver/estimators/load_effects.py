@@ -157,7 +157,7 @@ class Gravity:
     held: FloatArray
 
     def sags(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), its columns (m, n, c), variance that they leave out (m, n), and side of play (m, n)."""
+        """Expected twist (m, n), its columns (m, n, c), variance left out by them (m, n), and side of play (m, n)."""
         torque = replace(self.part, q=q, u=np.zeros((len(q), 0))).torques(slice(None))
         columns = (torque.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
         missed = np.broadcast_to(self.held, q.shape)

@@ -181,7 +181,7 @@ def _iterate(
     near: Near | None,
     found: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) stay fixed, and `found` are the derivatives of the fit they come from."""
+    """Iterate to convergence; given `variances` (K,) stay fixed, `found` being the derivatives that go with them."""
     said = _nothing if progress is None else progress
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
@@ -249,7 +249,7 @@ def _solved(design: LinearModel, here: Linearisation, v: FloatArray) -> LinearFi
 def _at_mean_scales(
     design: LinearModel, fit: LinearFit, found: Derivatives, state: State
 ) -> tuple[LinearFit, State]:
-    """Solve once more where the loops close, with estimated sizes at their posterior means; no change if none is estimated."""
+    """Solve again where the loops close, with estimated sizes at their posterior means; no change if there are none."""
     v = expected_scales(fit, found)
     if np.array_equal(v, fit.v):
         return fit, state

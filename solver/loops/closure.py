@@ -198,7 +198,7 @@ class ClosureModel(ABC):
         return np.asarray(x, dtype=np.float64)[None, :]
 
     def at_poses(self, poses: IntArray) -> Self:
-        """Return the model for a selection of poses, which may be reordered; the same model unless it is bound to poses."""
+        """Return the model for a selection of poses, in any order; the same model unless it is bound to poses."""
         return self
 
     def parts(self) -> tuple[tuple[ClosureModel, Which, Which], ...]:
@@ -242,14 +242,14 @@ class ClosureModel(ABC):
         return None
 
     def drawn(self, x: FloatArray, q: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Points of the arm (k, 3), m, and the fixture's axis (3,), in the base frame, for a drawing; None: cannot be drawn.
+        """Points of the arm (k, 3), m, and the fixture's axis (3,), in the base frame, to be drawn; None: no drawing.
 
         The last point is the one at the fixture; the axis is zero if there is none.
         """
         return None
 
     def stands_at(self, x: FloatArray) -> tuple[FloatArray, FloatArray] | None:
-        """Place of the fixture and its axis (3,), in the frame of `drawn`; None: cannot be drawn."""
+        """Place of the fixture and its axis (3,), in the frame of `drawn`; None: no drawing."""
         return None
 
 

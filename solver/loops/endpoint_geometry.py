@@ -1,8 +1,8 @@
 """Converts the geometry of a fixture into the D-H entries of a loop.
 
-A hinge is a line fixed in the tool that coincides with a line fixed in the table. Seen in the arm's base frame with joint 1's
-offset and s_1 taken as zero (both only turn and shift that frame along z_0), and likewise in the frame before the last
-link, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
+A hinge is a line fixed in the tool that coincides with a line fixed in the table. Seen in the arm's base frame with
+joint 1's offset and s_1 taken as zero (both only turn and shift that frame along z_0), and likewise in the frame before
+the last link, the lines are four vectors; their common normals with z_0 and z_{n-1} are the D-H entries.
 """
 
 from __future__ import annotations

@@ -5,9 +5,9 @@ placement names have no number.
 
 Some entries of joints 1 and n are measured from the hinge: theta_off_1 from the common normal of its axis and joint 1's
 axis, s_1 from that normal's foot, theta_off_n to the normal with joint n's axis. So they belong to the placement
-(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a rotation of joint 1's
-zero is a rotation of all placements about its axis, which no closed loop determines. If the tool keeps its half of the
-fixture (a ball, while sockets change), `same_hand` shares that side too, including theta_off_n.
+(`ClosureModel.ground_side`, `hand_side`), with names like ``theta_off_1[2]``. No information is lost: a rotation of
+joint 1's zero is a rotation of all placements about its axis, which no closed loop determines. If the tool keeps its
+half of the fixture (a ball, while sockets change), `same_hand` shares that side too, including theta_off_n.
 """
 
 from __future__ import annotations
@@ -178,8 +178,8 @@ class Placements(ClosureModel):
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
 
-        Each placement has equivalents of its own; those that change a shared entry have to agree on it. Beyond a few thousand
-        combinations only those that differ in one placement are listed.
+        Each placement has equivalents of its own; those that change a shared entry have to agree on it. Beyond a few
+        thousand combinations only those that differ in one placement are listed.
         """
         x = np.asarray(x, dtype=np.float64)
         shared = self._shared_of(self.models[0])

@@ -1,1 +1,1 @@
-"""What a fit implies at the poses where the arm is used: corrections of readings, the best D-H table, tool uncertainty."""
+"""Results of a fit for the use of the arm: corrections of readings, the best D-H table, the tool's uncertainty."""

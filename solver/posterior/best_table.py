@@ -7,8 +7,8 @@ that is one linear least squares,
 
     min_dT  sum_q w_q |J_T dT - J_q r|^2 / s^2 + |dT / d|^2,      dT = G b,
 
-where d is the largest plausible error of an entry. The table's covariance is that of the parameters and of G's part of the
-corrections; the part that no table can represent, J_q S - J_T G, is in `left_m`.
+where d is the largest plausible error of an entry. The table's covariance is that of the parameters and of G's part of
+the corrections; the part that no table can represent, J_q S - J_T G, is in `left_m`.
 """
 
 from __future__ import annotations

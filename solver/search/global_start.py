@@ -217,8 +217,8 @@ def _upright(
 ) -> BoolArray:
     """Poses on the majority branch (m,), found from few poses at a time.
 
-    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample has none of them; its loop closes
-    on the poses of its own branch and is upside down on the rest.
+    A few poses taken with the tool upside down spoil a fit of all poses. Some small sample has none of them; its loop
+    closes on the poses of its own branch and is upside down on the rest.
     """
     best = np.ones(len(q), dtype=np.bool_)
     score = (0, -np.inf)

@@ -66,15 +66,15 @@ class ArmIdentity:
     serial_number
         Serial number of the supervisor, e.g. ``SDA-0007``.
     speaks
-        Protocol of its nodes, for people.
+        Protocol of its nodes, as text for the operator.
     by_hand
         Whether only a person moves it: no hardware stop is required, and `ArmInterface.move` waits until the joints
         have reached their targets.
     unwatching
-        Joints whose drives do not state that they monitor the operator's heartbeat.
+        Joints whose drives do not report that they monitor the operator's heartbeat.
     configured, zeroed
-        What was written into drives, one sentence each, and those of it that set a torque or an offset to 0,
-        which a communication reset need not restore.
+        Sentences on what was written into drives; `zeroed` are those on torques and offsets set to 0, which a
+        communication reset may not restore.
     keeps_parameters
         Whether a controller stores a parameter document; if not, nothing is uploaded.
     """
@@ -101,7 +101,7 @@ class ArmIdentity:
 class Fault:
     """An emergency message; `joint` is None for the supervisor.
 
-    Code 0: without an emergency message, a drive left *operation enabled* or stopped following its target.
+    Code 0: a drive left *operation enabled* or stopped following its target without an emergency message.
     """
 
     node: int
@@ -154,7 +154,7 @@ class ArmSnapshot:
     Attributes
     ----------
     heartbeat_age_s
-        Age of each node's last heartbeat.
+        Time since each node's last heartbeat.
     token
         Node in control; 0 if none.
     stopped, stopped_for
@@ -235,7 +235,7 @@ class ArmInterface(Protocol):
         """Return the latest state; never blocks."""
 
     def take_control(self) -> None:
-        """Take the control token and enable all drives at their present positions."""
+        """Take the control token and enable all drives at their current positions."""
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
         """Set one mode per joint; return when 6061h of every drive confirms it, else raise."""
@@ -256,16 +256,19 @@ class ArmInterface(Protocol):
         """Average `samples` samples, each latched on one SYNC."""
 
     def hold(self) -> None:
-        """All joints to position mode at their measured position."""
+        """Put all joints into position mode at their measured positions."""
 
     def stop(self) -> None:
-        """Quick stop to all drives, latched; waits for no lock and no queue."""
+        """Send quick stop to all drives and latch STOP; waits for no lock and no queue."""
 
     def reset_stop(self) -> None:
-        """Clear the latch and drive faults; starts no motion, the drives stay disabled."""
+        """Clear the latch and drive faults; causes no motion, and the drives stay disabled."""
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage, read back, commit, also with the drives off; `UploadRefused` with the controller's reason."""
+        """Stage a document, read it back and commit it, also with the drives off.
+
+        May raise `UploadRefused` with the reason.
+        """
 
     def active_parameters(self) -> bytes:
         """Read the controller's active parameter document; empty if there is none."""
@@ -284,7 +287,7 @@ class PowerReporting(Protocol):
 
     @property
     def left_powered(self) -> tuple[int, ...]:
-        """Joints whose drives reported power, those held by STOP included."""
+        """Joints whose drives still reported power, including those that hold after STOP."""
 
 
 @runtime_checkable

@@ -69,7 +69,7 @@ class RvdtDescription:
 
     @property
     def full_scale_microdegrees(self) -> int:
-        """Full scale in 2100h sub 2."""
+        """Full scale as in 2100h sub 2."""
         return round(math.degrees(self.full_scale_rad) * 1e6)
 
 
@@ -84,7 +84,7 @@ class JointDescription:
     max_speed_rad_per_s, max_torque_nm
         Limits of commands, and trip levels.
     sensor
-        Sensor, as expected in 608Fh and 2100h.
+        Sensor that 608Fh and 2100h should report.
     """
 
     name: str

@@ -1,11 +1,12 @@
 """Arms of other installed packages: entry points of group ``sarcal.arm``.
 
-With an `ArmOffer` as OFFER and::
+With an `ArmOffer` named OFFER and the lines::
 
     [project.entry-points."sarcal.arm"]
     my_arm = "my_package:OFFER"
 
-a package makes ``-i my_arm -c CHANNEL`` an arm like any other. Interface names of python-can keep their meaning.
+a package offers an arm that is selected with ``-i my_arm -c CHANNEL``. Interface names of python-can keep their
+meaning.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ GROUP = "sarcal.arm"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOrder:
-    """The arm requested.
+    """Request for an arm.
 
     Attributes
     ----------
@@ -48,12 +49,12 @@ class ArmOrder:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOffer:
-    """Object that an entry point of group ``sarcal.arm`` names.
+    """Object to which an entry point of group ``sarcal.arm`` refers.
 
     Attributes
     ----------
     make
-        Makes the arm, not yet connected.
+        Function that makes the arm, not yet connected.
     says
         One-line description for people.
     keeps_parameters

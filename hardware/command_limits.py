@@ -75,7 +75,7 @@ def joint_limits(
 ) -> JointLimits:
     """Limits of a joint given in radians; the range is rounded inwards.
 
-    The largest step has one count for rounding, so that a move at exactly the largest speed passes.
+    The largest step includes one count for rounding, so that a move at exactly the largest speed passes.
     """
     step = max_speed_rad_per_s * period_s * scale.density
     lower, upper = sorted((scale.counts_of(lower_rad), scale.counts_of(upper_rad)))
@@ -91,7 +91,7 @@ def joint_limits(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Situation:
-    """State that a command is checked against; `mode` is the drive's actual mode (6061h)."""
+    """State of a joint when a command is checked; `mode` is the drive's actual mode (6061h)."""
 
     stopped: bool
     in_control: bool
@@ -100,7 +100,7 @@ class Situation:
 
 
 def refuse_command(limits: JointLimits, situation: Situation) -> Refusal | None:
-    """Refusal of any target for this joint in this situation; None if allowed."""
+    """Reason to refuse every target for this joint in this situation; None if targets are allowed."""
     joint = limits.joint
     if situation.stopped:
         return _refusal(joint, Reason.STOPPED, "STOP is latched")
@@ -117,7 +117,7 @@ def refuse_command(limits: JointLimits, situation: Situation) -> Refusal | None:
 def refuse_target(
     limits: JointLimits, target_counts: float, previous_counts: float
 ) -> Refusal | None:
-    """Refusal of a target after the previous one, one control period later; None if allowed.
+    """Reason to refuse a target one control period after the previous one; None if it is allowed.
 
     Outside its range a joint may only move towards it.
     """
@@ -140,7 +140,7 @@ def refuse_target(
 def refuse_move(
     limits: JointLimits, target_counts: float, speed_rad_per_s: float
 ) -> Refusal | None:
-    """Refusal of a whole move to a target at a speed; None if allowed. The target must be in range."""
+    """Reason to refuse a whole move to a target at a speed; None if it is allowed. The target must be in range."""
     joint = limits.joint
     if not math.isfinite(target_counts):
         return _refusal(joint, Reason.NOT_FINITE, "the target is not a finite number")

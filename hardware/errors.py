@@ -10,7 +10,7 @@ from enum import Enum
 class HardwareError(Exception):
     """Base of all errors between the operator and the arm.
 
-    `kept_writes` describes what was written into drives before and not undone.
+    `kept_writes` describes what was written into drives before the error and not undone.
     """
 
     kept_writes: tuple[str, ...] = ()
@@ -32,7 +32,7 @@ class BusSettingsError(BusError):
 
 
 class FramesLost(BusError):
-    """Present nodes do not answer in time; `requests` maps each to its unanswered and all requests."""
+    """Nodes on the bus do not answer in time; `requests` maps each to its numbers of unanswered and of all requests."""
 
     def __init__(self, requests: Mapping[int, tuple[int, int]]) -> None:
         self.requests = dict(requests)
@@ -46,7 +46,7 @@ class FramesLost(BusError):
 
 
 class HostLatencyExceeded(BusError):
-    """The operator's computer was late `times` times since it took control, by at most `longest_s`."""
+    """The operator's computer was late since it took control: `times` times, by at most `longest_s`."""
 
     def __init__(self, times: int, longest_s: float) -> None:
         self.times, self.longest_s = times, longest_s
@@ -84,7 +84,7 @@ class ProfileRemedy(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectMismatch:
-    """An object of a node, or one sub-index, that differs from what is required."""
+    """An object of a node (or one sub-index of it) that differs from what is required."""
 
     node: int
     index: int
@@ -117,7 +117,7 @@ class MappingMismatch(HardwareError):
 
 
 class MappingChanged(HardwareError):
-    """Nodes were set up differently while connected; `differs` are the differences now."""
+    """The set-up of nodes was changed during the connection; `differs` are the differences now."""
 
     def __init__(self, differs: MappingMismatch) -> None:
         self.differs = differs
@@ -204,7 +204,7 @@ class ControlDenied(HardwareError):
 
 
 class ModeNotReached(HardwareError):
-    """A drive did not report the requested mode, or (`not_following`) that it follows its target in it."""
+    """A drive did not report the requested mode or, if `not_following`, that it follows its target in that mode."""
 
     def __init__(
         self, joint: int, wanted: str, actual: str, *, not_following: bool = False
@@ -256,7 +256,7 @@ class NodeRestarted(BusError):
 
 
 class SensorFault(HardwareError):
-    """A joint's reading is wrong since `since_sync` (if known): it jumped, or (`stuck`) does not change."""
+    """A joint's reading has been wrong since `since_sync` (if known): it jumped, or (`stuck`) does not change."""
 
     def __init__(
         self, joint: int, text: str, since_sync: int | None = None, *, stuck: bool = False
@@ -313,7 +313,7 @@ class Stopped(HardwareError):
 
 
 class StopLatched(Stopped):
-    """STOP was latched by this program, which has reported why: it was pressed, or the arm was silent."""
+    """STOP is latched by this program, which has already reported why: it was pressed, or the arm was silent."""
 
 
 class CommandRefused(HardwareError):
@@ -325,7 +325,7 @@ class UploadRefused(HardwareError):
 
 
 class UploadUnknown(HardwareError):
-    """A parameter document was sent for activation, and the outcome is unknown."""
+    """A parameter document was sent and committed, but the outcome is unknown."""
 
 
 class InstrumentError(HardwareError):

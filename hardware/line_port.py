@@ -1,6 +1,6 @@
-"""Text lines from an instrument: a TCP port, standard input, or a growing file.
+"""Text lines from an instrument: over TCP, from standard input, or from a growing file.
 
-Lines sent before the question belong to another pose and are discarded. Over TCP the question is sent as a line,
+Lines received before the question belong to another pose and are discarded. Over TCP the question is sent as a line,
 which an instrument may ignore.
 """
 
@@ -33,7 +33,7 @@ IN_TRANSIT = 16 * 1024 * 1024
 
 
 class LineStream:
-    """Lines of a descriptor, read at once by a thread so that the sender never blocks."""
+    """Lines from a file descriptor, which a thread reads as they arrive, so that the sender never blocks."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -144,7 +144,7 @@ class LinePort(Protocol):
         """Name as in the option ``--tracker``."""
 
     def open(self) -> str:
-        """Connect; return the heading of a file, else an empty string."""
+        """Connect; return the heading line of a file, otherwise an empty string."""
 
     def ask(self, question: str) -> None:
         """Discard earlier lines and send the question."""
@@ -157,7 +157,7 @@ class LinePort(Protocol):
 
 
 class CalledLines:
-    """An instrument of this process: a function from question to answer."""
+    """An instrument in this process: a function that returns the answer to a question."""
 
     def __init__(self, answer: Callable[[str], str], name: str) -> None:
         self._function, self._name = answer, name

@@ -43,18 +43,18 @@ PERIOD_S = 0.01
 
 
 class OutsideArm:
-    """An `ArmInterface` around the one of `make`, which is called at `connect`.
+    """An `ArmInterface` that wraps the one returned by `make`, which is called at `connect`.
 
     Parameters
     ----------
     make
-        Makes the arm, not yet connected.
+        Function that makes the arm, not yet connected.
     description
         The arm file's joints, whose ranges and speeds are the limits.
     name
         Name of the arm in errors.
     keeps_parameters
-        Whether it stores a parameter document, by its offer.
+        Whether it stores a parameter document, according to its offer.
     record_to
         File to record the next connection to; None for none.
     """
@@ -106,7 +106,7 @@ class OutsideArm:
         return replace(identity, keeps_parameters=self._keeps_parameters)
 
     def close(self) -> bool:
-        """Hold the arm, drives off; false if it did not answer. May be called twice and from any thread."""
+        """Hold the arm, switch the drives off; false if it did not answer. May be called twice and from any thread."""
         with self._close_lock:
             arm = self._arm
             if arm is None or self._closing:  # closing: re-entered by the closing thread
@@ -155,7 +155,7 @@ class OutsideArm:
         speed_rad_per_s: float,
         watch: Watch | None = None,
     ) -> MoveResult:
-        """Move; `CommandRefused`, before the arm gets the command, if a limit forbids it."""
+        """Move; raises `CommandRefused` before the arm gets the command if a limit forbids it."""
         self._require_no_stop()
         joints = self._checked_snapshot(self._connected).joints
         for number, target in targets_rad.items():
@@ -207,7 +207,7 @@ class OutsideArm:
         return reading
 
     def hold(self) -> None:
-        """All joints to position mode at their positions."""
+        """Put all joints into position mode at their current positions."""
         self._require_no_stop()
         with self._repeated_stop(), self._translated_errors():
             self._connected.hold()
@@ -292,7 +292,7 @@ class OutsideArm:
 
     @contextmanager
     def _translated_errors(self, own: Sequence[BaseException] = ()) -> Iterator[None]:
-        """Pass `HardwareError` and the errors in `own`; raise others of the arm as `BusError`."""
+        """Pass on `HardwareError` and the errors in `own`; raise other errors of the arm as `BusError`."""
         try:
             yield
         except HardwareError:

@@ -44,11 +44,11 @@ class Timing:
     answer_timeouts_s
         Time-out of a joint's answer to SYNC; longer in fast forward, where simulated time stands still meanwhile.
     min_misses, lost_after_s
-        A joint is lost after this many consecutive misses and this silence; until then a move waits.
+        A joint is lost after this many consecutive misses and this length of silence; until then a move waits.
     idle_poll_s
-        First wait of an idle loop for a task; later ones are longer.
+        First wait for a task when the loop is idle; later waits are longer.
     speed
-        Factor by which a simulated arm runs faster than its clock; 1 for a real one.
+        Factor by which a simulated arm runs faster than real time; 1 for a real arm.
     """
 
     period_s: float = CONTROL_PERIOD_S
@@ -87,11 +87,11 @@ of the program is real-time too, since the thread that holds the interpreter blo
 
 @contextmanager
 def real_time_priority() -> Iterator[None]:
-    """Run this thread and the threads it starts in real time; as before if not allowed.
+    """Give this thread and those it starts real-time scheduling; no change if that is not allowed.
 
     Niceness is not enough: Linux shares the processor between terminal sessions (autogroup), so a nice program in
-    another session still gets as much of it as the program that moves the arm. Allowed for root, and by ``ulimit -r``
-    (rtprio in limits.conf). The kernel limits real-time threads to 95 % of a processor.
+    another session still gets as much of it as the program that moves the arm. Root is allowed it, and others by
+    ``ulimit -r`` (rtprio in limits.conf). The kernel limits real-time threads to 95 % of a processor.
     """
     if sys.platform != "linux":
         yield
@@ -109,14 +109,14 @@ def real_time_priority() -> Iterator[None]:
 
 
 def raise_loop_priority() -> None:
-    """Run this thread before all others of its program, if that runs in real time."""
+    """Give this thread priority over all others of its program, if the program has real-time scheduling."""
     if sys.platform == "linux" and os.sched_getscheduler(0) == os.SCHED_RR:
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
 
 
 def normal_priority() -> None:
-    """Run this process with ordinary scheduling."""
+    """Give this process ordinary scheduling."""
     if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
@@ -142,7 +142,7 @@ class LatencyMonitor:
     stamps
         Clock of the frame stamps; None if it is not one of this computer's.
     arm_waits
-        Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`): no latency then.
+        Whether the arm's time stands still while the host is busy (`Pace.FAST_FORWARD`), so that there is no latency.
     """
 
     def __init__(
@@ -164,7 +164,7 @@ class LatencyMonitor:
         self._late_now = False
 
     def frame_read(self, stamp_s: float = 0.0) -> float:
-        """Record that a frame was read now; return how long it had waited, s. A stamp of 0 is none."""
+        """Record that a frame was read now; return how long it had waited, s. A stamp of 0 means no stamp."""
         now = self._clock()
         waited_s = 0.0
         if self._stamps is not None and stamp_s:
@@ -190,7 +190,7 @@ class LatencyMonitor:
 
     @property
     def listened_s(self) -> float:
-        """Clock less the time without polling: the time base of silences, s."""
+        """Clock minus the time without polling, s: the time base for measuring silence."""
         now = self._clock()
         return now - self._late_at(now)
 

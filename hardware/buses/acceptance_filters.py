@@ -1,6 +1,6 @@
 """Acceptance filters of both ends of an arm's bus.
 
-Adapters, kernels and the loopback bus drop other frames before a process wakes for them. Where none can filter,
+Adapters, kernels and the loopback bus drop other frames before they wake a process. Where none of these can filter,
 every frame is received, and unknown ones are ignored.
 """
 
@@ -30,13 +30,13 @@ _FUNCTION_CODE = 0x780
 
 
 def set_hardware_filters(bus: can.BusABC, filters: list[CanFilter]) -> None:
-    """Set filters on a bus whose adapter or kernel applies them; others get none.
+    """Set filters on a bus whose adapter or kernel applies them; other buses get none.
 
     python-can's own software filter is not used: its non-waiting `recv` returns None for a dropped frame, so a
-    reader that empties the queue would stop with answers left. The in-process bus has no such readers.
+    reader that empties the queue would stop while answers are left. The in-process bus has no such readers.
 
-    Adapters with room for fewer filters (Kvaser, SYSTEC and Vector for one) fall back to python-can, which shows
-    in `_is_filtered`: their filters are removed again.
+    Adapters with room for fewer filters (Kvaser, SYSTEC and Vector have room for one) fall back to python-can's filter,
+    as `_is_filtered` then shows: their filters are removed again.
     """
     if isinstance(bus, VirtualBus):
         bus.set_filters(filters)

@@ -1,6 +1,6 @@
 """A CAN bus between processes of one machine, over UDP multicast on 127.0.0.1, for machines without kernel CAN.
 
-python-can finds it as interface ``loopback`` by the entry point group ``can.interface``. Nothing leaves the
+python-can finds it as interface ``loopback`` through the entry point group ``can.interface``. Nothing leaves the
 machine: datagrams use the loopback interface alone, with a time-to-live of 0.
 
 A channel is any name, hashed to a multicast group and, because names may share a group, to a tag in every
@@ -98,7 +98,8 @@ def decode_frame(datagram: bytes, tag: bytes) -> can.Message | None:
 def filter_program(filters: CanFilters) -> bytes:
     """Classic BPF program (struct sock_filter, Linux) that passes datagrams whose frame a filter matches.
 
-    python-can's rule: ``identifier & mask == id & mask``, and the kind of identifier where one is named.
+    python-can's rule: ``identifier & mask == id & mask``, and the kind of identifier (11 or 29 bits) if the filter
+    names it.
     """
     code = list[bytes]()
     for wanted in filters:
@@ -220,7 +221,7 @@ class LoopbackBus(can.BusABC):
         return message, False
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
-        """Have the kernel filter; python-can filters if it cannot."""
+        """Let the kernel filter, or python-can if the kernel cannot."""
         self._is_filtered = False  # read by python-can
         if not _IS_LINUX:
             return
@@ -254,7 +255,7 @@ class LoopbackBus(can.BusABC):
 
 
 def _arrival_s(ancillary: list[tuple[int, int, bytes]]) -> float:
-    """Return the kernel's time of arrival, or the present time."""
+    """Return the kernel's time of arrival, or the current time without one."""
     for level, kind, value in ancillary:
         if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(value) >= 16:
             seconds, nanoseconds = struct.unpack_from("@qq", value)
@@ -278,7 +279,7 @@ def _sending_socket() -> socket.socket:
 
 
 def enlarge_receive_buffer(receiver: socket.socket) -> None:
-    """Enlarge the kernel's queue of unread frames, as root beyond net.core.rmem_max."""
+    """Enlarge the kernel's queue of unread frames; as root, beyond net.core.rmem_max."""
     receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
     if _IS_LINUX:
         with contextlib.suppress(PermissionError):
@@ -286,7 +287,7 @@ def enlarge_receive_buffer(receiver: socket.socket) -> None:
 
 
 def _receiving_socket(group: str | None) -> socket.socket:
-    """Socket that receives `group` on the loopback interface only; nothing for None."""
+    """Socket that receives `group` on the loopback interface only; receives nothing if `group` is None."""
     made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         made.setblocking(False)

@@ -1,6 +1,6 @@
-"""Settings of a CAN bus and of its arm; opens the bus by python-can, with errors that name a remedy.
+"""Settings of a CAN bus and of its arm; opens the bus through python-can, with errors that state a remedy.
 
-Settings use python-can's names and sources, strongest first: command-line options
+Settings use python-can's names and sources, in order of precedence: command-line options
 (``-i/--interface -c/--channel -b/--bitrate``), the environment (``CAN_INTERFACE``, ``CAN_CHANNEL``,
 ``CAN_BITRATE``, ``CAN_CONFIG``) and ``can.conf``; by default the interface is ``virtual``. It may also name an arm
 of another package (`hardware.arm_plugins`), which has a channel but no CAN bus.
@@ -45,7 +45,7 @@ _NOT_ALLOWED = frozenset({errno.EPERM, errno.EACCES})
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusSettings:
-    """A bus by python-can's names.
+    """Settings of a bus, under python-can's names.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class BusSettings:
     channel
         Name of the bus in this interface.
     bitrate
-        In bit/s; None keeps the present one. ``virtual``, ``loopback`` and ``socketcan`` ignore it.
+        In bit/s; None keeps the current one. ``virtual``, ``loopback`` and ``socketcan`` ignore it.
     options
         Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can.
     named_in
@@ -84,7 +84,7 @@ def bus_settings(
     *,
     otherwise: BusSettings | None = None,
 ) -> BusSettings:
-    """Settings from options, the environment and ``can.conf``; `otherwise` if none of them names an interface.
+    """Settings from options, the environment and ``can.conf``; interface `otherwise` if none of them names one.
 
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
@@ -151,12 +151,12 @@ def bus_settings(
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:
-    """Open a bus for sending and receiving; `BusError` with the remedy."""
+    """Open a bus for sending and receiving; raises `BusError` with the remedy."""
     return _open(settings, {})
 
 
 def open_sender(settings: BusSettings) -> can.BusABC:
-    """Open a second handle that only sends (for STOP), without a receive queue; `BusError` with the remedy."""
+    """Open a second handle that only sends (for STOP), without a receive queue; raises `BusError` with the remedy."""
     match settings.interface:
         case "virtual":
             return _VirtualSender(settings.channel)
@@ -171,7 +171,7 @@ def open_sender(settings: BusSettings) -> can.BusABC:
 
 
 def stamping_clock(settings: BusSettings) -> Callable[[], float] | None:
-    """Clock of this computer that stamps frames on arrival; None if the interface has no such stamps.
+    """Clock of this computer with which frames are stamped on arrival; None if the interface has no such stamps.
 
     In an hour, the clock of an adapter (kvaser, pcan, vector, gs_usb) drifts by more than the age limit of a sample.
     Frames of a serial adapter are stamped only when they are read.
@@ -214,7 +214,7 @@ def _named_in(settings: BusSettings) -> str:
 
 
 def describe_failure(settings: BusSettings, error: Exception) -> str:
-    """Cause and remedy of a failure to open."""
+    """Cause and remedy of a failure to open the bus."""
     code = getattr(error, "errno", None) or getattr(error, "error_code", None)
     channel = settings.channel
     if settings.interface == "socketcan":
@@ -259,7 +259,7 @@ def describe_failure(settings: BusSettings, error: Exception) -> str:
 
 
 class _VirtualSender(virtual.VirtualBus):
-    """In-process handle that receives nothing: its queue is not on the channel."""
+    """In-process handle that receives nothing: its queue is not registered on the channel."""
 
     def __init__(self, channel: str) -> None:
         super().__init__(channel=channel)
@@ -284,7 +284,7 @@ class BusOpeners:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ArmOnBus:
-    """The arm expected, its bus and how to open it, its nodes' set-up, SYNC pace and time-outs."""
+    """The expected arm, its bus and how to open it, its nodes' set-up, SYNC pace and time-outs."""
 
     description: ArmDescription
     settings: BusSettings

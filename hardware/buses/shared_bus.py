@@ -1,4 +1,4 @@
-"""One bus handle shared by threads; recording of a bus to a file, also beside another program."""
+"""One bus handle shared by threads; recording of a bus to a file, also while another program uses the bus."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ _WRITE_ERRORS = (OSError, ValueError, struct.error)
 class Recording:
     """Writes frames to a file in bus order; safe from any thread.
 
-    Sent frames are stamped when sent, received ones may wait in a queue, so frames are held back `REORDER_S`.
+    Sent frames are stamped when sent, but received ones may wait in a queue, so all are held back for `REORDER_S`.
 
     Parameters
     ----------
     path
-        File to record to, in the format of its suffix (``.blf``, ``.asc``, ``.log``, ...). An existing file is
-        kept, and ``bus-2.blf`` written beside it.
+        File to record to, in the format of its suffix (``.blf``, ``.asc``, ``.log``, ...). If it exists it is kept, and
+        a numbered one (``bus-2.blf``) is written instead.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Recording:
 
 
 def _unused(path: Path) -> Path:
-    """Return this path, with the first free number added if it exists."""
+    """Return this path, or if it exists the path with the first free number added."""
     candidate, k = path, 2
     while os.path.lexists(candidate):
         candidate, k = path.with_name(f"{path.stem}-{k}{path.suffix}"), k + 1
@@ -135,7 +135,7 @@ QUEUE_FULL_PAUSE_S = 0.0005
 
 
 def queue_is_full(error: BaseException) -> bool:
-    """Whether a frame was refused because the transmit queue is full, by the kernel or by python-can."""
+    """Whether the kernel or python-can refused a frame because the transmit queue is full."""
     code = getattr(error, "error_code", None) or getattr(error, "errno", None)
     if code == errno.ENOBUFS or "Transmit buffer full" in str(error):
         return True
@@ -143,7 +143,7 @@ def queue_is_full(error: BaseException) -> bool:
 
 
 class Frame(can.Message):
-    """A frame that is not changed after sending, so that receivers in this process may share its data.
+    """A frame that nobody changes after sending, so that receivers in this process may share its data.
 
     python-can's virtual bus makes deep copies, which took a sixth of the processor time of a simulated calibration.
     """
@@ -242,7 +242,7 @@ class SharedBus:
             self._recording.note(message)
 
     def receive(self, timeout_s: float) -> can.Message | None:
-        """Next data frame with a standard identifier; None after `timeout_s`, or 200 frames of other kinds.
+        """Next data frame with a standard identifier; None after `timeout_s`, or after 200 frames of other kinds.
 
         Raises `BusError` if the bus cannot be read.
         """
@@ -271,7 +271,7 @@ class SharedBus:
 
 @contextmanager
 def record_bus(settings: BusSettings, path: Path) -> Iterator[Callable[[], str | None]]:
-    """Record a bus through a separate handle and thread while the context is open.
+    """Context in which a bus is recorded, through a handle and a thread of its own.
 
     Yields a function that returns why recording ended early, None if it did not. Raises `BusError` if the bus cannot
     be opened a second time, or the file cannot be created.

@@ -69,7 +69,7 @@ class JointProfile:
     zero_counts
         6064h at sensor coordinate 0.
     rated_torque_nm
-        Torque at 1000 per mille of 6077h; None reads 6076h.
+        Torque at 1000 per mille in 6077h; None: read from 6076h.
     """
 
     node: int
@@ -96,11 +96,11 @@ class BusProfile:
     mode_codes
         6060h of each joint mode.
     configures_pdos
-        Whether differing PDOs are written into the drives at every connection; else they are refused.
+        Whether PDOs that differ are rewritten in the drives at every connection; otherwise the drives are refused.
     compared
         Objects that are compared with the arm file.
     slowest_heartbeat_ms
-        Limit of 1017h: the loss of a node with a longer period would be noticed too late.
+        Upper limit of 1017h: the loss of a node with a longer period would be noticed too late.
     heartbeat_timeout_s, sdo_timeout_s
         Time-outs of this arm; None uses the program's.
     """
@@ -130,11 +130,11 @@ class BusProfile:
 
     @property
     def joint_of(self) -> dict[int, int]:
-        """Joint by node number."""
+        """Joint of each node number."""
         return {node: joint for joint, node in enumerate(self.drives, 1)}
 
     def is_drive(self, device_type: int) -> bool:
-        """Whether this 1000h is that of a supported drive."""
+        """Whether this value of 1000h is that of a supported drive."""
         return device_type & self.device_type_mask == self.device_type & self.device_type_mask
 
     def mode_of(self, code: int) -> JointMode | None:

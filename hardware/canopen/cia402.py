@@ -3,7 +3,7 @@
 Drive side: state and controlword (or event) to state, state to statusword. Operator side: statusword
 and target state to the next controlword. After quick stop (605Ah = 6) a drive holds in *quick stop active*.
 
-Two choices make a late frame harmless. Transition 16 (*quick stop active* to *operation enabled*) is not
+Two choices make a delayed frame harmless. Transition 16 (*quick stop active* to *operation enabled*) is not
 implemented: the standard advises against it, and a command sent before STOP could restart the arm. A fault
 is reset by the rising edge of bit 7 only.
 """
@@ -31,7 +31,7 @@ class ControlBit(IntEnum):
 
 
 class StatusBit(IntEnum):
-    """Bits of 6041h beside those that code the state."""
+    """Bits of 6041h other than those that code the state."""
 
     VOLTAGE_ENABLED = 1 << 4
     WARNING = 1 << 7
@@ -162,7 +162,7 @@ def command_of(controlword: int) -> Command:
 
 
 def after_controlword(state: DriveState, controlword: int, previous: int) -> DriveState:
-    """State after a controlword; `previous` is the one before, for the edge of bit 7 (fault reset only)."""
+    """State after a controlword; `previous` is the controlword before, for the edge of bit 7 (fault reset only)."""
     if controlword & ControlBit.FAULT_RESET:
         edge = not previous & ControlBit.FAULT_RESET
         return _S.SWITCH_ON_DISABLED if state is _S.FAULT and edge else state
@@ -170,7 +170,7 @@ def after_controlword(state: DriveState, controlword: int, previous: int) -> Dri
 
 
 def raises_power(before: DriveState, after: DriveState) -> bool:
-    """Whether a transition goes towards motion; only those need the control token."""
+    """Whether a transition is a step towards motion; only those need the control token."""
     ladder = (_S.SWITCH_ON_DISABLED, _S.READY_TO_SWITCH_ON, _S.SWITCHED_ON, _S.OPERATION_ENABLED)
     return before in ladder and after in ladder and ladder.index(after) > ladder.index(before)
 
@@ -202,7 +202,7 @@ def drive_state(status: int) -> DriveState:
 
 
 def shows(status: int, state: DriveState) -> bool:
-    """Whether a statusword shows this state."""
+    """Whether a statusword reports this state."""
     return _decoded(status) is state
 
 
@@ -227,7 +227,7 @@ def reached(state: DriveState, target: TargetState) -> bool:
 
 
 def next_controlword(status: int, target: TargetState, *, previous: int = 0) -> int:
-    """Controlword for the next step towards the target state, or to stay there.
+    """Controlword for the next step towards the target state, or for staying in it.
 
     `status` is the drive's statusword; `previous` the controlword sent last: a fault reset needs a rising
     edge of bit 7. `ValueError` if the statusword shows no CiA 402 state.

@@ -1,9 +1,9 @@
 """Writes a bus profile's PDOs into the drives, and 0 into torques and offsets that drives would add to commands.
 
 PDOs by the procedure of CiA 301 in pre-operational: PDO invalid, map count 0, entries, count, PDO valid.
-Equal PDOs are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own PDOs.
-`hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free
-mode a joint obeys a target torque and its offset, which our RPDOs may not carry.
+PDOs that are already right are left alone. Nothing is stored (1010h), so a communication reset restores the drive's own
+PDOs. `hardware.canopen.maps` compares afterwards. Torques and offsets are read before anything is enabled: in free mode
+a joint obeys a target torque and its offset, which our RPDOs may not carry.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectWrite:
-    """One value for one sub-index, `size` bytes wide; `why` ends the message of a refusal."""
+    """One value for one sub-index, `size` bytes wide; `why` is the end of the message if it is refused."""
 
     node: int
     index: int

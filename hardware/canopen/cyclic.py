@@ -57,7 +57,7 @@ class Sample:
 
 
 class TpdoDecoder:
-    """Decodes one TPDO of a joint; `indices` are the objects in it."""
+    """Decodes one TPDO of a joint; `indices` are those of the objects in it."""
 
     def __init__(self, pdo: Pdo) -> None:
         self._struct, self.indices = _layout(pdo.entries, FEEDBACK_OBJECTS)
@@ -114,11 +114,11 @@ class JointFrames:
         return tuple((command.cob_id, command.pack(values)) for command in self._commands)
 
     def pack_controlword(self, setpoint: Setpoint) -> tuple[tuple[int, bytes], ...]:
-        """The frames of `pack` that carry the controlword: all that STOP needs."""
+        """Those frames of `pack` that carry the controlword: all that STOP needs."""
         return tuple(frame for frame in self.pack(setpoint) if frame[0] in self._controlling)
 
     def decode_command(self, identifier: int, data: bytes) -> dict[int, int]:
-        """Values by index in a received RPDO, the mode in CiA 402's codes."""
+        """Decode a received RPDO: values by index, the mode in CiA 402's codes."""
         found: dict[int, int] = {}
         for command in self._commands:
             if command.cob_id == identifier:
@@ -145,7 +145,7 @@ class Abandoned(HardwareError):
 def _layout(
     entries: tuple[Entry, ...], wanted: tuple[int, ...]
 ) -> tuple[struct.Struct, tuple[int, ...]]:
-    """Layout of a PDO with all objects but `wanted` as padding, and those of `wanted` it has, in order."""
+    """Layout of a PDO in which all objects but `wanted` are padding, and the wanted objects in it, in order."""
     form, known = "<", list[int]()
     for index, _, bits in entries:
         if index in wanted:

@@ -60,7 +60,7 @@ class ActivePdo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PdoCapability:
-    """Numbers of a drive's RPDOs (`taken`) and TPDOs (`sent`), valid or not, and bits of each object to be mapped."""
+    """Numbers of a drive's RPDOs (`taken`) and TPDOs (`sent`), valid or not, and bits of each mappable object."""
 
     taken: tuple[int, ...] = ()
     sent: tuple[int, ...] = ()
@@ -91,7 +91,7 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:
 
 
 def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
-    """Return those of `DESCRIPTION_OBJECTS` that a drive has."""
+    """Return the `DESCRIPTION_OBJECTS` that a drive has."""
     found = []
     for index in DESCRIPTION_OBJECTS:
         try:
@@ -192,9 +192,9 @@ def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | N
 
 
 def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float) -> float:
-    """Silence after which a node counts as lost: at least `min_s`, and 2.5 periods (1017h) of the slowest node.
+    """Silence after which a node counts as lost: 2.5 periods (1017h) of the slowest node, but at least `min_s`.
 
-    Raises `MappingMismatch` for nodes with no heartbeat or a too long period.
+    Raises `MappingMismatch` for nodes without a heartbeat, or with too long a period.
     """
     found, longest_s = [], 0.0
     for node in profile.nodes:
@@ -222,8 +222,8 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
 def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tuple[int, ...]:
     """Check that drives monitor the operator's heartbeat (1016h).
 
-    Returns the joints whose drives have no such object. Raises `MappingMismatch` for drives that would go on
-    without an operator.
+    Returns the joints whose drives have no 1016h. Raises `MappingMismatch` for drives that would keep moving without an
+    operator.
     """
     found = {node: operator_monitoring_differences(access, node) for node in profile.drives}
     if wrong := [text for texts in found.values() for text in texts or ()]:
@@ -234,7 +234,7 @@ def check_operator_monitoring(access: ObjectAccess, profile: BusProfile) -> tupl
 def operator_monitoring_differences(
     access: ObjectAccess, node: int
 ) -> tuple[ObjectMismatch, ...] | None:
-    """Difference of a drive's 1016h from monitoring the operator's heartbeat; None without 1016h."""
+    """What keeps a drive's 1016h from monitoring the operator's heartbeat; None without 1016h."""
     watched = _heartbeat_consumers(access, node)
     if watched is None:
         return None
@@ -259,7 +259,7 @@ def operator_monitoring_differences(
 def following_windows_counts(
     access: ObjectAccess, profile: BusProfile, scales: Sequence[JointScale]
 ) -> tuple[float, ...]:
-    """Limit of each joint's distance from its target: a third of 6065h, between 10 counts and 1 deg."""
+    """Limit of each joint's distance from its target: a third of 6065h, but at least 10 counts and at most 1 deg."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
         drive_window = read_number(access, node, FOLLOWING_WINDOW, 0)

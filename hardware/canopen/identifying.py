@@ -114,7 +114,7 @@ def check_arm(
 
 
 def scale_of(joint: JointDescription, drive: JointProfile) -> JointScale:
-    """Scale of a joint: that of its sensor, unless the profile states the drive's own."""
+    """Scale of a joint's counts: that of its sensor, unless the profile states another."""
     per_rad = joint.sensor.counts_per_rad
     if drive.counts_per_rev is not None:
         per_rad = drive.counts_per_rev / math.tau
@@ -141,7 +141,7 @@ def limits_of(
 
 
 def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[float, ...]:
-    """Torque at 1000 per mille of 6077h for every joint: from the profile, or 6076h; `WrongArm` if neither."""
+    """Torque at 1000 per mille in 6077h for every joint, from the profile or 6076h; `WrongArm` if neither states it."""
     found = []
     for number, joint in enumerate(profile.joints, 1):
         if joint.rated_torque_nm is not None:

@@ -1,7 +1,7 @@
 """Compares the drives' PDOs with what this program sends and reads, by SDO, before anything is enabled.
 
-A drive that maps its velocity where its position belongs answers every SYNC correctly and would get wrong
-targets. So all of its PDOs are read and compared, then the first position by PDO with 6064h by SDO.
+A drive whose PDO carries its velocity in place of its position answers every SYNC correctly but would get wrong
+targets. So all PDOs are read and compared; afterwards the first position by PDO is compared with 6064h by SDO.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[in
 def check_positions(
     access: ObjectAccess, profile: BusProfile, counts: Sequence[int], scales: Sequence[JointScale]
 ) -> None:
-    """Compare positions by PDO with 6064h by SDO, the joints at rest; raises `MappingMismatch`."""
+    """Compare positions by PDO with 6064h by SDO while the joints are at rest; raises `MappingMismatch`."""
     found = []
     for node, by_pdo, scale in zip(profile.drives, counts, scales, strict=True):
         by_sdo = access.read_signed(node, POSITION_ACTUAL)
@@ -160,9 +160,10 @@ def read_records(access: ObjectAccess, node: int, communication: int) -> Iterato
 def conflicting_pdos(
     access: ObjectAccess, node: int, profile: BusProfile, joint: JointProfile
 ) -> Iterator[tuple[int, int, int]]:
-    """PDOs that the profile does not use, on identifiers of the arm's own frames.
+    """Find PDOs that the profile does not use and whose identifiers are those of the arm's frames.
 
-    Such a drive would obey another drive's commands. Yields number, index of the communication record, COB-ID.
+    A drive with such a PDO would obey another drive's commands. Yields number, index of the communication record,
+    COB-ID.
     """
     taken = _RESERVED | {
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
@@ -178,7 +179,7 @@ def conflicting_pdos(
 
 
 def _on_every_sync(access: ObjectAccess, node: int, index: int) -> Iterator[ObjectMismatch]:
-    """Differences other than the transmission type that keep a TPDO from following every SYNC."""
+    """Settings, other than the transmission type, that keep a TPDO from being sent at every SYNC."""
     inhibit = inhibit_s(access, node, index)
     if inhibit >= MAX_INHIBIT_S:
         limit = f"an inhibit time below {1e3 * MAX_INHIBIT_S:g} ms"
@@ -237,7 +238,7 @@ def _carrier(profile: BusProfile, node: int) -> str:
 def _cob_id(
     access: ObjectAccess, node: int, index: int, sub: int, expected: int, *, refused: int
 ) -> Iterator[ObjectMismatch]:
-    """Compare a COB-ID; flag bit `refused` must not be set."""
+    """Compare a COB-ID, in which flag bit `refused` must not be set."""
     value = read_number(access, node, index, sub)
     wrong = value is None or value & (IDENTIFIER | EXTENDED | refused) != expected
     if wrong:

@@ -3,7 +3,7 @@
 Type, access, range and default of the objects are in the EDS files of `hardware.eds`; a test compares both.
 
 Positions are counts in sensor coordinates (the measured theta). 607Ch holds the calibration's theta_off in
-the same counts; it is stored and read back, and never shifts 6064h.
+the same counts: it is stored and read back, but never shifts 6064h.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ COB_NEXT_PDO: Final = 0x100
 
 # ---- NMT and heartbeat -------------------------------------------------------------------------
 class NmtState(IntEnum):
-    """NMT states as a heartbeat carries them."""
+    """NMT state as in a heartbeat."""
 
     BOOT_UP = 0
     STOPPED = 4
@@ -170,7 +170,7 @@ ARM_JOINTS: Final = 3
 
 
 class ParameterCommand(IntEnum):
-    """Values of 2002h. All need the control token; a refusal aborts, with its text in 2004h."""
+    """Values of 2002h. All need the control token; a refusal aborts the SDO transfer, with its text in 2004h."""
 
     STAGE = 1
     """Check the document in 2000h against the schema, this arm and its limits."""

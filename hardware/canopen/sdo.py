@@ -45,7 +45,7 @@ class _Sender(canopen.Network):
 
 
 class ObjectAccess:
-    """Reads and writes objects of `nodes`; `send` puts a frame on the bus, `timeout_s` limits each answer.
+    """Reads and writes objects of `nodes`; `send` puts a frame on the bus, `timeout_s` limits the wait for each answer.
 
     Every access raises `SdoRefused` if the node refuses and `BusError` if it does not answer; reading raises
     `FramesLost` on a bus that loses too many frames.
@@ -85,14 +85,15 @@ class ObjectAccess:
             client.on_response(identifier, data, 0.0)
 
     def duplicate_nodes(self) -> tuple[int, ...]:
-        """Nodes with more than 1.5 answers for each request."""
+        """Nodes with more than 1.5 answers per request."""
         asked = self._network.asked
         return tuple(node for node, n in sorted(self._answered.items()) if n > 1.5 * asked[node])
 
     def require_unique_nodes(self) -> None:
-        """Test nodes with surplus answers since the last call; raises `DuplicateNodeId`.
+        """Test the nodes that sent surplus answers since the last call; raises `DuplicateNodeId`.
 
-        A bus may double single frames; a node that answers most test requests twice is two devices.
+        A bus may double single frames; but if most test requests to a node are answered twice, two devices share its
+        number.
         """
         suspects = [node for node, n in self._surplus().items() if n > self._known_surplus[node]]
         before = self._surplus()
@@ -132,7 +133,7 @@ class ObjectAccess:
         return self.read_once(node, index, subindex)
 
     def _require_answers(self) -> None:
-        """Raise `FramesLost` if nodes that are present left too many requests unanswered."""
+        """Raise `FramesLost` if nodes on the bus left too many requests unanswered."""
         asked = self._network.asked
         unanswered = {
             n: (k, asked[n]) for n, k in sorted(self._unanswered.items()) if self._answered[n]
@@ -195,7 +196,7 @@ class ObjectAccess:
     def _translated(
         self, node: int, index: int, subindex: int, chain: tuple[BaseException, ...]
     ) -> HardwareError | KeyboardInterrupt:
-        """Return the error for a failed access; `chain` is its exceptions, the last first."""
+        """Return the error to raise for a failed access; `chain` holds its exceptions, the last first."""
         if any(isinstance(error, KeyboardInterrupt) for error in chain):
             # The client failed to abort the transfer after the interrupt.
             self._network.send_message(

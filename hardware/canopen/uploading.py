@@ -63,20 +63,20 @@ def upload(
 ) -> UploadReceipt:
     """Write a document, stage it, read it back and commit it; `retry_s` is the pause between attempts.
 
-    Repeated where an answer is missing or control has lapsed: nothing is active before the commit, and 2003h and
-    2001h show whether a commit was carried out. After an error, the previous document stays active.
+    Steps are repeated if an answer is missing or control has lapsed, since nothing is active before the commit, and
+    2003h and 2001h show whether a commit was carried out. After an error, the previous document stays active.
 
     Parameters
     ----------
     may_repeat
-        Whether to try again after this error: the arm is heard, and control is held, or taken again.
+        Whether to try again after this error: whether the arm is heard and control is held or was taken again.
     explain
-        Returns the error, or the host latency that caused it.
+        Returns the error, or in its place the host latency that caused it.
 
     Raises
     ------
     UploadRefused
-        The supervisor refused it (with its reason), or there is no supervisor.
+        The supervisor refused the document (its reason is given), or there is no supervisor.
     ControlDenied
         The control token is not held.
     BusError
@@ -117,7 +117,7 @@ def upload(
 
 
 class _Attempt:
-    """Upload of one document; `commit_sent`: a commit was sent, and its outcome is not known."""
+    """Upload of one document; `commit_sent`: whether a commit was sent whose outcome is not known."""
 
     def __init__(self, access: ObjectAccess, supervisor: int, document: bytes) -> None:
         self._access, self.supervisor, self._document = access, supervisor, document
@@ -127,7 +127,7 @@ class _Attempt:
     def is_transient(self, error: HardwareError) -> bool:
         """Whether a further attempt may succeed.
 
-        A refusal after a missed answer is transient: the command before may have been carried out.
+        A refusal after a missed answer is transient: the earlier command may have been carried out.
         """
         if isinstance(error, SdoRefused):
             return error.code == Abort.LOCAL_CONTROL or self._answer_missed

@@ -51,11 +51,11 @@ class Bench:
     description
         The arm file's joints.
     ask
-        Asks the person beside the arm.
+        Function that asks the person beside the arm.
     step_rad, speed_rad_per_s
         Angle and speed of the test motion of each joint.
     interrupt
-        Triggers Ctrl-C; None if not possible.
+        Function that simulates Ctrl-C; None if not possible.
     bounds
         Limits of the comparisons.
     """
@@ -75,7 +75,7 @@ class Bench:
 
     @property
     def moving(self) -> Bounds:
-        """Limits for motions of this step."""
+        """Limits for motions of `step_rad`."""
         return replace(self.bounds, near_rad=0.5 * self.step_rad)
 
     def step_target(self, joint: int) -> float:
@@ -87,7 +87,7 @@ class Bench:
 
 
 def check(bench: Bench, *, last: Stage) -> Iterator[CheckFinding]:
-    """Check an arm up to and including a stage; the caller closes it in any case."""
+    """Check an arm up to and including a stage; the caller must close the arm in any case."""
     found: list[ArmIdentity] = []
 
     def look() -> Iterator[Clause]:
@@ -207,7 +207,7 @@ def _move(bench: Bench, identity: ArmIdentity) -> Iterator[Clause]:
 
 
 def _turn(bench: Bench, joint: int) -> Iterator[Clause]:
-    """Move a joint twice there and back: halted, interrupted and stopped on the way."""
+    """Move a joint there and back twice, during which it is halted, interrupted and stopped."""
     arm, speed, bounds = bench.arm, bench.speed_rad_per_s, bench.moving
     start = arm.capture(bench.bounds.samples).mean_rad
     home = float(start[joint - 1])

@@ -95,7 +95,7 @@ class BusMonitor:
             yield from self._sdo(identifier, data)
 
     def time_passes(self, now_s: float) -> Iterator[str]:
-        """Yield a sentence for each node that has fallen silent."""
+        """Yield one sentence for each node that has fallen silent."""
         for node, heard in self._heard_s.items():
             if now_s - heard > SILENT_S and node not in self._silent:
                 self._silent.add(node)

@@ -1,6 +1,6 @@
-"""Requirements on a moving arm (it reaches targets; a watch, Ctrl-C and STOP halt it) and on an arm on a CAN bus.
+"""Requirements on a moving arm (reaches targets; is halted by a watch, Ctrl-C and STOP) and on an arm on a CAN bus.
 
-As `hardware.commissioning.clauses`, for `sarcal arm-check` and for the contract test of other packages.
+Like `hardware.commissioning.clauses`, used by `sarcal arm-check` and by the contract test for other packages.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ ENOUGH: Final = "that is enough"
 
 @dataclass(slots=True)
 class OnTheWay:
-    """A watch that acts once after a part of the motion, and stores the position where it acted."""
+    """A watch that acts once after part of the motion, and stores the position where it did."""
 
     joint: int
     after_rad: float
@@ -54,7 +54,7 @@ class OnTheWay:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turn:
-    """Motion of one joint, and its limits; `part_rad` is the travel after which a watch acts."""
+    """Motion of one joint, with limits; `part_rad` is the travel after which a watch acts."""
 
     arm: ArmInterface
     joint: int
@@ -82,7 +82,7 @@ class Turn:
 
 
 def goes(turn: Turn) -> Iterator[Clause]:
-    """It reaches its target and comes to rest."""
+    """A joint reaches its target and comes to rest."""
     arm, joint, bounds = turn.arm, turn.joint, turn.bounds
     start = arm.capture(bounds.samples).mean_rad
     way = turn.target_rad - float(start[joint - 1])
@@ -219,7 +219,7 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 
 
 def _guard(drive: DriveFacts) -> Clause:
-    """Operator time-out of a drive: fails if a run refuses it, undecided if above the advised one."""
+    """Result for a drive's operator time-out: failed if `sarcal run` would refuse it, undecided if it is long."""
     guard = drive.operator_timeout_s
     if guard is None:
         passed, text = (
@@ -239,7 +239,7 @@ def _guard(drive: DriveFacts) -> Clause:
 
 
 def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
-    """The mean SYNC period is as configured; a deviation is this computer's."""
+    """The mean SYNC period is as configured; any deviation comes from this computer."""
     period_s = arm.real_period_s
     if period_s is None:  # fast forward
         return
@@ -256,7 +256,7 @@ def keeps_time(arm: CanopenArm, bounds: Bounds) -> Iterator[Clause]:
 
 
 def excludes_others(arm: CanopenArm) -> Clause:
-    """A second program is refused before it sends anything, and this one goes on."""
+    """A second program is refused before it sends anything, and the first one goes on."""
     other = arm.another()
     try:
         other.connect()

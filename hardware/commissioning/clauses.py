@@ -1,4 +1,4 @@
-"""Requirements on every arm at rest; each function tests one and yields its result.
+"""Requirements on any arm at rest; each function tests one and yields its result.
 
 Used by `sarcal arm-check` and by the contract test for arms of other packages (`sarcal.arm_contract`).
 """
@@ -48,7 +48,7 @@ def names_itself(identity: ArmIdentity, model: str, joints: int) -> Iterator[Cla
 
 
 def is_pictured(arm: ArmInterface, joints: int) -> Iterator[Clause]:
-    """The snapshot has every joint in order, finite, in radians and recent; no STOP is latched."""
+    """The snapshot has all joints in order, with finite and recent positions in radians; STOP is not latched."""
     found = arm.snapshot()
     wrong = []
     if [joint.joint for joint in found.joints] != list(range(1, joints + 1)):
@@ -102,7 +102,7 @@ def reads(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
 
 
 def settles(arm: ArmInterface, joints: int, bounds: Bounds) -> Iterator[Clause]:
-    """At rest it settles; with a negative spread it does not."""
+    """`settle` reports an arm at rest as settled, but not for a negative spread."""
     wide = [bounds.once_rad] * joints
     rests = arm.settle(window=_WINDOW, spread_rad=wide, timeout_syncs=_LONG_SYNCS)
     never = arm.settle(window=_WINDOW, spread_rad=[-1.0] * joints, timeout_syncs=_SHORT_SYNCS)
@@ -151,7 +151,7 @@ def is_refused(
     kind: type[HardwareError] = CommandRefused,
     joint: int | None = None,
 ) -> Clause:
-    """The action is refused with a reason; it is harmless if not refused."""
+    """The action, which must do no harm if it is carried out, is refused with a reason."""
     try:
         act()
     except kind as error:
@@ -162,7 +162,10 @@ def is_refused(
 def keeps_within_limits(
     arm: ArmInterface, joint: int, ranged: JointDescription, speed_rad_per_s: float
 ) -> Iterator[Clause]:
-    """Targets beyond the range and speeds above the limit are refused; else the move ends with its first sample."""
+    """Targets beyond the range and speeds above the limit are refused.
+
+    If not, the test ends the move at its first sample.
+    """
     here = arm.snapshot().joints[joint - 1].position_rad
     margin = math.radians(2.0)
     for beyond in (ranged.lower_rad - margin, ranged.upper_rad + margin):
@@ -183,7 +186,7 @@ def keeps_within_limits(
 
 
 def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Clause:
-    """A move of a joint in free mode, to its present position, is refused."""
+    """A move of a joint in free mode to its current position is refused."""
     here = arm.snapshot().joints[joint - 1].position_rad
     return is_refused(
         "free stays free",
@@ -194,7 +197,7 @@ def refuses_to_move_free(arm: ArmInterface, joint: int, speed_rad_per_s: float) 
 
 
 def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
-    """An invalid parameter document is refused, and the stored one stays."""
+    """An invalid parameter document is refused, and the stored one is kept."""
     before = arm.active_parameters()
     yield is_refused(
         "document",
@@ -232,7 +235,7 @@ def stays_stopped(arm: ArmInterface, joint: int, speed_rad_per_s: float) -> Iter
 
 
 def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Iterator[Clause]:
-    """The reset of STOP leaves the drives off and the joints at `before`, except for settling in brake or valve."""
+    """After the reset of STOP the drives are off and the joints still at `before`, apart from settling."""
     arm.reset_stop()
     found = arm.snapshot()
     on = [j.joint for j in found.joints if j.drive is DriveState.OPERATION_ENABLED]
@@ -249,7 +252,7 @@ def resets_unmoved(arm: ArmInterface, before: FloatArray, bounds: Bounds) -> Ite
 
 
 def leaves_and_returns(arm: ArmInterface, identity: ArmIdentity) -> Iterator[Clause]:
-    """After one or two `close` it refuses a snapshot, and connects again as the same arm with drives off."""
+    """After `close`, once or twice, the arm refuses a snapshot; it connects again as the same arm with drives off."""
     results = [arm.close(), arm.close()]
     yield Clause(
         name="closes",
@@ -290,7 +293,7 @@ def is_still(name: str, before: FloatArray, after: FloatArray, bounds: Bounds) -
 
 
 def seconds_to_stop(arm: ArmInterface, begun_s: float) -> float | None:
-    """Seconds until no drive is enabled; None after `STOPS_WITHIN_S`."""
+    """Seconds until no drive is enabled; None if longer than `STOPS_WITHIN_S`."""
     while (seconds := time.monotonic() - begun_s) < STOPS_WITHIN_S:
         joints = arm.snapshot().joints
         if all(joint.drive is not DriveState.OPERATION_ENABLED for joint in joints):

@@ -1,7 +1,7 @@
 """Finds the nodes on a bus and compares their set-up with a bus profile; enables nothing.
 
-It listens first, and sends nothing if another master is heard. Then every node number is asked for its device type,
-and the nodes that answer for their identity and set-up.
+It listens first, and sends nothing if another master is heard. Otherwise every node number is asked for its device
+type, and the nodes that answer for their identity and set-up.
 """
 
 from __future__ import annotations
@@ -79,9 +79,9 @@ class FoundNode:
     heard
         Whether its heartbeat was heard.
     problems, unread, notes
-        Differences from the profile; why it could not be read to the end (one of the problems); remarks.
+        Differences from the profile; why reading it stopped early (also one of the problems); remarks.
     pdos, room
-        Valid PDOs of a drive, and the numbers of PDOs and objects available to set up others.
+        Valid PDOs of a drive, and which PDOs and objects are available for setting up others.
     described
         Objects of a drive that can be compared with an arm file.
     supervises
@@ -108,8 +108,8 @@ class FoundNode:
 class Probe:
     """Result of a probe.
 
-    `busy` describes another master that was heard, in which case nothing was sent; `meanwhile` one that was heard
-    later: answers may have been to its requests.
+    `busy` describes another master that was heard, in which case nothing was sent; `meanwhile` describes one that was
+    heard later: some answers may have been to its requests.
     """
 
     busy: str
@@ -133,11 +133,11 @@ class _Listener:
         self._thread.start()
 
     def listen(self, seconds: float) -> None:
-        """Wait; the thread goes on receiving."""
+        """Wait while the thread goes on receiving."""
         self._closing.wait(seconds)
 
     def wait_for_answers(self, quiet_s: float) -> None:
-        """Wait until no node has answered for `quiet_s`, counted in polls so that host latency does not end it."""
+        """Wait until no node has answered for `quiet_s`, counted in polls so that host latency cannot end the wait."""
         polls = round(quiet_s / _POLL_S)
         known = quiet = 0
         for _ in range(_MAX_ANSWER_PERIODS * polls):
@@ -148,7 +148,7 @@ class _Listener:
                 return
 
     def take_masters(self) -> str:
-        """Describe the frames of other masters so far, and clear them; empty if there were none."""
+        """Describe the frames of other masters since the last call; empty if there were none."""
         seen, self.masters = self.masters, Counter()
         listed = [f"{text}{f', {n} times' if n > 1 else ''}" for text, n in list(seen.items())]
         more = f"; and {len(listed) - MAX_NAMED} more" if len(listed) > MAX_NAMED else ""
@@ -194,7 +194,8 @@ def probe(
 ) -> Probe:
     """Find the nodes on a bus and compare its drives with a profile; `BusError` if the bus fails.
 
-    `listen_s`: how long before anything is sent; `answers_s`: silence after which all nodes have answered.
+    `listen_s`: time to listen before anything is sent; `answers_s`: silence after which all answers are assumed
+    received.
     """
     wire = SharedBus(opener(settings), record_to=record_to)
     listener = _Listener(wire, profile)

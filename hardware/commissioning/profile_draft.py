@@ -34,7 +34,7 @@ class DraftRefused(Exception):
 def draft(nodes: Sequence[FoundNode], *, name: str, configure: bool = False) -> BusProfile:
     """Profile of the drives found, joints in order of node numbers; `DraftRefused` if it is not possible.
 
-    It uses the drives' present PDOs; with `configure`, the fewest PDOs that carry the objects needed, on CiA 301's
+    It uses the drives' current PDOs or, with `configure`, the fewest PDOs that carry the objects needed, with CiA 301's
     identifiers, to be written at every connection.
     """
     drives = [node for node in nodes if node.drive]
@@ -105,7 +105,7 @@ def _unusable(pdo: ActivePdo) -> str:
 
 
 def _obstacles(node: FoundNode) -> Iterator[str]:
-    """Why a drive cannot be driven with its present PDOs."""
+    """Why a drive cannot be commanded with its current PDOs."""
     if not node.pdos:
         yield _unread(node)
         return
@@ -125,7 +125,7 @@ def _obstacles(node: FoundNode) -> Iterator[str]:
 
 
 def _unread(node: FoundNode) -> str:
-    """Why a drive's PDOs are not known."""
+    """Why a drive's PDOs could not be read."""
     text = node.unread or next(iter(node.problems), "its PDOs could not be read")
     return text if text.lower().startswith(f"node {node.node}") else f"node {node.node}: {text}"
 
@@ -135,7 +135,7 @@ def _pdos(found: Iterable[ActivePdo]) -> tuple[Pdo, ...]:
 
 
 def _frames(node: FoundNode, *, sent: bool) -> list[tuple[Entry, ...]]:
-    """Maps of the needed objects in frames of 8 bytes."""
+    """PDO maps that carry the needed objects in frames of 8 bytes."""
     bits = dict(node.room.bits)
     frames, left = list[tuple[Entry, ...]](), 0
     for index in FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS:

@@ -13,7 +13,7 @@ Ask = Callable[[str], bool]
 
 
 class Stage(Enum):
-    """Stages in order; each needs the ones before it."""
+    """Stage of the check, in order; each needs the ones before it."""
 
     LOOK = "look"
     """No drive is enabled."""
@@ -69,7 +69,7 @@ BENCH: Final = Bounds(samples=100, still_rad=math.radians(0.1), near_rad=math.ra
 
 
 def declined(joint: int | None = None) -> Clause:
-    """Result of a check that the person declined."""
+    """Result of a check that the operator declined."""
     return Clause(name="agreed", passed=None, text="not tried: declined", joint=joint)
 
 

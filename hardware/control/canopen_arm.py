@@ -51,7 +51,7 @@ class CanopenArm:
     Parameters
     ----------
     description, settings, profile
-        The arm expected, its bus, and how its nodes are set up.
+        The expected arm, its bus, and how its nodes are set up.
     pace
         `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNC at all times.
     record_to
@@ -61,7 +61,7 @@ class CanopenArm:
     timing
         Periods and time-outs of the control loop.
     openers
-        How to open the bus, if not by its settings.
+        How to open the bus, if not from its settings.
     clock
         Monotonic time of this computer, s.
     """
@@ -94,14 +94,14 @@ class CanopenArm:
     def connect(self) -> ArmIdentity:
         """Find the nodes, check that they are the arm described, start heartbeats and SYNC.
 
-        A STOP latched before remains latched; one pressed meanwhile cancels the connection.
+        A STOP latched before remains latched; one pressed while connecting cancels the connection.
 
         Closes the connection again if it raises a `HardwareError`.
         """
         return self._connector.connect()
 
     def take_over(self) -> None:
-        """Let the next connection reset enabled drives once their operator's time-out has passed in silence."""
+        """Let the next connection reset enabled drives after their operator has been silent for its time-out."""
         self._connector.takes_over = True
 
     def close(self) -> bool:
@@ -117,7 +117,7 @@ class CanopenArm:
         return self._connector.left_powered
 
     def snapshot(self) -> ArmSnapshot:
-        """The latest state; never blocks, from any thread."""
+        """The latest state; never blocks, and may be called from any thread."""
         return self._link.snapshot()
 
     @property
@@ -254,14 +254,14 @@ class CanopenArm:
         return reading
 
     def hold(self) -> None:
-        """All joints to position mode: free ones at their position, the others at their last target."""
+        """Put all joints into position mode: free ones at their position, the others at their last target."""
         # A sensor fault or another master is no reason not to hold.
         self._set_modes([JointMode.POSITION] * self._n, despite=(SensorFault, OtherMaster))
 
     def stop(self) -> None:
-        """Send quick stop to all drives and latch STOP. From any thread; waits for no lock and no queue.
+        """Send quick stop to all drives and latch STOP. May be called from any thread; waits for no lock and no queue.
 
-        Also ends a connection attempt. Raises `BusError` if a frame could not be sent; all others were.
+        Also ends a connection attempt. Raises `BusError` if a frame could not be sent; all other frames were sent.
         """
         self._connector.stop()
 
@@ -302,7 +302,7 @@ class CanopenArm:
         )
 
     def fall_silent(self) -> None:
-        """End heartbeat, SYNC and connection without a command to the drives, as if this program died."""
+        """End heartbeat, SYNC and connection without a command to the drives, as if this program had crashed."""
         self._connector.drop()
 
     def read_states_unconnected(self) -> tuple[DriveState, ...]:
@@ -310,9 +310,11 @@ class CanopenArm:
         return self._connector.read_states()
 
     def upload_parameters(self, document: bytes) -> UploadReceipt:
-        """Stage, read back, commit, read the home offsets back; errors as `hardware.canopen.uploading.upload`.
+        """Stage, read back and commit a document, and read the home offsets back.
 
-        No drive has to be enabled: control is taken if no other node has it.
+        Errors as in `hardware.canopen.uploading.upload`.
+
+        The drives may be off; control is taken if no other node has it.
         """
         link = self._link
         if not link.in_control:
@@ -346,7 +348,7 @@ class CanopenArm:
 
     @staticmethod
     def _raise_for_drives(link: Connection, joints: tuple[int, ...], wanted: str) -> None:
-        """Raise for the first joint whose drive did not reach the state."""
+        """Raise the error of the first joint whose drive did not reach the state."""
         for joint in joints:
             state = state_of(link.loop.sample.statuswords[joint - 1])
             if state is DriveState.FAULT:

@@ -55,9 +55,9 @@ class Connection:
     modes
         6061h of each drive as last read; None for neither position nor free.
     token
-        Holder of the control token as last read or written; OPERATOR_NODE may be an earlier operator.
+        Holder of the control token as last read or written; OPERATOR_NODE may stand for an earlier operator.
     in_control, took_control
-        Whether this program is in control now, and whether it has been.
+        Whether this program is in control now, and whether it has been in this connection.
     """
 
     def __init__(
@@ -181,7 +181,7 @@ class Connection:
         )
 
     def require_same_maps(self) -> None:
-        """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h), the joints at rest.
+        """Raise `MappingChanged` if a drive's TPDOs no longer carry its position (6064h); the joints must be at rest.
 
         A node without SDO answers is skipped.
         """
@@ -241,9 +241,9 @@ class Connection:
         self.token, self.in_control, self.took_control = OPERATOR_NODE, True, True
 
     def may_repeat(self, error: HardwareError) -> bool:
-        """Whether to try again after this error: the arm is heard, and control is held, or taken again.
+        """Whether to try again after this error: whether the arm is heard and control is held or was taken again.
 
-        Control is taken again only if it lapsed by this host's latency.
+        Control is taken again only if it lapsed because of this host's latency.
         """
         if self.is_lost():
             return False
@@ -257,7 +257,7 @@ class Connection:
         return True
 
     def explain(self, error: HardwareError) -> HardwareError:
-        """Return the error, or the host latency since control was taken, if that explains it."""
+        """Return the error or, if host latency since control was taken explains it, that latency."""
         late = self._late_since_control()
         refused = isinstance(error, SdoRefused) and error.code != Abort.LOCAL_CONTROL
         if late is None or refused or isinstance(error, DuplicateNodeId | FramesLost):
@@ -276,7 +276,7 @@ class Connection:
         self.token, self.in_control = 0, False
 
     def send_quick_stops(self) -> None:
-        """Quick stop to all drives now."""
+        """Send quick stop to all drives now."""
         self.stop_line.send(self.loop.commands, self.loop.view.sample.counts)
 
     def snapshot(self) -> ArmSnapshot:

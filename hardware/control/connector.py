@@ -1,6 +1,6 @@
 """Opens one connection to an arm at a time, and releases the arm: holding, drives off, state verified.
 
-STOP reaches the arm at every moment, also while connecting and closing. A release counts only what the drives
+STOP reaches the arm at any moment, also while connecting and closing. A release relies only on what the drives
 report: a drive may ignore a command.
 """
 
@@ -51,9 +51,9 @@ class ReleaseResult:
     Attributes
     ----------
     holding
-        It answered, and no drive follows commands.
+        Whether it answered and no drive follows commands.
     powered
-        Joints whose drives still close a loop, those held by STOP included.
+        Joints whose drives are still powered, including those that hold after STOP.
     """
 
     holding: bool
@@ -70,7 +70,8 @@ class Connector:
     latch
         STOP latch; it outlives a connection, so that a new one does not lift a STOP.
     takes_over
-        Whether the next connection may reset enabled drives: this program left them so, or it was requested.
+        Whether the next connection may reset drives that are enabled: this program left them so, or the user asked for
+        it.
     """
 
     def __init__(
@@ -125,7 +126,7 @@ class Connector:
     def close(self) -> bool:
         """Release the arm; false if it did not answer, or a drive still follows commands.
 
-        From any thread; a second call waits.
+        May be called from any thread; a second call waits for the first.
         """
         with self._close_lock:
             link = self._connection
@@ -161,7 +162,7 @@ class Connector:
             link.close()
 
     def stop(self) -> None:
-        """Latch STOP, and send it if the bus is open; `BusError` without an arm, or if it could not be sent."""
+        """Latch STOP, and send it if the bus is open; `BusError` if no arm is connected, or if it could not be sent."""
         # In this order: a connection is `_opening` until it is `_connection`.
         connecting, link = self._connecting, self._opening or self._connection
         if link is None and not connecting:
@@ -205,7 +206,7 @@ def release_arm(loop: ControlLoop) -> ReleaseResult:
 
 
 def _until_off(loop: ControlLoop) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange SYNCs until the drives report that they are off, or stopped under STOP; at most 50 SYNCs."""
+    """Exchange at most 50 SYNCs, until the drives report that they are off or, under STOP, stopped."""
     sample = yield None
     for _ in range(motion_steps.TRANSITION_SYNCS):
         motion_steps.raise_alarm(loop)
@@ -222,6 +223,6 @@ def _following(sample: Sample) -> tuple[int, ...]:
 
 
 def _powered(sample: Sample) -> tuple[int, ...]:
-    """Joints whose drives close a loop."""
+    """Joints whose drives are powered."""
     states = enumerate(map(state_of, sample.statuswords), 1)
     return tuple(joint for joint, state in states if state in CLOSED_LOOP_STATES)

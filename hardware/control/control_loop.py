@@ -1,10 +1,10 @@
 """The thread that owns all cyclic traffic: SYNC, samples, commands, heartbeat; it also receives all frames.
 
-Motions come as steps (`hardware.control.tasks.Steps`), one at a time; rates and time-outs are in
+Motions are given as steps (`hardware.control.tasks.Steps`), one motion at a time; rates and time-outs are in
 `hardware.timing`. A sample is closed when all joints have answered, or their time is up and the queue is
 empty, so that the next SYNC does not overtake a late answer.
 
-STOP presses `latch` and sends its own frames. Only uncommanded motion makes the loop itself stop the arm.
+STOP sets `latch` and sends its own frames. The loop itself stops the arm only after uncommanded motion.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ControlLoop:
     on_sdo
         Called in the loop's thread with identifier and data of every SDO answer; must not wait.
     allow
-        Called before sending, with the sample, the last and the new commands; raises `CommandRefused`.
+        Called before sending, with the sample, the last commands and the new ones; raises `CommandRefused`.
     quick_stop
         Sends quick stop to all drives; must not wait.
     watch, latch
@@ -134,7 +134,7 @@ class ControlLoop:
 
     @property
     def view(self) -> CyclicView:
-        """The latest sample and what belongs to it."""
+        """The latest sample, with the host latency at each joint's answer."""
         return self._sampler.view
 
     def start(self) -> None:
@@ -162,9 +162,11 @@ class ControlLoop:
             self._thread.join(5.0)
 
     def run(self, steps: Steps, *, despite: tuple[type[HardwareError], ...] = ()) -> Any:
-        """Run steps and return their result, or raise what ended them; alarms in `despite` are ignored.
+        """Run steps and return their result, or raise the error that ended them.
 
-        On Ctrl-C the steps first bring the arm to rest.
+        Alarms of the types in `despite` are ignored.
+
+        On Ctrl-C the arm is first brought to rest.
         """
         return self._tasks.run(LoopTask(steps, despite))
 
@@ -174,7 +176,7 @@ class ControlLoop:
         return self._sampler.view.sample
 
     def alarm(self) -> HardwareError | None:
-        """The alarm for which the present steps should end, if any; they bring the arm to rest first."""
+        """The alarm for which the current steps should end, if any; they bring the arm to rest first."""
         task = self._tasks.first
         found = find_alarm(
             self.nodes,
@@ -221,9 +223,10 @@ class ControlLoop:
         self._beat()
 
     def _must_resample(self) -> bool:
-        """Whether host latency made the sample too old for the next command.
+        """Whether, because of host latency, the sample is too old for the next command.
 
-        The drives hold meanwhile. Never twice in a row, so that the steps see alarms and interrupts.
+        If so, a new sample is taken first while the drives hold; never twice in a row, so that the steps see alarms and
+        interrupts.
         """
         late = (
             self._pace is Pace.REAL_TIME
@@ -332,7 +335,7 @@ class ControlLoop:
             self._wire.send(COB_HEARTBEAT + OPERATOR_NODE, bytes([NmtState.OPERATIONAL]))
 
     def _wait_for_tick(self) -> None:
-        """Receive until the next control period begins; after a late one the count restarts."""
+        """Receive frames until the next control period begins; after a late period the schedule restarts from now."""
         now = self._clock()
         if now > self._next_tick_s + self._timing.tick_s:
             self._next_tick_s = now

@@ -1,7 +1,7 @@
 """Motions and readings as steps, SYNC by SYNC: enable, change modes, move, hold, reset, settle, read.
 
-Each is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, is sent its sample,
-and returns a result. If one ends early, joints in position mode rest at their last targets.
+Each is a generator (`hardware.control.tasks.Steps`): it yields the commands of the next SYNC, receives its sample,
+and returns a result. If one ends early, joints in position mode stay at their last targets.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def follows_command(statusword: int) -> bool:
 
 
 def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
-    """First joint in position mode whose enabled drive does not report following; None if all do."""
+    """First joint in position mode whose enabled drive does not report that it follows its target; None if all do."""
     for joint, (status, mode) in enumerate(zip(sample.statuswords, modes, strict=True), 1):
         enabled = state_of(status) is DriveState.OPERATION_ENABLED
         if mode is JointMode.POSITION and enabled and not follows_command(status):
@@ -72,7 +72,7 @@ def not_following(sample: Sample, modes: Sequence[JointMode]) -> int | None:
 
 
 def first_complete_sample(loop: LoopView) -> Generator[Setpoints | None, Sample, Sample]:
-    """Exchange SYNCs without commands until a sample is complete; at least two."""
+    """Exchange SYNCs without commands, at least two, until a sample is complete."""
     sample = loop.sample
     for seen in range(INCOMPLETE_SYNCS):
         sample = yield None
@@ -85,10 +85,10 @@ def first_complete_sample(loop: LoopView) -> Generator[Setpoints | None, Sample,
 def drive_to(
     loop: LoopView, target: TargetState
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
-    """Bring all drives to a state, in position mode at their present positions.
+    """Bring all drives to a state, in position mode at their current positions.
 
-    A drive that reached it keeps its controlword; if it leaves, that is an alarm. Returns the joints that did not
-    reach it in time.
+    A drive that has reached it keeps its controlword; if it leaves the state, that is an alarm. Returns the joints that
+    did not reach it in time.
     """
     sample = yield None
     positions = sample.counts
@@ -117,8 +117,8 @@ def reset(
 ) -> Generator[Setpoints | None, Sample, tuple[int, ...]]:
     """Release the STOP latch and clear drive faults; the drives end disabled.
 
-    `clear` clears the known emergencies; `press` is the STOP to release. Returns the joints that stay in fault.
-    `Stopped` if STOP was pressed after `press`; nothing is changed then.
+    `clear`: clears the known emergencies; `press`: the STOP to release. Returns the joints that stay in fault.
+    Raises `Stopped`, without any change, if STOP was pressed after `press`.
     """
     if not loop.latch.release(press):
         raise Stopped("STOP was pressed again before it was reset: reset it once more")
@@ -132,8 +132,8 @@ def change_modes(
 ) -> Generator[Setpoints | None, Sample, None]:
     """Request one mode per joint for `syncs` SYNCs.
 
-    A joint that enters position mode gets its measured position until its drive follows; one that is in it keeps
-    its target.
+    The target of a joint that enters position mode is its measured position until its drive follows; a joint already in
+    that mode keeps its target.
     """
     sample = yield None
     codes = [MODE_CODE[mode] for mode in modes]
@@ -228,7 +228,7 @@ def move(
 
 
 def incomplete_samples(sample: Sample) -> BusError:
-    """Error for a long run of incomplete samples."""
+    """Error for too many incomplete samples in a row."""
     named = ", ".join(map(str, sample.missing)) or "varying joints"
     return BusError(
         "Hardly any SYNC is answered exactly once by every joint; missing in the last one: joint "
@@ -237,7 +237,7 @@ def incomplete_samples(sample: Sample) -> BusError:
 
 
 def hold_where_it_is(loop: LoopView) -> Generator[Setpoints | None, Sample, None]:
-    """All joints to position mode: free ones at their position, the others at their last target."""
+    """Put all joints into position mode: free ones at their position, the others at their last target."""
     sample = yield None
     yield tuple(
         command
@@ -265,7 +265,7 @@ def _enabled(sample: Sample, joint: int) -> bool:
 
 
 def _not_enabled(sample: Sample) -> CommandRefused | None:
-    """Error for the first drive that is not enabled, in position or free mode; None if all are."""
+    """Error for the first drive that is not enabled in position or free mode; None if all are."""
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:
@@ -274,7 +274,7 @@ def _not_enabled(sample: Sample) -> CommandRefused | None:
 
 
 def _higher_priority(found: HardwareError | None, ending: Exception | None) -> Exception | None:
-    """The error to end a move with: the first one, unless `found` requires more than coming to rest."""
+    """The error with which to end a move: the first one, unless `found` requires more than coming to rest."""
     if ending is None or isinstance(found, Stopped):
         return found
     # A trip, or a node cut off, often shows first as a drive (or its neighbours) that is not enabled.

@@ -22,13 +22,14 @@ class CommandSender:
     """Sends commands in the control loop's thread.
 
     STOP sends its own frames; its latch is checked before and after the commands, so that quick stop is the last
-    command on the bus. After uncommanded motion all drives are stopped, and that joint's drive, which does not hold, is
-    switched off, which blocks its valve. A drive that was switched off at the drive is not enabled again.
+    command on the bus. After uncommanded motion all drives are stopped, and the drive of that joint, which does not
+    hold, is switched off, which blocks its valve. A drive that was switched off at the drive itself is not enabled
+    again.
 
     Parameters
     ----------
     send
-        Puts a frame on the bus.
+        Function that puts a frame on the bus.
     frames
         Frames of joints 1..n.
     latch, watch
@@ -51,7 +52,7 @@ class CommandSender:
         self._sent: list[Setpoint | None] = [None] * len(self._frames)
 
     def send(self, commands: Setpoints, sync_count: int, *, moving: bool) -> None:
-        """Send changed commands, and in turn one joint's unchanged command in case a frame was lost."""
+        """Send changed commands, and one joint's unchanged command (each joint in turn) in case a frame was lost."""
         repeated = sync_count % len(self._frames)
         dropout = self._watch.dropout
         for joint, given in enumerate(commands):
@@ -87,7 +88,7 @@ class CommandSender:
 
 
 def _moves_on(before: Setpoint | None, command: Setpoint) -> bool:
-    """Whether only the target changed: a move in progress."""
+    """Whether only the target changed, as during a move."""
     return before is not None and (before.controlword, before.mode) == (
         command.controlword,
         command.mode,
@@ -103,7 +104,7 @@ SPEED_SYNCS = 5
 
 @dataclass(frozen=True, slots=True)
 class CyclicView:
-    """Latest sample for other threads, replaced as a whole.
+    """Latest sample for other threads; a new one replaces the whole object.
 
     `late_at_s` is the accumulated host latency when each joint answered.
     """
@@ -124,7 +125,7 @@ class Sampler:
     view
         The latest sample, to be read from any thread.
     waiting
-        Number of joints whose answer to the present SYNC is still expected.
+        Number of joints whose answer to the current SYNC is still expected.
     answered_late
         Whether a joint answered after the previous sample was closed: that sample may hold an earlier answer.
     """
@@ -175,7 +176,7 @@ class Sampler:
     def note(
         self, identifier: int, data: bytes | bytearray, now_s: float, late_s: float = 0.0
     ) -> bool:
-        """Take in a frame; return whether it is a joint's TPDO. `late_s` is the accumulated host latency.
+        """Take in a frame; return whether it is a TPDO of a joint. `late_s` is the accumulated host latency.
 
         A TPDO of another length is ignored.
         """
@@ -215,7 +216,7 @@ class Sampler:
         self.view = CyclicView(sample, earlier, tuple(self._answered_at_s), tuple(self._late_at_s))
 
     def duplicates(self) -> tuple[int, ...]:
-        """Joints that keep answering a SYNC more than once."""
+        """Joints that repeatedly answer a SYNC more than once."""
         return tuple(j for j, times in enumerate(self._surplus, 1) if times >= DUPLICATE_SYNCS)
 
     def lost(self) -> tuple[int, ...]:
@@ -281,7 +282,7 @@ def build_snapshot(
 
 
 def _fault(nodes: NodeMonitor, dropout: Dropout) -> Fault:
-    """Fault of a drive that sent no emergency."""
+    """Fault to report for a drive that sent no emergency."""
     return Fault(
         node=nodes.profile.drives[dropout.joint - 1],
         joint=dropout.joint,

@@ -73,10 +73,11 @@ def require_unused(
     takes_over: bool,
     timeout_s: float,
 ) -> None:
-    """Return if no other operator can be using the arm.
+    """Check that no other operator can be using the arm.
 
     An operator may be silent for the drives' time-out (1016h), and a communication reset would then hit a moving arm.
-    So if drives are enabled or the token is held, listen for that time: an operator is heard, or the drives stop.
+    So if drives are enabled or the token is held, it listens for that time: either an operator is heard, or the drives
+    stop.
 
     Parameters
     ----------
@@ -94,8 +95,8 @@ def require_unused(
     ControlDenied
         The holder of the token is heard.
     ArmInUse
-        A drive stays enabled beyond its time-out, or stays stopped with the token held. A stopped drive with a
-        free token belongs to no operator, and connecting enables nothing.
+        A drive stays enabled beyond its time-out, or is stopped while the token is still held. A stopped drive with a
+        free token is no reason: no operator uses it, and connecting enables nothing.
     """
     profile = nodes.profile
     statuswords = [(node, STATUSWORD) for node in profile.drives]
@@ -125,7 +126,7 @@ def require_unused(
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    """Drives with power on their motors, with their state."""
+    """Drives with power on their motors, and their states."""
     states = {node: state_of(word) for (node, index), word in values.items() if index == STATUSWORD}
     return {node: state for node, state in states.items() if state in POWERED_STATES}
 
@@ -136,7 +137,7 @@ def _token_holder(values: Mapping[_Object, int]) -> int:
 
 
 def _read_all(access: ObjectAccess, objects: Sequence[_Object]) -> dict[_Object, int]:
-    """Values of the objects that are answered, read in parallel: each absent node costs a time-out."""
+    """Read objects in parallel, since each absent node costs a time-out; return the values of those that answer."""
 
     def read(key: _Object) -> int | None:
         try:
@@ -150,7 +151,7 @@ def _read_all(access: ObjectAccess, objects: Sequence[_Object]) -> dict[_Object,
 
 
 def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
-    """Longest silence of an operator that these drives, or this supervisor, state; 0 if none does."""
+    """Longest operator time-out that these drives, or this supervisor, state; 0 if none does."""
     timeout_s = 0.0
     for node in nodes:
         try:
@@ -175,9 +176,9 @@ class StartUp:
     Parameters
     ----------
     on_bus, scales
-        The arm expected, and the scales of joints 1..n.
+        The expected arm, and the scales of joints 1..n.
     loop, access, send
-        Cyclic traffic, object access, and what puts a frame on the bus.
+        Cyclic traffic, object access, and the function that puts a frame on the bus.
     """
 
     def __init__(
@@ -199,7 +200,7 @@ class StartUp:
         self._pressed: Callable[[], bool] = lambda: False
 
     def run(self, press: object | None, *, takes_over: bool) -> Started:
-        """Find the nodes, check them, start heartbeat and SYNC; arguments as `Connection.open`."""
+        """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`."""
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
@@ -259,7 +260,7 @@ class StartUp:
             )
 
     def undo(self, failure: BaseException) -> None:
-        """After a failure restore the drives' own PDOs; objects set to 0 stay so and are added to the error."""
+        """After a failure restore the drives' own PDOs; objects set to 0 remain 0 and are listed in the error."""
         if self._configured:
             with suppress(BusError):
                 self._command_nodes(NmtCommand.RESET_COMMUNICATION)
@@ -313,7 +314,7 @@ class StartUp:
     ) -> tuple[int, ...]:
         """Send an NMT command; return the nodes that `wait` still reports after a second attempt.
 
-        NMT commands are not acknowledged, and either frame may be lost: nodes that are heard get it twice.
+        NMT commands are not acknowledged, and command or heartbeat may be lost: nodes that are heard get it twice.
         """
         self._command_nodes(command)
         missing = wait(self._timing.boot_timeout_s)
@@ -326,7 +327,7 @@ class StartUp:
         return missing
 
     def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
-        """Send an NMT command to these or all of the arm's nodes, never to others on the bus."""
+        """Send an NMT command to these nodes, or to all of the arm, but never to others on the bus."""
         for node in nodes or self._profile.nodes:
             self._send(COB_NMT, bytes([command, node]))
 

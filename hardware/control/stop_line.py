@@ -1,4 +1,4 @@
-"""STOP: its latch, and its own path to the drives by a second handle on the bus, without locks."""
+"""STOP: its latch, and its separate path to the drives through a second handle on the bus, without locks."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from hardware.monitors.following import Divergence
 
 
 class _Press:
-    """One press of STOP; its cause if it was uncommanded motion."""
+    """One press of STOP; `cause` is the uncommanded motion that led to it, or None."""
 
     def __init__(self, cause: Divergence | None) -> None:
         self.cause: Final = cause
 
 
 class StopLatch:
-    """Latch of STOP; it outlives a connection. A reset lifts only the press that it names.
+    """Latch of STOP, which outlives a connection. A reset releases only the press for which it was made.
 
     Lock-free: pressing and releasing write one attribute each, so that no press is lost.
     """
@@ -36,7 +36,7 @@ class StopLatch:
 
     @property
     def latched(self) -> bool:
-        """Whether STOP was pressed after what was released last."""
+        """Whether STOP was pressed since the last release."""
         return self._pressed is not self._released
 
     @property
@@ -67,10 +67,10 @@ class StopLine:
     Parameters
     ----------
     bus
-        Handle for STOP alone; `close` shuts it down. None if the adapter opens only once: STOP then uses the
+        Handle used for STOP only; `close` shuts it down. None if the adapter opens only once: STOP then uses the
         shared handle, past its lock.
     spare
-        Shared bus: takes frames that `bus` does not, and records those sent.
+        Shared bus: sends the frames that `bus` does not accept, and records those sent.
     frames
         Frames of joints 1..n.
     """
@@ -83,9 +83,9 @@ class StopLine:
         self._ways: tuple[Callable[[can.Message], None], ...] = (*own, spare.send_at_once)
 
     def send(self, last: Setpoints | None, counts: Sequence[int]) -> None:
-        """Quick stop to every drive, with target and mode of the `last` setpoints, or the positions `counts`.
+        """Send quick stop to every drive, with target and mode of the `last` setpoints, or with the positions `counts`.
 
-        Raises `BusError` if a frame could not be sent; the others were.
+        Raises `BusError` if a frame could not be sent; the others were sent.
         """
         failure: Exception | None = None
         deadline_s = time.monotonic() + CONTROL_PERIOD_S

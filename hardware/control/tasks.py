@@ -20,7 +20,7 @@ _ALIVE_POLL_S = 0.2
 
 @dataclass(slots=True)
 class LoopTask:
-    """Steps to run; `despite` are ignored alarms, `abandoned` means that the caller was interrupted."""
+    """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted."""
 
     steps: Steps
     despite: tuple[type[HardwareError], ...] = ()
@@ -38,7 +38,7 @@ class LoopTask:
         return next(self.steps)
 
     def finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
-        """Hand result or error to the caller."""
+        """Pass the result or error to the caller."""
         self.steps.close()
         self._result, self._error = result, error
         self._done.set()
@@ -58,7 +58,10 @@ class LoopTask:
 
 
 class TaskQueue:
-    """Tasks in order of request; the loop works on the first. `closed_error` makes the error for a loop that ended."""
+    """Tasks in order of request; the loop works on the first.
+
+    `closed_error` makes the error to raise after the loop has ended.
+    """
 
     def __init__(
         self, loop_alive: Callable[[], bool], closed_error: Callable[[], HardwareError]
@@ -67,7 +70,7 @@ class TaskQueue:
         self._tasks: deque[LoopTask] = deque()
 
     def run(self, task: LoopTask) -> Any:
-        """Run a task and return its result; from any thread but the loop's.
+        """Run a task and return its result; may be called from any thread but the loop's.
 
         An interrupt (Ctrl-C) is raised after the steps have brought the arm to rest.
         """

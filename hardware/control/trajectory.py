@@ -22,10 +22,10 @@ SMOOTHING_PERIODS = 10
 
 
 def coming_to_rest_s(speed_rad_per_s: float) -> float:
-    """Braking distance of a joint over its present speed, s, in a move of this speed.
+    """Braking distance of a joint divided by its current speed, s, in a move of this speed.
 
     Half the deceleration time (the mean speed is half), half the moving average and two control periods of delay.
-    It holds for a free joint too, as long as it follows the drives in proportion.
+    It holds for a free joint too, as long as its motion is proportional to the drives'.
     """
     delay_s = (0.5 * (SMOOTHING_PERIODS - 1) + 2.0) * CONTROL_PERIOD_S
     return 0.5 * speed_rad_per_s / ACCELERATION_RAD_PER_S2 + delay_s
@@ -62,7 +62,7 @@ class Trapezoid:
         return distance, speed - self._acceleration * braking
 
     def brake(self, time_s: float) -> None:
-        """Decelerate to rest from `time_s` on; later calls change nothing."""
+        """Decelerate to rest from `time_s` on; further calls change nothing."""
         if self._brake_from_s <= time_s:
             return
         _, speed = self.at(time_s)

@@ -1,6 +1,6 @@
 """Object dictionaries of our devices, read from their EDS files.
 
-`hardware.canopen.objects` gives names to the indices that code uses; a test compares the two.
+`hardware.canopen.objects` names the indices used in code; a test compares the two.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def require_move(
     target_counts: float,
     speed_rad_per_s: float,
 ) -> None:
-    """Raise `CommandRefused` where a limit forbids one joint's part of a move."""
+    """Raise `CommandRefused` if a limit forbids this joint's part of a move."""
     situation = Situation(stopped=False, in_control=in_control, drive=drive, mode=mode)
     refusal = refuse_command(limits, situation) or refuse_move(
         limits, target_counts, speed_rad_per_s
@@ -121,7 +121,7 @@ def require_move(
 
 
 def admit_modes(sample: Sample) -> None:
-    """Raise `CommandRefused` for the first drive that is not enabled: modes cannot change then."""
+    """Raise `CommandRefused` for the first drive that is not enabled, as its mode cannot be changed."""
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:

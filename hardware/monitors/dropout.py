@@ -33,7 +33,7 @@ NOT_FOLLOWING_SYNCS: Final = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropout:
-    """A drive went to `state` without a command; in *operation enabled* it stopped following its target."""
+    """A drive changed to `state` without a command; if that is *operation enabled*, it stopped following its target."""
 
     joint: int
     state: DriveState
@@ -46,14 +46,14 @@ class Dropout:
 
     @property
     def controlword(self) -> int:
-        """Controlword that does not enable it again: quick stop if it may be holding, else off."""
+        """Controlword that does not enable it again: quick stop if the drive may be holding, otherwise off."""
         holds = self.not_following or self.state is DriveState.QUICK_STOP_ACTIVE
         return CONTROLWORD_QUICK_STOP if holds else CONTROLWORD_DISABLE_VOLTAGE
 
 
 @dataclass(slots=True)
 class _Joint:
-    """SYNCs that its drive was enabled, disabled, following and not following since it was commanded to."""
+    """SYNCs since the command to enable at which its drive was enabled, disabled, following or not following."""
 
     enabled_syncs: int = 0
     disabled_syncs: int = 0
@@ -99,7 +99,7 @@ class DropoutMonitor:
         return tuple(sorted(self._dropouts.values(), key=_priority))
 
     def command(self, joint: int, command: Setpoint) -> Setpoint | None:
-        """Return the command to send for a joint: after a dropout one that enables no drive.
+        """Return the command to send to a joint: after a dropout, one that does not enable the drive.
 
         None (send nothing) while a dropout of this joint is suspected: a command might enable the drive again.
         """
@@ -136,7 +136,7 @@ class DropoutMonitor:
 
 
 def _priority(dropout: Dropout) -> int:
-    """A drive in fault stops its neighbours; a stopped drive may be such a neighbour."""
+    """Order by likely cause: a drive in fault stops its neighbours, so a stopped drive may only be such a neighbour."""
     if dropout.state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
         return 0
     return 2 if dropout.state is DriveState.QUICK_STOP_ACTIVE else 1

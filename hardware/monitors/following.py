@@ -4,7 +4,8 @@ A drive checks its following error (6065h) against its own target and sensor. If
 targets, or its reports are wrong, only the operator, who knows the commands, can detect it.
 
 A joint is checked from the moment its drive reports that it follows (6041h, bit 12) until its mode changes or it leaves
-*operation enabled*, even if bit 12 drops. A drive that never reports it gets no mode (`hardware.control.motion_steps`).
+*operation enabled*, even if bit 12 drops. If a drive never reports it, setting its mode fails
+(`hardware.control.motion_steps`).
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _EMPTY_RANGE: Final = (math.inf, -math.inf)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Divergence:
-    """A joint is `counts` from its target since `sync_count`; if `stopped`, from where it came to rest."""
+    """Since `sync_count` a joint is `counts` away from its target or, if `stopped`, from where it came to rest."""
 
     joint: int
     counts: int
@@ -91,7 +92,7 @@ STRETCH_SYNCS: Final = 10
 
 @dataclass(slots=True)
 class _Joint:
-    """SYNCs since the stop, rest position, SYNCs away from it; before rest, the present stretch."""
+    """SYNCs since the stop, rest position, SYNCs away from it; before rest, the travel since the last comparison."""
 
     stopped_syncs: int = 0
     rest_counts: int = 0
@@ -118,7 +119,7 @@ class _Joint:
 class StandstillMonitor:
     """Checks every sample after a quick stop; `windows_counts` is each joint's limit from rest, empty for no check.
 
-    A drive then holds its own target, which the operator does not know, so the reference is the position where
+    A stopped drive holds a target of its own, which the operator does not know, so the reference is the position where
     the joint came to rest. A drive whose quick stop ends without power (605Ah below 5) reports that in its state
     and is not checked; neither is a joint in free mode, which the others may move.
     """

@@ -72,7 +72,7 @@ class ContinuityMonitor:
         self._jerk_syncs_left = 0
 
     def expect_jerk(self) -> None:
-        """Suspend detection: a drive is enabled, changes mode, or gets a target that is not the next of its move."""
+        """Suspend detection: a drive is enabled, changes mode, or gets a target other than the next one of its move."""
         self._jerk_syncs_left = JERK_SYNCS
         self._candidate = None
 
@@ -153,7 +153,7 @@ class JointMonitor:
     allowed_counts
         Each joint's threshold for count jumps; empty for no check.
     divergence
-        The uncommanded motion for which STOP was latched in an earlier connection and still is.
+        The uncommanded motion for which STOP was latched in an earlier connection, if it is still latched.
 
     Attributes
     ----------
@@ -180,7 +180,10 @@ class JointMonitor:
         self._continuity = ContinuityMonitor(allowed_counts)
 
     def set_following_windows(self, windows_counts: Sequence[float]) -> None:
-        """Set each joint's limit from its target, and from rest once stopped; before SYNC starts."""
+        """Set each joint's limit of distance from its target, or once stopped from rest.
+
+        To be called before SYNC starts.
+        """
         self._motion = FollowingMonitor(windows_counts), StandstillMonitor(windows_counts)
 
     @property
@@ -189,7 +192,7 @@ class JointMonitor:
         return "" if self.divergence is None else str(divergence_error(self.divergence))
 
     def stop_cause(self) -> HardwareError:
-        """Error for the latched STOP: uncommanded motion, or a press."""
+        """Error that states why STOP is latched: uncommanded motion, or a press."""
         found = self.divergence
         return stop_latched_error() if found is None else divergence_error(found)
 
@@ -219,7 +222,7 @@ class JointMonitor:
         return self.switched_off != before
 
     def expect_jerk(self) -> None:
-        """Suspend jump detection: a drive gets more than the next target of its move."""
+        """Suspend jump detection: a drive gets a command other than the next target of its move."""
         self._continuity.expect_jerk()
 
     def reset(self) -> None:
@@ -231,12 +234,12 @@ class JointMonitor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observations:
-    """Observations of the control loop in the samples.
+    """What the control loop has found in the samples.
 
     Attributes
     ----------
     stop_latched
-        STOP is latched.
+        Whether STOP is latched.
     lost_joints, duplicate_joints
         Joints without answers to SYNC, and joints with two answers to each.
     jump, divergence

@@ -101,19 +101,19 @@ class NodeMonitor:
     heard_at_s
         Time of each node's last heartbeat or boot-up.
     nmt_state
-        NMT state in it.
+        NMT state in that heartbeat.
     faults
         Active emergencies, oldest first.
     other_operator_at_s
         Time of the last heartbeat of another operator (node 127); None if never.
     foreign_nodes
-        Other nodes heard that do not belong to this arm.
+        Nodes heard that do not belong to this arm.
     restarted
         Nodes that booted without a command.
     cancelled
         Whether waits should end: STOP was pressed, or no thread receives any more.
     foreign_command
-        First command of another master seen on this bus, described; empty if none.
+        Description of the first command from another master on this bus; empty if none.
     """
 
     def __init__(self, profile: BusProfile, clock: Callable[[], float] = time.monotonic) -> None:
@@ -263,7 +263,7 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _describe_command(self, identifier: int, data: bytes) -> str:
-        """Describe a frame that commands; empty for any other frame, and for a quick stop."""
+        """Describe a frame if it is a command; empty for any other frame, and for a quick stop."""
         if identifier == COB_SYNC and len(data) <= 1:  # with a counter or without
             return "a SYNC (080h)"
         if identifier == COB_NMT:

@@ -20,7 +20,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 class JointCommand:
     """Command of one joint for a control period.
 
-    `mode` None: drive off, the joint held by its blocked valve. `target_rad` in sensor coordinates, used in POSITION
+    `mode` None: drive off, joint held by its blocked valve. `target_rad` is in sensor coordinates and used in POSITION
     mode only.
     """
 
@@ -73,9 +73,9 @@ class AxisSettings:
     joint
         1-based number; also the node.
     scale
-        Counts and radians.
+        Scale between counts and radians.
     limits
-        Command limits; the speed is the overspeed trip as well.
+        Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts
         Trip levels of torque and following error (6065h).
     rated_torque_nm
@@ -115,7 +115,7 @@ class AxisSettings:
 
     @property
     def home_offset_limit_counts(self) -> int:
-        """Limit of the home offset of a revolute joint, either way."""
+        """Largest home offset of a revolute joint, in either direction."""
         return round(HOME_OFFSET_LIMIT_RAD * self.scale.counts_per_rad)
 
 

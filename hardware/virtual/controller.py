@@ -3,9 +3,9 @@
 One thread receives, steps the plant, answers, monitors the operator's heartbeat and sends its own; if it hangs,
 the heartbeats stop. A second thread checks parameter documents and writes them to disk.
 
-If operator and arm are one process, the operator's thread handles the frames while it waits for an answer
-(`VirtualController.attend`), in half the time. While the operator holds the control token its heartbeat is monitored;
-when it is lost, all drives hold and raise 8130h, and the token lapses.
+If operator and arm are in one process, the operator's thread handles the frames while it waits for an answer
+(`VirtualController.attend`), which takes half the time. While the operator holds the control token its heartbeat is
+monitored; when it is lost, all drives hold and raise 8130h, and the token lapses.
 """
 
 from __future__ import annotations
@@ -58,15 +58,15 @@ class VirtualController:
     arm
         Model and serial number.
     validate
-        Strict parse of parameter documents; by default all are refused.
+        Function that strictly parses parameter documents; by default all are refused.
     store
         Parameter slots; in memory by default.
     heartbeat_timeout_s
-        Silence after which the operator is lost.
+        Silence after which the operator counts as lost.
     clock
         Monotonic time, s.
     script
-        Faults at given SYNCs, those of SYNC 0 before the first.
+        Faults at given SYNCs; those of SYNC 0 occur before the first one.
     attended
         Whether the operator is in this process and calls `attend` while it waits for frames.
 
@@ -79,7 +79,7 @@ class VirtualController:
     sync_count
         SYNCs answered so far.
     tracker
-        Tracker of an open arm, not on the bus; None with a fixture.
+        Tracker of an open arm, which is not on the bus; None with a fixture.
     failure
         Error that ended the control loop; None if there is none. The context manager raises it on exit.
     """
@@ -246,7 +246,7 @@ class VirtualController:
         self._in_turn = None
 
     def _hear(self, message: can.Message) -> None:
-        """Handle a frame that has passed the faulty wire."""
+        """Handle a frame that has come through the faulty wire."""
         wire = self.disturbances.wire_in
         if wire is None:
             self._take_in(message)
@@ -336,11 +336,11 @@ class VirtualController:
                     node.beat()
 
     def _lost(self, node: int) -> bool:
-        """Whether a node was silent for too long, host latency excluded: both share this computer."""
+        """Whether a node was silent for too long, host latency excluded, as the node runs on this computer too."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
 
     def _catch_up(self) -> None:
-        """Handle the queue: the heartbeat may be in it."""
+        """Handle the queued frames: the heartbeat may be among them."""
         for _ in range(_CATCH_UP_FRAMES):
             message = self._bus.recv(0.001)
             if message is None:

@@ -21,7 +21,7 @@ LATE_S = (0.005, 0.05)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """Fractions of frames (0 to 1) with each fault; `babble` foreign frames follow every frame."""
+    """Fraction of frames (0 to 1) with each fault; after every frame, `babble` foreign frames are sent."""
 
     lost: float = 0.0
     doubled: float = 0.0
@@ -47,7 +47,7 @@ class FaultyWire:
         self.delays = faults.late > 0.0
 
     def passed(self, message: can.Message) -> Iterator[can.Message]:
-        """Frames that leave the wire when this one enters."""
+        """Frames that come out of the wire when this one is put in."""
         faults = self._faults
         lost, doubled, swapped, flipped, late = self._rng.random(5)
         if lost < faults.lost:
@@ -95,7 +95,7 @@ class Disturbances:
     no_heartbeat, heartbeat_period_s
         Nodes without heartbeat, and nodes with another period.
     lost_tpdos, doubled_tpdos
-        TPDO1 still to be lost by a joint; joints that answer every SYNC twice.
+        Number of TPDO1 that a joint will still lose; joints that answer every SYNC twice.
     frozen_counts, lost_counts, ripple_counts
         Sensor readings: fixed value, offset (the drive follows it), added noise (one standard deviation).
     diverged_counts
@@ -107,7 +107,7 @@ class Disturbances:
     stalled_sdo, refused_sdo
         Nodes that do not answer SDO, and nodes that abort it.
     off_until_s
-        End of the time in which no frame passes; None if frames pass.
+        Until when no frame passes; None if frames pass.
     wire_out, wire_in
         Faults of frames from and to the arm; None for none.
     """

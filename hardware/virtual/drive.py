@@ -1,6 +1,6 @@
 """Behaviour of one drive: states, modes, limits, trips.
 
-Time counts in control periods: `command` is the joint's command for the next one, `read` takes in the sensors at
+Time is counted in control periods: `command` is the joint's command for the next one, `read` takes in the sensors at
 its end.
 """
 
@@ -56,7 +56,7 @@ class Drive:
         self.power_up()
 
     def power_up(self) -> None:
-        """Set the state after power-up; errors are cleared, and no emergency message reports their end."""
+        """Set the state after power-up; errors are cleared without an emergency message."""
         self.state = cia402.after_event(DriveState.NOT_READY_TO_SWITCH_ON, DriveEvent.INITIALISED)
         self.errors: list[EmergencyCode] = []
         self.controlword = 0
@@ -140,7 +140,7 @@ class Drive:
         self.trip(EmergencyCode.HEARTBEAT_LOST, holding=self._holding)
 
     def trip(self, code: EmergencyCode, *, holding: bool = False) -> None:
-        """Go to fault; with `holding` the servo stays closed, else the valve is blocked."""
+        """Go to fault; with `holding` the servo keeps its position, otherwise the valve is blocked."""
         self._holding = holding
         self._command = None
         self.state = cia402.after_event(self.state, DriveEvent.FAULT)
@@ -172,7 +172,7 @@ class Drive:
 
     @property
     def flags(self) -> int:
-        """Bits of 6041h beside the state's own."""
+        """Bits of 6041h other than those that code the state."""
         flags = int(StatusBit.VOLTAGE_ENABLED)
         if self.in_control:
             flags |= StatusBit.REMOTE

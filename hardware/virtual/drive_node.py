@@ -44,7 +44,7 @@ class DriveNode(VirtualNode):
     Attributes
     ----------
     reports_speed
-        TPDO1 carries 606Ch where 6064h belongs.
+        Whether TPDO1 carries 606Ch in place of 6064h.
     """
 
     def __init__(self, axis: AxisSettings, *, serial_number: int) -> None:
@@ -92,7 +92,7 @@ class DriveNode(VirtualNode):
         self.drive.power_up()
 
     def left_operational(self) -> None:
-        """Stop and hold: no more commands can arrive."""
+        """Stop and hold, as no more commands can arrive."""
         self.drive.quick_stop()
 
     # ---- inside --------------------------------------------------------------------------------------
@@ -173,7 +173,7 @@ class DriveGroup:
         self._drives, self._plant, self._disturbances = tuple(drives), plant, disturbances
 
     def step(self) -> None:
-        """One control period: commands out, readings in, trips."""
+        """One control period: commands out, readings in, drives trip if need be."""
         reading = self._plant.step([self._command_of(node) for node in self._drives])
         for node, counts, torque, speed in zip(
             self._drives,
@@ -188,7 +188,7 @@ class DriveGroup:
             self.quick_stop()
 
     def _command_of(self, node: DriveNode) -> JointCommand:
-        """Command of a drive with its faults; the drive follows its own sensor, errors included."""
+        """Command of a drive, with its active faults; it follows its own sensor, including the sensor's errors."""
         command, faults = node.drive.command(), self._disturbances
         if command.mode is JointMode.FREE and node.number in faults.blocked:
             return replace(command, mode=None)
@@ -219,7 +219,7 @@ class DriveGroup:
                 node.drive.lose_heartbeat()
 
     def control_changed(self, holder: int) -> None:
-        """Node `holder` took control, or (0) it was released."""
+        """Node `holder` took control; 0: control was released."""
         for node in self._drives:
             with node.lock:
                 node.drive.in_control = holder != 0

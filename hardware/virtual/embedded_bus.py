@@ -19,7 +19,7 @@ _SENT = can.Message()
 
 
 class EmbeddedBus(VirtualBus):
-    """python-can's virtual bus at a third of the processor time, on the same channel.
+    """Replacement of python-can's virtual bus, on the same channels, at a third of the processor time.
 
     It uses the C-implemented `queue.SimpleQueue`, one shared copy of each frame, and a filter cache by identifier.
     """
@@ -79,7 +79,7 @@ class EmbeddedBus(VirtualBus):
 
 
 class AttendingBus(EmbeddedBus):
-    """Embedded bus whose waiting reader runs the arm at the other end.
+    """Embedded bus on which a reader that waits runs the arm at the other end.
 
     `attend` (`VirtualController.attend`) is called when a frame is waited for and none is queued; a reader that
     waits while another thread sends is woken.

@@ -42,15 +42,15 @@ class FaultDescription:
     says
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
     goes_on
-        Whether a session may also run to its end without a message.
+        Whether a session may also run to its end without such a message.
     remedy
         What to do.
     arm
-        Reaction of the arm once the fault is reported.
+        Reaction of the arm when the fault is reported.
     kept
-        What is left of the session then.
+        What remains of the session.
     at_connect
-        Whether it appears while the arm is being connected, so that it must be injected before.
+        Whether it shows while the arm is being connected, so that it must be injected before.
     """
 
     broken: str

@@ -65,7 +65,7 @@ class FaultInjector:
         self._disturb(lambda now: now.cut_since_s.pop(node, None))
 
     def stop_heartbeat(self, node: int) -> None:
-        """Stop a node's heartbeat; the node works on."""
+        """Stop a node's heartbeat; apart from that the node keeps working."""
         self._disturb(lambda now: now.no_heartbeat.add(node))
 
     def resume_heartbeat(self, node: int) -> None:
@@ -73,7 +73,7 @@ class FaultInjector:
         self._disturb(lambda now: now.no_heartbeat.discard(node))
 
     def slow_heartbeat(self, joint: int, period_s: float) -> None:
-        """Give a drive another heartbeat period, shown in 1017h."""
+        """Give a drive another heartbeat period, as 1017h then shows."""
         self.override_object(joint, HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
         self._disturb(lambda now: now.heartbeat_period_s.update({joint: period_s}))
 
@@ -89,18 +89,18 @@ class FaultInjector:
         )
 
     def swap_tpdo_id(self, joint: int) -> None:
-        """Send a joint's TPDO1 with the identifier of the next joint (the first, for the last)."""
+        """Send a joint's TPDO1 with the identifier of the next joint (for the last joint, of the first)."""
         node, other = self._drive(joint), joint % len(self._target.drives) + 1
         wrong_id = COB_TPDO1 + joint_node(other)
         self._target.post(lambda: setattr(node, "tpdo1_id", wrong_id))
 
     def report_speed(self, joint: int) -> None:
-        """Map a drive's speed into TPDO1 in place of its position, shown in 1A00h."""
+        """Map a drive's speed into TPDO1 in place of its position, as 1A00h then shows."""
         self.override_object(joint, TPDO1_MAP, 2, VELOCITY_ACTUAL << 16 | 32)
         self._on_node(joint, lambda node: setattr(node, "reports_speed", True))
 
     def stall_sdo(self, node: int) -> None:
-        """Let a node answer no SDO request."""
+        """Make a node answer no SDO request."""
         self._disturb(lambda now: now.stalled_sdo.add(node))
 
     def refuse_sdo(self, node: int) -> None:
@@ -108,7 +108,7 @@ class FaultInjector:
         self._disturb(lambda now: now.refused_sdo.add(node))
 
     def override_object(self, joint: int, index: int, subindex: int, value: int) -> None:
-        """Let an object of a drive read as `value`."""
+        """Make an object of a drive read as `value`."""
         node = self._drive(joint)
         self._target.post(lambda: node.serve(index, subindex, lambda: value))
 
@@ -138,7 +138,7 @@ class FaultInjector:
         self._target.unhang()
 
     def stop_watching(self, joint: int) -> None:
-        """Let a drive ignore the loss of the operator's heartbeat, shown in 1016h."""
+        """Let a drive ignore the loss of the operator's heartbeat, as 1016h then shows."""
         self.override_object(joint, HEARTBEAT_CONSUMER, 1, 0)
         self._set(joint, "ignores_heartbeat")
 
@@ -157,11 +157,11 @@ class FaultInjector:
         self._disturb(lambda now: now.frozen_counts.pop(joint, None))
 
     def break_sensor(self, joint: int, *, broken: bool = True) -> None:
-        """Let the drive detect a failed sensor (7305h), or end that fault."""
+        """Make the drive detect a failed sensor (7305h), or end that fault."""
         self._set(joint, "sensor_failed", value=broken)
 
     def lose_counts(self, joint: int, counts: int) -> None:
-        """Shift a joint's reading by so many further counts."""
+        """Shift a joint's reading by `counts` more."""
         self._drive(joint)
         self._disturb(
             lambda now: now.lost_counts.update({joint: now.lost_counts.get(joint, 0) + counts})
@@ -172,7 +172,7 @@ class FaultInjector:
         self.lose_counts(joint, self._drive(joint).axis.scale.to_counts(angle_rad))
 
     def ripple(self, joint: int) -> None:
-        """Add noise of ten counts to a joint's reading, as of an unsteady supply."""
+        """Add noise of ten counts to a joint's reading, as from an unsteady supply."""
         self._drive(joint)
         self._disturb(lambda now: now.ripple_counts.update({joint: RIPPLE_COUNTS}))
 
@@ -181,30 +181,30 @@ class FaultInjector:
         self._on_node(joint, lambda node: node.drive.trip(code))
 
     def block(self, joint: int) -> None:
-        """Let a joint not move in free mode: a valve that does not open."""
+        """Keep a joint from moving in free mode, like a valve that does not open."""
         self._drive(joint)
         self._disturb(lambda now: now.blocked.add(joint))
 
     def sag(self, joint: int) -> None:
-        """Let a joint sag in position mode."""
+        """Make a joint sag in position mode."""
         self._drive(joint)
         self._disturb(lambda now: now.sagging.add(joint))
 
     def diverge(self, joint: int) -> None:
-        """Let a drive move 5 deg from its target without reporting a following error."""
+        """Make a drive move 5 deg from its target without reporting a following error."""
         self._set(joint, "sees_no_following_error")
         self._disturb(lambda now: now.diverged_counts.update({joint: 0}))
 
     def lose_enable(self, joint: int) -> None:
-        """Let a drive fall back to *switched on* once, as soon as it is enabled, without an emergency."""
+        """Make a drive fall back to *switched on* once, as soon as it is enabled, without an emergency."""
         self._set(joint, "loses_enable")
 
     def ignore_targets(self, joint: int) -> None:
-        """Let a drive in position mode not move and report that it does not follow (bit 12)."""
+        """Keep a drive in position mode from moving, and make it report that it does not follow (bit 12)."""
         self._set(joint, "ignores_targets")
 
     def refuse_modes(self, joint: int, *, refuse: bool = True) -> None:
-        """Keep 6061h whatever 6060h requests."""
+        """Keep 6061h as it is, whatever 6060h requests."""
         self._set(joint, "refuses_modes", value=refuse)
 
     def slip_fixture(self, slip_m: float) -> None:

@@ -18,14 +18,14 @@ _CYCLIC = np.array([0, 1, 2, 0, 1])
 
 
 class ChainPoint(ABC):
-    """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; buffers are overwritten by every call.
+    """Evaluates ``A_0(theta_0) A_1 ... A_n`` at one pose; every call overwrites the result of the one before.
 
     Attributes
     ----------
     error
-        (k,) closure error, components by subclass.
+        (k,) closure error, whose components each subclass states.
     jacobian
-        (k, n + 1) derivative for theta_0 .. theta'_n; column 0 is zero without a hinge.
+        (k, n + 1) derivative of `error` by theta_0, theta'_1 .. theta'_n; column 0 is zero without a hinge.
     axes_z, origins_m
         (n + 2, 3) z axis and origin of frames -1 .. n, in frame -1.
     """

@@ -71,7 +71,7 @@ class VirtualNode(canopen.LocalNode):
     # ---- network -----------------------------------------------------------------------------------
 
     def associate_network(self, network: canopen.Network) -> None:
-        """Subscribe to SDO requests; NMT commands come by `on_nmt`."""
+        """Subscribe to SDO requests; NMT commands come through `on_nmt`."""
         super().associate_network(network)
         network.unsubscribe(objects.COB_NMT, self.nmt.on_command)
 
@@ -130,11 +130,11 @@ class VirtualNode(canopen.LocalNode):
     # ---- objects -----------------------------------------------------------------------------------
 
     def serve(self, index: int, subindex: int, reader: Reader) -> None:
-        """Call `reader` for reads of an object."""
+        """Have reads of an object answered by `reader`."""
         self._readers[index, subindex] = reader
 
     def accept(self, index: int, subindex: int, writer: Writer) -> None:
-        """Call `writer` for writes of an object; it may raise `SdoAbortedError`."""
+        """Have writes of an object handled by `writer`, which may raise `SdoAbortedError`."""
         self._writers[index, subindex] = writer
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:  # noqa: FBT001, FBT002

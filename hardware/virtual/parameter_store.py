@@ -1,8 +1,8 @@
 """Two parameter slots that survive a power cut at any moment, and the check of a document against this arm.
 
 A document is written to the slot that is not active: temporary file, fsync, rename, fsync of the folder; then the
-pointer changes in the same way. Every slot has a SHA-256, so that damage is detected; the active slot is always
-whole. The operator program supplies the schema of documents as `Validate`.
+pointer to the active slot changes in the same way. Every slot has a SHA-256, so that damage is detected; the active
+slot is always intact. The operator program supplies the schema of documents as `Validate`.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class ParameterStore:
 
     @property
     def active(self) -> Slot:
-        """The active slot; `NONE` if there is none or it is damaged."""
+        """The active slot; `NONE` if there is none or if it is damaged."""
         pointer = self._disk.read(_POINTER)
         for slot in _FILE:
             if pointer == slot.name.encode() and self.state(slot) is SlotState.WHOLE:
@@ -125,14 +125,14 @@ class ParameterStore:
         return Slot.B if self.active is Slot.A else Slot.A
 
     def state(self, slot: Slot) -> SlotState:
-        """Whether a slot holds a whole document."""
+        """Whether a slot holds an intact document."""
         stored = self._disk.read(_FILE[slot])
         if stored is None:
             return SlotState.EMPTY
         return SlotState.DAMAGED if _unwrap(stored) is None else SlotState.WHOLE
 
     def document(self, slot: Slot) -> bytes | None:
-        """Document in a slot; None if there is no whole one."""
+        """Document in a slot; None if there is none or if it is damaged."""
         stored = None if slot is Slot.NONE else self._disk.read(_FILE[slot])
         return None if stored is None else _unwrap(stored)
 
@@ -144,7 +144,7 @@ class ParameterStore:
         return slot
 
     def roll_back(self) -> Slot:
-        """Make the spare slot active; `ValueError` if it has no whole document."""
+        """Make the spare slot active; `ValueError` if it has no intact document."""
         slot = self.spare
         if self.state(slot) is not SlotState.WHOLE:
             raise ValueError(f"slot {slot.name} holds no whole document")

@@ -1,13 +1,13 @@
 """The arm in its fixture as a quasi-static compliant closed chain.
 
 Hydraulic joints at calibration speeds are damped far above their inertia. In each control period the increment D of
-the true angles (hinge first, or an unused angle without a hinge, then joints) minimises
+the true angles (first the hinge's, or an unused angle without a hinge; then the joints') minimises
 
     1/2 sum_position k (target - theta - D)^2 + 1/2 e(theta + D)' K e(theta + D)
         + 1/2 sum d D^2 / dt - gravity' D + friction(D)
 
 with e the closure error and K the fixture's stiffness (backward Euler of the overdamped chain). With a hinge two
-drives move the arm, one lets it sag, and an inconsistent third builds up torque.
+drives move the arm; with one drive it sags, and a third with an inconsistent target builds up torque.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Dynamics:
     ----------
     fixture
         (k, k) symmetric stiffness for the k components of the closure error (of hinge and rigid
-        attachment rotation over position, frame -1; of a ball position), N m/rad and N/m.
+        attachment rotation, then position, frame -1; of a ball position), N m/rad and N/m.
     payload_kg
         (n,) mass at the origins of frames 1..n that is not gravity-compensated.
     gravity_m_per_s2
@@ -197,7 +197,7 @@ class Plant:
         return stiffness, target
 
     def _advance(self, stiffness: FloatArray, target: FloatArray) -> None:
-        """Newton's method for the increment, started from where the last two periods' motions lead."""
+        """Newton's method for the increment, started from the extrapolated motion of the last two periods."""
         start, point, K = self._angles, self._point, self._dynamics.fixture
         gravity = self._gravity() if self._loaded else 0.0
         diagonal = stiffness + self._damping
@@ -236,7 +236,7 @@ class Plant:
         self._angles = angles
 
     def _rub(self, increment: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Dry friction (n + 1,) N m against an increment, and its slope: elastic, then sliding."""
+        """Dry friction (n + 1,) N m against an increment, and its derivative: elastic at first, then sliding."""
         limit = self._dynamics.presliding_rad
         deflection = (self._bristle + increment) / limit
         slope = np.where(np.abs(deflection) < 1.0, self._friction / limit, 0.0)
@@ -245,7 +245,7 @@ class Plant:
     def _gravity(self) -> FloatArray:
         """Torque (n + 1,) of the uncompensated masses about every joint axis, N m.
 
-        Frame 0 stands on the table, so the hinge's coordinate lifts nothing: entry 0 is zero.
+        Frame 0 stands on the table, so gravity has no torque about the hinge coordinate: entry 0 is zero.
         """
         axes = self._point.base_axes
         moment = self._lever @ self._point.origins_m @ (axes @ self._across @ axes.T)
@@ -256,7 +256,7 @@ class Plant:
 
 
 def _gravity_levers(dynamics: Dynamics) -> tuple[FloatArray, FloatArray]:
-    """Mass times lever (n, n + 2) of all that hangs on joints 1..n per origin -1..n, and ``p x g = p @ G`` (3, 3)."""
+    """Signed masses (n, n + 2) that joints 1..n carry at origins -1..n, and G (3, 3) for which ``p x g = p @ G``."""
     mass, g = dynamics.payload_kg, dynamics.gravity_m_per_s2
     n = len(mass)
     lever = np.zeros((n, n + 2))

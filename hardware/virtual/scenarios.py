@@ -98,7 +98,7 @@ class Loads:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def of(self, arm: ArmModel) -> Loads:
-        """Loads for another arm: masses halfway along it, masses and friction in proportion to its drives.
+        """Loads for another arm: masses halfway along it; masses and friction in proportion to its drives' torque.
 
         Masses are scaled by the weakest drive: in a closed chain any drive may carry them.
         """
@@ -142,7 +142,7 @@ class Scenario:
     name, seed
         The same name and seed give the same arm and noise.
     specimen
-        Seed of the arm's errors (linearity, lengths); None takes `seed`.
+        Seed of the arm's errors (linearity, lengths); None uses `seed`.
     truth
         True geometry before length errors.
     encoders_only
@@ -150,9 +150,9 @@ class Scenario:
     noise
         Whether sensors have the noise of their description.
     linearity_of_full_scale
-        Peak linearity deviation of every RVDT, fraction of full scale; 0 is off.
+        Peak linearity deviation of every RVDT, fraction of full scale; 0 for none.
     lengths
-        Errors of the fixed lengths; None is off.
+        Errors of the fixed lengths; None for no errors.
     loads
         Fixture stiffness and loads.
     placement
@@ -189,7 +189,7 @@ class Scenario:
         )
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
-        """Linearity deviation of every joint of `arm`; None for encoders, and if off."""
+        """Linearity deviation of every joint of `arm`; None for an encoder, or without such deviations."""
         rng = self._rng(_Stream.CURVES)
         return tuple(
             LinearityDeviation.drawn(
@@ -288,9 +288,10 @@ def scenario_of(name: str, seed: int, stated: SpecimenFiles, placement: int = 1)
     """Return a scenario for an arm and a fixture: the paper's own if the files allow it.
 
     Otherwise the truth is drawn by seed within the tolerances of the files, including lengths and twists that nothing
-    identifies (not in ``exact``). From the second `placement` on the fixture is another draw and the arm the same.
+    identifies (not in ``exact``). From the second `placement` on, the fixture is drawn again and the arm stays the
+    same.
 
-    `ValueError` if there is no such scenario, or no plant can be built of these files.
+    `ValueError` if there is no such scenario, or no plant can be built from these files.
     """
     found = _first_mounted(name, seed, stated)
     if placement == 1:

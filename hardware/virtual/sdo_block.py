@@ -38,7 +38,7 @@ class BlockDownload:
     data
         Received bytes, in whole segments.
     done
-        Whether all segments were received, and `end` is next.
+        Whether all segments were received, so that `end` is next.
     """
 
     def __init__(self, head: int, announced: int) -> None:
@@ -54,7 +54,7 @@ class BlockDownload:
         return _BEGIN.pack(_DOWNLOAD | _CRC, index, subindex, SEGMENTS)
 
     def take(self, segment: bytes) -> bytes | None:
-        """Take a segment; return the answer if it ends a block. One out of sequence is requested again."""
+        """Take a segment; return the answer if it ends a block. A segment out of sequence is requested again."""
         number, last = segment[0] & ~_LAST, bool(segment[0] & _LAST)
         in_sequence = number == self._taken + 1
         if in_sequence:

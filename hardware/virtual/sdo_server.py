@@ -49,7 +49,7 @@ _GOES_ON: Final = 0x03
 
 
 class Deferred(Exception):
-    """Raised by a node in a write: it will call `NodeSdoServer.answer_later`."""
+    """Raised by a node during a write to say that it will call `NodeSdoServer.answer_later`."""
 
 
 @dataclass(slots=True)
@@ -78,7 +78,7 @@ class NodeSdoServer(SdoServer):
     rx_cobid, tx_cobid
         Identifiers of requests and answers.
     node
-        Its `get_data` and `set_data` are called.
+        Node whose `get_data` and `set_data` are called.
     may_answer
         Whether the node's NMT state allows SDO; if not, requests are ignored.
     """
@@ -131,7 +131,7 @@ class NodeSdoServer(SdoServer):
                 self._abort(index, subindex, abort)
 
     def reset(self) -> None:
-        """Drop the present transfer."""
+        """Drop the current transfer."""
         self._transfer = self._waiting = None
 
     def _answer(self, data: bytes, head: int, index: int, subindex: int) -> None:
@@ -227,7 +227,7 @@ class NodeSdoServer(SdoServer):
         self.network.send_message(self.tx_cobid, by.begin(index, subindex))
 
     def _blocks_of(self, head: int) -> _Blocks | None:
-        """The present block transfer, if the frame continues it."""
+        """The current block transfer, if the frame continues it."""
         match self._transfer:
             case _Blocks(by=BlockDownload()) if head != _ABORTED:
                 return self._transfer

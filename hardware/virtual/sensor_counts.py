@@ -1,4 +1,4 @@
-"""Sensors of the virtual joints: counts for a true angle, relative to sensor coordinate zero.
+"""Sensors of the virtual joints: counts for a true angle, counted from sensor coordinate zero.
 
 An RVDT has its electrical zero at the middle of its joint's range; its converter saturates at the ends of full scale.
 """
@@ -39,7 +39,7 @@ class LinearityDeviation:
     def drawn(
         cls, rng: np.random.Generator, *, full_scale_rad: float, peak: float
     ) -> LinearityDeviation:
-        """Random shape with peak deviation `peak` (fraction of full scale); the higher degrees are weaker."""
+        """Draw a random shape with peak deviation `peak` (fraction of full scale) and weaker higher degrees."""
         shape = rng.choice((-1.0, 1.0), 4) * rng.uniform(0.4, 1.0, 4) * (1.0, 1.0, 0.4, 0.2)
         unit = cls(coefficients_rad=shape, half_scale_rad=0.5 * full_scale_rad)
         largest = unit.peak_rad()

@@ -1,6 +1,6 @@
 """A specimen of any arm in any fixture: a truth drawn by seed within the tolerances of their files.
 
-Drawn are: offsets within `SPECIMEN_OFFSET_RAD`, the fixture within the tolerance of its file (three sigma), and
+The draw covers offsets within `SPECIMEN_OFFSET_RAD`, the fixture within the tolerance of its file (three sigma), and
 the maker's lengths and twists with the standard deviations of the arm file. Entries that are not free or not
 observable keep their nominal values.
 """
@@ -47,7 +47,7 @@ class SpecimenFiles:
 
 
 def draw_truth(stated: SpecimenFiles, rng: np.random.Generator, *, maker_errors: bool) -> Truth:
-    """Draw a truth that closes near the arm's home; `ValueError` if no plant can be built of these files.
+    """Draw a truth that closes near the arm's home; `ValueError` if no plant can be built from these files.
 
     `maker_errors`: whether lengths and twists that nothing identifies have errors too.
     """
@@ -97,7 +97,7 @@ class _Specimen:
     free
         (5, n): differences of entries that may be identified.
     maker
-        (4, n): differences of s (m), a (m), alpha and beta (rad) that are not.
+        (4, n): differences of s (m), a (m), alpha and beta (rad) in entries that are not identified.
     """
 
     free: FloatArray
@@ -105,7 +105,7 @@ class _Specimen:
 
     @classmethod
     def drawn(cls, arm: ArmModel, rng: np.random.Generator) -> _Specimen:
-        """Draw all differences first, needed or not, so that one seed is one arm."""
+        """Draw all differences first, needed or not, so that a seed always gives the same arm."""
         n, hayati = arm.joint_count, [row - 1 for row in arm.hayati_rows]
         stated = np.array([arm.length_tolerance_m, arm.length_tolerance_m, arm.twist_tolerance_rad])
         free, maker = np.zeros((5, n)), np.zeros((4, n))
@@ -139,7 +139,7 @@ def _observable(stated: SpecimenFiles, model: ArmLoop, x: FloatArray, q: FloatAr
 
 
 def files_allow(stated: SpecimenFiles, truth: LoopTruth, home_rad: FloatArray) -> bool:
-    """Whether the files may describe this arm in this hinge, which closes at `home_rad` (n,).
+    """Whether the files may describe this arm in this hinge, whose loop closes at `home_rad` (n,).
 
     Free entries may differ by their tolerance (offsets by `OFFSET_TOLERANCE_RAD`), others by five of the stated
     standard deviations. For an open arm the hinge and the entries that depend on mounting are not compared.
@@ -181,7 +181,7 @@ def mounted_entries(joints: int) -> tuple[str, ...]:
 
 
 def open_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator) -> OpenTruth:
-    """The arm of another truth without fixture, with a target; the instrument's place is drawn.
+    """Return the arm of another truth without its fixture and with a target; the instrument's place is drawn.
 
     Entries that cannot be separated from base and target placements are nominal.
     """
@@ -207,7 +207,8 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
     """Return the truth of the same arm and fixture, mounted again within the tolerance of the fixture file.
 
     Both sides change, the tool's only if it does not stay on the tool; so do theta_off of the first and the last
-    joint, which count from the fixture. `ValueError` if the arm closes near home in no placement drawn.
+    joint, which are measured from the fixture. `ValueError` if the arm closes near home in none of the placements
+    drawn.
     """
     arm, model = stated.arm, stated.fixture.model(stated.arm)
     if not isinstance(model, DhLoop | PointClosure):
@@ -255,14 +256,14 @@ def _placement_errors(
 
 
 def _truncated_normal(rng: np.random.Generator, shape: tuple[int, ...]) -> FloatArray:
-    """Draw fractions of a tolerance: normal with a third as standard deviation, clipped to 1."""
+    """Draw fractions of a tolerance: normal with standard deviation 1/3, clipped at 1."""
     return np.clip(rng.standard_normal(shape) / 3.0, -1.0, 1.0)
 
 
 def _truth(
     model: DhLoop | PointClosure | MeasuredClosure, x: FloatArray, rows: FloatArray
 ) -> Truth:
-    """The truth with unknowns `x` (P,) and arm rows (5, n) for the rest."""
+    """Return the truth with unknowns `x` (P,); all other entries are those of the arm's `rows` (5, n)."""
     stacked = model.table.stacked()
     stacked[:, -rows.shape[1] :] = rows
     with_rows = model.with_table(DhTable.from_stacked(stacked))

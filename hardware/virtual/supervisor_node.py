@@ -1,6 +1,6 @@
 """The supervisor node: parameter documents, their slots, and the control token.
 
-Checking and storing a document take longer than a control period, so both run elsewhere (`later`), and the SDO
+Checking and storing a document take longer than a control period, so both run in another thread (`later`), and the SDO
 request is answered afterwards.
 """
 
@@ -46,7 +46,7 @@ class _Refused(Exception):
 
 
 class SupervisorNode(VirtualNode):
-    """Node 16.
+    """The supervisor, node 16.
 
     Parameters
     ----------
@@ -57,15 +57,15 @@ class SupervisorNode(VirtualNode):
     store
         Store of committed documents.
     validate
-        Strict parse of a document.
+        Function that strictly parses a document.
     is_heard
-        Whether a node's heartbeat is heard.
+        Function that returns whether a node's heartbeat is heard.
     control_changed
         Called with the node in control (0: none) on every change.
     set_home_offsets
-        Sets 607Ch of joints 1..n.
+        Function that sets 607Ch of joints 1..n.
     later
-        Runs work outside the control loop, in order.
+        Function that runs work outside the control loop, in order.
 
     Attributes
     ----------
@@ -123,12 +123,12 @@ class SupervisorNode(VirtualNode):
         self._set_home_offsets(offsets)
 
     def lapse(self) -> None:
-        """Release control; drop what was not committed."""
+        """Release control, and drop a document that was not committed."""
         with self.lock:
             self._take(0)
 
     def external_stop(self, *, active: bool) -> None:
-        """Report the external stop's contact."""
+        """Report the state of the external stop's contact."""
         with self.lock:
             if active:
                 register = ErrorBit.GENERIC | ErrorBit.MANUFACTURER
@@ -182,7 +182,7 @@ class SupervisorNode(VirtualNode):
             raise SdoAbortedError(Abort.DEVICE_STATE)
 
     def _carry_out(self, command: ParameterCommand) -> None:
-        """Outside the control loop: do it, then answer."""
+        """Carry out a command outside the control loop, then answer."""
         abort: Abort | None = Abort.GENERAL
         try:
             match command:

@@ -31,7 +31,7 @@ class SimulatedTracker:
     Parameters
     ----------
     angles_rad
-        Returns the true joint angles theta' (n,) of the moment.
+        Function that returns the current true joint angles theta' (n,).
     sigma_m, sigma_rad, rng
         Noise of each component.
     full_pose

@@ -59,7 +59,7 @@ class Truth(ABC):
 
     @abstractmethod
     def point(self) -> ChainPoint:
-        """Closure of one pose at a time, for the plant's inner loop."""
+        """Closure error of one pose at a time, for the plant's inner loop."""
 
     def closed_near(self, reading_rad: FloatArray) -> tuple[FloatArray, float]:
         """Closed pose nearest to a reading (n,) in sensor coordinates; `ValueError` if there is none.
@@ -105,7 +105,7 @@ class BallTruth(Truth):
         return Truth.named(self) | _axes(tip=self.tip_m, ground=self.ground_m)
 
     def loop(self) -> PointClosure:
-        """The distance of ball and socket."""
+        """The distance between ball and socket."""
         arm = self.arm_table
         return PointClosure(table=arm, entries=(), own=(), tip_m=self.tip_m, ground_m=self.ground_m)
 
@@ -214,11 +214,11 @@ class WildSpread:
     ----------
     pose_rad, hinge_m, hinge_rad
         Half widths of uniform draws: of every joint of the true home pose (and so of the offsets)
-        before the loop is closed again, and of the hinge's lengths and angles.
+        before the loop is closed again; and of the hinge's lengths and angles.
     smallest_crossing_rad
         Smallest angle between the hinge axis and its neighbours (D-H degenerates for parallel axes).
     drives, lowest_rad, highest_rad
-        Two joints, and the box of their angles relative to home that the arm must cover without a singularity.
+        Two joints, and the ranges of their angles, relative to home, that the arm must cover without a singularity.
     room_rad
         (n,) largest distance of each joint from home on the way.
     max_gradient
@@ -241,7 +241,7 @@ class WildSpread:
 def draw_wild_loop(
     rng: np.random.Generator, *, spread: WildSpread, reading_rad: FloatArray
 ) -> LoopTruth:
-    """Draw a truth whose loop closes exactly at the reading `reading_rad` (n,), home in sensor coordinates."""
+    """Draw a truth whose loop closes exactly at `reading_rad` (n,), the home pose in sensor coordinates."""
     loop = DhLoop(table=paper_loop().table, entries=entries(PLACEMENT_ENTRIES), hinge=True)
     nominal = nominal_vector(loop.parameters)
     reach = np.where([p.is_angle for p in loop.parameters], spread.hinge_rad, spread.hinge_m)
@@ -268,7 +268,7 @@ def draw_wild_loop(
 def can_cover(
     loop: DhLoop, x: FloatArray, pose: FloatArray, hinge: FloatArray, spread: WildSpread
 ) -> bool:
-    """Whether the drives can move straight from `pose` to all sides of their box; follows rays in small steps."""
+    """Whether the drives can move straight from `pose` to all limits of their ranges; follows rays in small steps."""
     edge = np.linspace(0.0, 1.0, 5)[:-1]
     square = np.concatenate(
         [

@@ -17,8 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-
 from tests.oracles.loaded_session import session_under_load
 
 LIMIT_MS = 50.0

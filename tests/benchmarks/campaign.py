@@ -7,12 +7,7 @@ bus, the others of a program with its arm inside. Bars: no accepted pose lost an
 processor at most until a dead controller is reported, 500 MB at most.
 """
 
-# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
-
-import os
-
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+# ruff: noqa: T201 - a benchmark prints
 
 import argparse
 import sys
@@ -22,9 +17,6 @@ import traceback
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
-from pathlib import Path
-
-sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from tests.oracles.killing import CPU_S, MEMORY_MB, Deaths, chain
 

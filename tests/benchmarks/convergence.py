@@ -1,18 +1,13 @@
 """Does the iteration settle? Many sound sessions, small and large, of two generators; prints a table.
 
-    python tests/benchmarks/convergence.py [--seeds 60] [--workers 2]
+    python -m tests.benchmarks.convergence [--seeds 60] [--workers 2]
 
 Bar: of all sound data sets none is refused because the iteration did not settle. Sessions are the first
 so many poses of a longer one: arms of the shop floor with every error at its stated size and with none,
 and loops that close anywhere in the room (`tests.oracles.simulated_loops`), with noise and curves only.
 """
 
-# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
-
-import os
-
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+# ruff: noqa: T201 - a benchmark prints
 
 import argparse
 import sys
@@ -20,17 +15,14 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.config.poses_file import parse_poses
 from operator_app.exit_codes import EXPECTED_ERRORS
 from solver.chain.poses import PoseSet
-from tests.benchmarks.shop_floor_outcome import packaged
+from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
 from tests.oracles.simulated_loops import Simulation, wrist_bows
 
@@ -64,18 +56,15 @@ def prefixes(kind: str, seed: int, counts: Sequence[int]) -> list[PoseSet]:
         ]
     sizes = Sizes.everything() if kind == "every error" else Sizes.only()
     taken = session(seed, sizes, poses=most)
-    return [
-        parse_poses(taken.picked(np.arange(n)).csv().encode(), "poses.csv").poses for n in counts
-    ]
+    return [poses_of(taken.picked(np.arange(n))) for n in counts]
 
 
 def settlings(seed: int, *, kind: str, counts: Sequence[int]) -> list[Settling]:
     """Calibrate every one of them with default options."""
-    arm, fixture = packaged()
     found = []
     for poses in prefixes(kind, seed, counts):
         try:
-            components = calibrate(arm, fixture, poses).components
+            components = calibrate(ARM, HINGE, poses).components
         except EXPECTED_ERRORS as error:
             found.append(Settling(poses=len(poses), refused=type(error).__name__))
             continue
@@ -96,7 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(FIRST_SEED, FIRST_SEED + options.seeds)
     unsettled = sets = 0
     print(f"{'':14}{'poses':>6}{'sets':>6}{'refused':>9}{'rounds':>8}{'most':>6}  not settled")
-    with ProcessPoolExecutor(options.workers) as pool:
+    with ProcessPoolExecutor(options.workers, initializer=threadpool_limits, initargs=(1,)) as pool:
         for kind in KINDS:
             of_seeds = list(pool.map(partial(settlings, kind=kind, counts=COUNTS), seeds))
             for n, column in zip(COUNTS, zip(*of_seeds, strict=True), strict=True):

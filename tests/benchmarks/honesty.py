@@ -1,6 +1,6 @@
 """Do the 95 % intervals cover? Arms from the shop floor, one error source at a time; prints a table.
 
-    python tests/benchmarks/honesty.py [--arms 300] [--workers 2] [--rows all,nothing] [--csv FILE]
+    python -m tests.benchmarks.honesty [--arms 300] [--workers 2] [--rows all,nothing] [--csv FILE]
 
 Bars: all sources together 92-98 %, each parameter at least 85 %; at twice the stated size 85 % or not
 accepted. A source alone: at least 91 % under the shipped files, which admit all the others as well, and
@@ -9,12 +9,7 @@ error over the bound is that of the best linear estimate that knows how the arms
 (`tests.oracles.shop_floor_bound`).
 """
 
-# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
-
-import os
-
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+# ruff: noqa: T201 - a benchmark prints
 
 import argparse
 import sys
@@ -23,11 +18,9 @@ from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from tests.benchmarks.shop_floor_files import read
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, NORMAL_95, WARNED, Outcome, outcome
@@ -195,7 +188,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{'accepted':>8}{'warn':>7}{'not':>7}{'time':>7}"
     )
     good = True
-    with ProcessPoolExecutor(options.workers) as pool:
+    with ProcessPoolExecutor(options.workers, initializer=threadpool_limits, initargs=(1,)) as pool:
         for name in filter(None, options.rows.split(",")):
             sizes = DRAWN[name]
             stated = sizes if name.endswith(" stated") else None

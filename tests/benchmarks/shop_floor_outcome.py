@@ -7,16 +7,14 @@ The one place of these benchmarks that knows the project's results; the sessions
 import time
 import traceback
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.result import Solution
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import parse_poses
 from operator_app.exit_codes import EXPECTED_ERRORS
+from tests.oracles.as_shipped import ARM, HINGE
 from tests.oracles.shop_floor import PARAMETERS, Session
 
 NORMAL_95 = 1.959963984540054
@@ -63,81 +61,51 @@ class Outcome:
         return self.verdict in (ACCEPTED, WARNED)
 
 
-@cache
-def packaged():
-    """Arm and fixture as they are shipped."""
-    return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-
-
 def outcome(
-    taken: Session, *, arm=None, fixture=None, csv: str | None = None, **options
+    taken: Session, *, arm=ARM, fixture=HINGE, csv: str | None = None, **options
 ) -> Outcome:
     """Calibrate from a session's file, as `sarcal solve` does; options are those of `calibrate`."""
-    own_arm, own_fixture = packaged()
     nothing = np.full(len(PARAMETERS), np.nan)
     start = time.perf_counter()
     try:
         poses = parse_poses((taken.csv() if csv is None else csv).encode(), "poses.csv").poses
-        solution = calibrate(
-            own_arm if arm is None else arm,
-            own_fixture if fixture is None else fixture,
-            poses,
-            **options,
-        )
+        return _read(calibrate(arm, fixture, poses, **options), taken, start)
     except EXPECTED_ERRORS as error:
-        found = Outcome(
-            error=nothing,
-            sigma=nothing,
-            verdict=REFUSED,
-            causes=_codes(error),
-            said=f"{type(error).__name__}: {error}",
-            seconds=time.perf_counter() - start,
-        )
+        verdict, code = REFUSED, getattr(error, "code", None)
+        causes = tuple(c.code for c in getattr(error, "causes", ()))
+        causes = causes or (str(code or type(error).__name__),)
+        said = f"{type(error).__name__}: {error}"
     except Exception:  # noqa: BLE001 - whatever it is, it is what the benchmark is to count
-        found = Outcome(
-            error=nothing,
-            sigma=nothing,
-            verdict=CRASHED,
-            said=traceback.format_exc(limit=-4),
-            seconds=time.perf_counter() - start,
-        )
-    else:
-        found = _read(solution, taken, time.perf_counter() - start)
-    return found
-
-
-def _read(solution: Solution, taken: Session, seconds: float) -> Outcome:
-    estimate = solution.estimate
-    names = [p.name for p in estimate.parameters]
-    value = np.array([estimate.value(n) if n in names else np.nan for n in PARAMETERS])
-    spread = estimate.standard_deviation
-    sigma = np.array([spread[names.index(n)] if n in names else np.nan for n in PARAMETERS])
-    error = value - np.array([taken.truth[n] for n in PARAMETERS])
-    angle = np.array([n.startswith(("theta_off", "alpha")) for n in PARAMETERS])
-    error = np.where(angle, np.mod(error + np.pi, 2.0 * np.pi) - np.pi, error)
-    causes = getattr(solution, "causes", ())
-    said = [*solution.reasons, *(w.text for w in solution.warnings), *(c.text for c in causes)]
+        verdict, causes, said = CRASHED, (), traceback.format_exc(limit=-4)
     return Outcome(
-        error=error,
-        sigma=sigma,
-        verdict=_verdict(solution),
-        causes=tuple(c.code for c in causes),
-        warnings=tuple(w.code for w in solution.warnings),
-        said="\n".join(said),
-        seconds=seconds,
+        error=nothing,
+        sigma=nothing,
+        verdict=verdict,
+        causes=causes,
+        said=said,
+        seconds=time.perf_counter() - start,
     )
 
 
-def _verdict(solution: Solution) -> str:
-    verdict = getattr(solution, "verdict", None)
-    if verdict is not None:
-        return str(getattr(verdict, "value", verdict))
-    return REFUSED if not solution.accepted else WARNED if solution.warnings else ACCEPTED
-
-
-def _codes(error: Exception) -> tuple[str, ...]:
-    causes = getattr(error, "causes", None)
-    if causes:
-        return tuple(getattr(c, "code", str(c)) for c in causes)
-    code = getattr(error, "code", None)
-    return (str(code),) if code else (type(error).__name__,)
+def _read(solution: Solution, taken: Session, start: float) -> Outcome:
+    estimate = solution.estimate
+    found = {
+        p.name: (x, sd)
+        for p, x, sd in zip(
+            estimate.parameters, estimate.x, estimate.standard_deviation, strict=True
+        )
+    }
+    value, sigma = np.array([found.get(n, (np.nan, np.nan)) for n in PARAMETERS]).T
+    error = value - np.array([taken.truth[n] for n in PARAMETERS])
+    angle = np.array([n.startswith(("theta_off", "alpha")) for n in PARAMETERS])
+    error = np.where(angle, np.mod(error + np.pi, 2.0 * np.pi) - np.pi, error)
+    said = (*solution.reasons, *(n.text for n in (*solution.warnings, *solution.causes)))
+    return Outcome(
+        error=error,
+        sigma=sigma,
+        verdict=solution.verdict.value,
+        causes=tuple(c.code for c in solution.causes),
+        warnings=tuple(w.code for w in solution.warnings),
+        said="\n".join(said),
+        seconds=time.perf_counter() - start,
+    )

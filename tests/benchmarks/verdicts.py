@@ -1,18 +1,13 @@
 """Is a wrong calibration ever believed, and is the cause named? Cases from the shop floor; a table.
 
-    python tests/benchmarks/verdicts.py [--arms 20] [--sound 100] [--workers 2] [--cases slips,elbow]
+    python -m tests.benchmarks.verdicts [--arms 20] [--sound 100] [--workers 2] [--cases slips,elbow]
 
 A result is wrong when any parameter that still has a truth is beyond four of its own sigmas. Bars: a
 wrong result is never accepted without a cause or warning that names the fault; the right cause comes
 first in 90 % of the arms; at most one in a hundred sound sets is refused.
 """
 
-# ruff: noqa: E402, T201 - threads are limited before NumPy starts; a benchmark prints
-
-import os
-
-for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+# ruff: noqa: T201 - a benchmark prints
 
 import argparse
 import re
@@ -21,11 +16,9 @@ from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from tests.benchmarks.shop_floor_files import read
 from tests.benchmarks.shop_floor_outcome import CRASHED, REFUSED, Outcome, outcome
@@ -133,7 +126,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f"{'case':28}{'acc.':>5}{'not':>5}{'crash':>5}{'wrong':>6}{'believ':>7}{'first':>6}"
         f"{'named':>6}          first causes"
     )
-    with ProcessPoolExecutor(options.workers) as pool:
+    with ProcessPoolExecutor(options.workers, initializer=threadpool_limits, initargs=(1,)) as pool:
         for name, arms in rows.items():
             if arms and any(part in name for part in wanted):
                 jobs = [(name, FIRST_SEED + k) for k in range(arms)]

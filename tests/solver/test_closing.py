@@ -109,6 +109,7 @@ def test_a_pose_does_not_depend_on_the_others_in_its_batch() -> None:
     q = closed_poses(truth, rng, 12)[:, 1:] + rng.normal(size=(12, 7)) * 0.05
     together = close_loops(model, x, q)
     assert together.closed.all()
+    assert np.abs(model.loop(x, together.q, together.u).residual).max() < 1e-11
     for k in range(12):
         alone = close_loops(model, x, q[k : k + 1])
         np.testing.assert_allclose(alone.q[0], together.q[k], rtol=0, atol=1e-13)

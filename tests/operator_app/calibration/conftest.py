@@ -3,7 +3,7 @@
 import pytest
 
 from operator_app.calibration.result import Solution
-from tests.operator_app.calibration.as_shipped import SEED, solved
+from tests.oracles.as_shipped import SEED, solved
 from tests.oracles.shop_floor import session
 
 

@@ -17,7 +17,7 @@ from operator_app.messages.finding import FindingKind
 from operator_app.report.text import unidentifiable_text
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.paper import estimate_paper
-from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of, solved
+from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of, solved
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
 from tests.oracles.shop_floor_case import Case
 from tests.oracles.shop_floor_faults import CASES

@@ -12,7 +12,7 @@ from operator_app.calibration.verification import (
     fixed_calibration,
     verify_poses,
 )
-from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
+from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 
 

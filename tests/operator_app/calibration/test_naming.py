@@ -16,7 +16,7 @@ from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
 from solver.estimators.estimate import Estimate
 from solver.estimators.variance_components import estimate_with_errors
-from tests.operator_app.calibration.as_shipped import ARM, HINGE, SEED, poses_of
+from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, session
 
 

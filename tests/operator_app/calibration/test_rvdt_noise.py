@@ -11,7 +11,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.diagnostics.rvdt import Soundness
-from tests.operator_app.calibration.as_shipped import ARM, HINGE, poses_of, solved
+from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import Session, Sizes, Specimen, session
 from tests.oracles.shop_floor import taken as taken_at
 from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z

@@ -9,7 +9,7 @@ from operator_app.calibration.result import Solution
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.diagnostics.rvdt import Soundness
-from tests.operator_app.calibration.as_shipped import solved
+from tests.oracles.as_shipped import solved
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import rippled

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from solver.chain.kinematics import DhTable, Entries, Frames, forward, jacobian
-from tests.oracles.loop_oracle import paper_truth, product
 from tests.oracles.pinocchio_chain import PinocchioChain
 
 LINKS = 8
@@ -70,15 +69,6 @@ def test_leading_axes_broadcast_and_change_nothing() -> None:
     assert np.abs(columns[2, 3] - columns_of(one)).max() < 1e-15
 
 
-def test_end_frame_agrees_with_multiplied_out_matrices() -> None:
-    truth = paper_truth()
-    theta = np.concatenate(([0.3], truth.home)) + truth.theta_off
-    T = product(theta, truth.s, truth.a, truth.alpha)
-    frames = forward(theta, truth.s, truth.a, truth.alpha)
-    assert np.abs(frames.R_end - T[:3, :3]).max() < 1e-14
-    assert np.abs(frames.p_end - T[:3, 3]).max() < 1e-14
-
-
 def test_table_columns_must_have_one_length() -> None:
     with pytest.raises(ValueError, match="one entry per link"):
         DhTable(theta_off_rad=np.zeros(3), s_m=np.zeros(3), a_m=np.zeros(2), alpha_rad=np.zeros(3))
@@ -91,21 +81,6 @@ def test_table_is_read_only_and_detached() -> None:
     assert table.s_m[0] == 0.0
     with pytest.raises(ValueError, match="read-only"):
         table.s_m[0] = 1.0
-
-
-def test_columns_of_a_chain_with_hayatis_twists_by_central_differences() -> None:
-    chain = np.stack(random_chain(4))
-    assert np.count_nonzero(chain[4]) > 2
-    columns, h = columns_of(forward(*chain)), 1e-6
-    for kind in range(5):
-        for link in range(LINKS):
-            step = np.zeros_like(chain)
-            step[kind, link] = h
-            ahead, behind = forward(*(chain + step)), forward(*(chain - step))
-            rate = (ahead.p_end - behind.p_end) / (2.0 * h)
-            turn = (ahead.R_end - behind.R_end) @ forward(*chain).R_end.T / (2.0 * h)
-            expected = np.concatenate(([turn[2, 1], turn[0, 2], turn[1, 0]], rate))
-            assert np.abs(columns[:, kind, link] - expected).max() < 1e-8
 
 
 def test_a_twist_of_zero_changes_no_digit() -> None:

@@ -180,18 +180,6 @@ def test_as_reported_intervals_are_honest() -> None:
     assert hits / total >= binom.ppf(1e-3, 3 * runs, 0.95) / (3 * runs)
 
 
-@pytest.mark.campaign
-def test_sensors_alone_are_overconfident_there() -> None:
-    # What the statements of the test above are for: a wrong length does not average out.
-    hits = 0
-    for seed in range(4):
-        truth, q = as_reported(seed)
-        estimate = estimate_implicit(loop_of(paper_truth()), q, STATED)
-        error = estimate.x - truth.values(NAMES)
-        hits += int((np.abs(error) < 1.96 * estimate.standard_deviation).sum())
-    assert hits / 56 < 0.6
-
-
 def test_predicted_curve_is_the_planted_one() -> None:
     bow = Bow((0.01, -0.006), float(paper_truth().home[5]))
     simulation = Simulation(poses=60, bows={6: bow})

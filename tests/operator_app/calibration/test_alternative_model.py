@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.alternative_model import shift_of
-from operator_app.calibration.calibrate import calibrate
 from operator_app.cli import main
 from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import parse_poses
-from tests.benchmarks.shop_floor_outcome import outcome, packaged
+from tests.benchmarks.shop_floor_outcome import outcome
+from tests.oracles.as_shipped import solved
 from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
 
@@ -56,8 +55,7 @@ def test_a_large_shift_of_an_analogue_sensor_is_named_as_one() -> None:
     """50 LSB are 1.5 deg: the fit goes astray, and the reading seems to have nothing to do with the joint."""
     case = CASES["joint slips 50 counts"](3015)
     assert case.causes == ("STEP_JOINT_7",)
-    poses = parse_poses(case.taken.csv().encode(), "poses.csv").poses
-    adjudication = calibrate(*packaged(), poses).adjudication
+    adjudication = solved(case.taken).adjudication
     assert adjudication is not None
     assert adjudication.causes[0].code == "STEP_JOINT_7"
     assert adjudication.causes[0].blocking

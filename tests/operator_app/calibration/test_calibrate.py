@@ -11,26 +11,13 @@ from fixtures.hinge import Hinge
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder
 from solver.closing import close_loops
 from solver.diagnostics.range_checks import ReadingsOutOfRangeError
-
-
-@pytest.fixture
-def arm() -> ArmModel:
-    return load_arm("sarcos_dextrous")
-
-
-@pytest.fixture
-def hinge() -> Hinge:
-    fixture = load_fixture("hinge").fixture
-    assert isinstance(fixture, Hinge)
-    return fixture
+from tests.oracles.as_shipped import ARM, HINGE
 
 
 @pytest.fixture
@@ -42,23 +29,19 @@ def codes(solution: object) -> list[str]:
     return [n.code for n in solution.warnings]  # type: ignore[attr-defined]
 
 
-def test_a_disturbed_pose_is_named_and_still_counts(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
-    assert calibrate(arm, hinge, poses).outliers == ()
+def test_a_disturbed_pose_is_named_and_still_counts(poses: PoseSet) -> None:
+    assert calibrate(ARM, HINGE, poses).outliers == ()
     q = np.array(poses.q_rad)
     q[16, 2] += np.deg2rad(0.2)
-    found = calibrate(arm, hinge, replace(poses, q_rad=q))
+    found = calibrate(ARM, HINGE, replace(poses, q_rad=q))
     assert found.outliers == (poses.label[16],)
     assert found.poses == len(poses)
     assert "OUTLIER" in codes(found)
 
 
 @pytest.mark.campaign
-def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
-    clean = calibrate(arm, hinge, poses, estimator="paper")
+def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses: PoseSet) -> None:
+    clean = calibrate(ARM, HINGE, poses, estimator="paper")
     upside_down = clean.estimate.x.copy()
     names = [p.name for p in clean.estimate.parameters]
     upside_down[names.index("alpha_7")] += np.pi
@@ -67,29 +50,29 @@ def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(
     assert flipped.closed.all()
     q[[5, 30]] = flipped.q
     for search in (False, True):
-        found = calibrate(arm, hinge, replace(poses, q_rad=q), estimator="paper", search=search)
+        found = calibrate(ARM, HINGE, replace(poses, q_rad=q), estimator="paper", search=search)
         assert found.dropped_flipped == (5, 30)
         assert "FLIPPED_BRANCH" in codes(found)
         # What is left is the clean set less two poses.
         np.testing.assert_allclose(found.estimate.x, clean.estimate.x, atol=1e-3)
     # Readings that are not used still tell up from down.
     for unsensed in ((6, 7), (1, 5)):
-        found = calibrate(arm, hinge, replace(poses, q_rad=q), unsensed_joints=unsensed)
+        found = calibrate(ARM, HINGE, replace(poses, q_rad=q), unsensed_joints=unsensed)
         assert found.dropped_flipped == (5, 30)
         assert found.estimate.converged
 
 
 @pytest.mark.parametrize(("degrees", "verdict"), [(5.0, "warned"), (0.5, "refused")])
 def test_near_parallel_axes_warn_and_then_refuse(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet, degrees: float, verdict: str
+    poses: PoseSet, degrees: float, verdict: str
 ) -> None:
-    tilted = replace(hinge, alpha_n_rad=np.deg2rad(degrees))
-    checks = tilted.setup_checks(arm, arm.home_rad)
+    tilted = replace(HINGE, alpha_n_rad=np.deg2rad(degrees))
+    checks = tilted.setup_checks(ARM, ARM.home_rad)
     (check,) = (c for c in checks if c.code == "AXIS_ANGLE_7")
     assert check.remedy
     if verdict == "refused":
         with pytest.raises(FixtureRefusedError, match="joint 7"):
-            calibrate(arm, tilted, poses)
+            calibrate(ARM, tilted, poses)
     else:
         assert check.severity.value == "warning"
 
@@ -98,7 +81,7 @@ TWISTS = {f"alpha_{j}" for j in range(1, 7)}
 LENGTHS = {f"a_{j}" for j in range(1, 7)} | {f"s_{j}" for j in range(2, 7)}
 
 
-def stated_exact(arm: ArmModel, hinge: Hinge) -> tuple[ArmModel, Hinge]:
+def stated_exact() -> tuple[ArmModel, Hinge]:
     """The same arm and hinge, whose files state that nothing is off."""
     joints = tuple(
         replace(
@@ -109,16 +92,14 @@ def stated_exact(arm: ArmModel, hinge: Hinge) -> tuple[ArmModel, Hinge]:
             if isinstance(joint.sensor, Encoder)
             else joint.sensor,
         )
-        for joint in arm.joints
+        for joint in ARM.joints
     )
-    return replace(arm, joints=joints, tolerances=()), replace(hinge, compliance=Compliance())
+    return replace(ARM, joints=joints, tolerances=()), replace(HINGE, compliance=Compliance())
 
 
-def test_what_the_files_state_is_corrected_and_in_the_sigmas(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
-    exact = calibrate(*stated_exact(arm, hinge), poses)
-    found = calibrate(arm, hinge, poses)
+def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses: PoseSet) -> None:
+    exact = calibrate(*stated_exact(), poses)
+    found = calibrate(ARM, HINGE, poses)
     assert exact.tolerated == ()
     assert set(found.tolerated) == LENGTHS | TWISTS
     names = [p.name for p in found.identified.parameters]
@@ -134,10 +115,8 @@ def test_what_the_files_state_is_corrected_and_in_the_sigmas(
     assert np.all(repeatability[:14] < sd)
 
 
-def test_a_length_tolerance_replaces_that_of_the_file(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
-    exact_arm, exact_hinge = stated_exact(arm, hinge)
+def test_a_length_tolerance_replaces_that_of_the_file(poses: PoseSet) -> None:
+    exact_arm, exact_hinge = stated_exact()
     tolerant = calibrate(exact_arm, exact_hinge, poses, length_tolerance_m=1.5e-3)
     assert set(tolerant.tolerated) == LENGTHS
     names = [p.name for p in tolerant.estimate.parameters]
@@ -148,16 +127,14 @@ def test_a_length_tolerance_replaces_that_of_the_file(
         assert error < 4.0 * tolerant.estimate.standard_deviation[k] < 8e-3
 
 
-def test_readings_pasted_again_know_nothing_more(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
+def test_readings_pasted_again_know_nothing_more(poses: PoseSet) -> None:
     m = len(poses)
     pasted = PoseSet(
         placement=np.tile(poses.placement, 4),
         label=tuple(f"{label}_{copy}" for copy in range(4) for label in poses.label),
         q_rad=np.tile(poses.q_rad, (4, 1)),
     )
-    one, four = calibrate(arm, hinge, poses), calibrate(arm, hinge, pasted)
+    one, four = calibrate(ARM, HINGE, poses), calibrate(ARM, HINGE, pasted)
     assert four.poses == 4 * m
     assert len(four.estimate.residual) == 4 * m
     np.testing.assert_allclose(
@@ -165,37 +142,21 @@ def test_readings_pasted_again_know_nothing_more(
     )
 
 
-def test_the_order_of_the_poses_changes_nothing(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
-    order = np.random.default_rng(3).permutation(len(poses))
-    shuffled = PoseSet(
-        placement=poses.placement[order],
-        label=tuple(poses.label[k] for k in order),
-        q_rad=poses.q_rad[order],
-    )
-    one, two = calibrate(arm, hinge, poses), calibrate(arm, hinge, shuffled)
-    np.testing.assert_allclose(two.estimate.x, one.estimate.x, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(two.estimate.covariance, one.estimate.covariance, rtol=1e-9)
-
-
-def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(
-    arm: ArmModel, hinge: Hinge, poses: PoseSet
-) -> None:
+def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(poses: PoseSet) -> None:
     narrow = replace(
-        arm,
+        ARM,
         joints=tuple(
             replace(joint, upper_rad=np.deg2rad(85.0)) if j == 1 else joint
-            for j, joint in enumerate(arm.joints, 1)
+            for j, joint in enumerate(ARM.joints, 1)
         ),
     )
     worst = int(np.argmax(poses.q_rad[:, 0]))
-    (notice,) = (w for w in calibrate(narrow, hinge, poses).warnings if w.code == "RANGE")
+    (notice,) = (w for w in calibrate(narrow, HINGE, poses).warnings if w.code == "RANGE")
     assert notice.joint == 1
     assert notice.poses[0] == poses.label[worst]
     assert "-35.0 to 85.0 deg" in notice.text
     with pytest.raises(ReadingsOutOfRangeError, match="taken as radians"):
-        calibrate(arm, hinge, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)
+        calibrate(ARM, HINGE, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)
 
 
 def test_of_many_poses_that_do_not_fit_five_are_named_and_the_rest_counted() -> None:

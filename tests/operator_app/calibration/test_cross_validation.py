@@ -6,18 +6,16 @@ import numpy as np
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import check
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
+from tests.oracles.as_shipped import ARM, HINGE
 
 EXACT = Path(__file__).parents[2] / "data" / "hinge" / "hinge_exact.csv"
 
 
 def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found() -> None:
     """The arm's file states sag that these readings have not: expected in a part, it would be the error."""
-    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(str(EXACT), joint_count=7).poses
-    found = check(calibrate(arm, fixture, poses), arm, fixture, poses)
+    found = check(calibrate(ARM, HINGE, poses), ARM, HINGE, poses)
     for part in (found.held_out, found.far_block):
         assert part is not None
         assert part.sigmas.position_m.rms < 1e-6

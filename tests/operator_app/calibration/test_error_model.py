@@ -9,19 +9,14 @@ from fixtures.base import RIGID
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import approach_of, error_model
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import parse_poses
 from solver.chain.poses import PoseSet
-from tests.oracles.shop_floor import Sizes, session
-
-ARM = load_arm("sarcos_dextrous")
-HINGE = load_fixture("hinge").fixture
+from tests.oracles.as_shipped import ARM, HINGE, poses_of
+from tests.oracles.shop_floor import session
 
 
 @pytest.fixture(scope="module")
 def poses() -> PoseSet:
-    return parse_poses(session(1, Sizes.everything()).csv().encode(), "p.csv").poses
+    return poses_of(session(1))
 
 
 def everything(poses: PoseSet) -> np.ndarray:
@@ -36,10 +31,6 @@ def _picked(poses: PoseSet, rows: np.ndarray) -> PoseSet:
         q_rad=poses.q_rad[rows],
         utc=tuple(poses.utc[k] for k in rows),
     )
-
-
-def without_times(poses: PoseSet) -> PoseSet:
-    return replace(poses, utc=None)
 
 
 def test_sides_are_those_of_the_motion_between_poses(poses):
@@ -65,7 +56,7 @@ def test_the_order_of_the_file_does_not_matter_and_a_left_out_pose_was_there(pos
 
 @pytest.mark.parametrize("spoilt", ["", "yesterday", "2026-05-04T09:00:00"])
 def test_without_times_of_every_pose_nothing_is_known(poses, spoilt):
-    assert approach_of(ARM, without_times(poses), everything(poses)) is None
+    assert approach_of(ARM, replace(poses, utc=None), everything(poses)) is None
     utc = (spoilt, *poses.utc[1:])
     assert approach_of(ARM, replace(poses, utc=utc), everything(poses)) is None
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.findings import excluded_poses
-from operator_app.config.arm_file import load_arm
-from operator_app.config.poses_file import parse_poses
 from solver.diagnostics.range_checks import range_findings
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, WARNED, outcome
+from tests.oracles.as_shipped import ARM, poses_of
 from tests.oracles.shop_floor import session
 
 
@@ -50,14 +49,13 @@ def test_half_a_file_in_radians_is_named_as_such() -> None:
 
 
 def test_each_pose_that_was_left_out_says_why() -> None:
-    arm = load_arm("sarcos_dextrous")
-    poses = parse_poses(session(21).csv().encode(), "poses.csv").poses
+    poses = poses_of(session(21))
     q = np.array(poses.q_rad)
     q[3, 1:4] -= 3.0
     wrong = replace(poses, q_rad=q)
-    range_pose, flipped = excluded_poses((3, 5), range_findings(arm, wrong), arm, wrong)
+    range_pose, flipped = excluded_poses((3, 5), range_findings(ARM, wrong), ARM, wrong)
     assert (range_pose.code, flipped.code) == ("RANGE_POSE", "FLIPPED_BRANCH")
     assert range_pose.joints == (2, 3, 4)
     assert flipped.poses == (poses.label[5],)
-    (both,) = excluded_poses((4, 5), (), arm, poses)
+    (both,) = excluded_poses((4, 5), (), ARM, poses)
     assert both.poses == (poses.label[4], poses.label[5])

@@ -7,13 +7,10 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import pick_placements
 from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import load_poses
 from operator_app.messages.finding import FindingKind
 from tests.benchmarks.shop_floor_outcome import outcome
-from tests.oracles.panda import FOLDER
+from tests.oracles.as_shipped import ARM, BALL, panda_poses
 from tests.oracles.shop_floor import session
 
 
@@ -40,9 +37,8 @@ def test_readings_that_wrap_are_named_by_joint():
 @pytest.mark.campaign
 def test_offsets_of_the_arm_file_in_radians_are_named():
     """-2.094 where -120 belongs."""
-    arm = load_arm("sarcos_dextrous")
-    table = replace(arm.table, theta_off_rad=np.deg2rad(arm.table.theta_off_rad))
-    said = outcome(session(62), arm=replace(arm, table=table))
+    table = replace(ARM.table, theta_off_rad=np.deg2rad(ARM.table.theta_off_rad))
+    said = outcome(session(62), arm=replace(ARM, table=table))
     assert said.causes[0] == "RADIANS_OFFSETS", said.said
 
 
@@ -50,30 +46,22 @@ def test_offsets_of_the_arm_file_in_radians_are_named():
 @pytest.mark.parametrize("seed", [61, 64])
 def test_lengths_that_the_arm_file_has_exchanged_are_named(seed):
     """Said was that the fixture gives by 35 mm, or that an entry of 0 is off by 32 mm."""
-    arm = load_arm("sarcos_dextrous")
-    s_m = arm.table.s_m.copy()
+    s_m = ARM.table.s_m.copy()
     s_m[[2, 4]] = s_m[[4, 2]]
-    said = outcome(session(seed), arm=replace(arm, table=replace(arm.table, s_m=s_m)))
+    said = outcome(session(seed), arm=replace(ARM, table=replace(ARM.table, s_m=s_m)))
     assert said.causes[0] == "EXCHANGED_s_3_s_5", said.said
 
 
 def test_poses_of_another_arm_are_refused_as_such_and_as_no_fault_of_joints():
     """Said was: the scale of joint 2 off by 15 %, joint 3 twisting by 2.4 deg, a fixture giving 57 mm."""
-    arm = load_arm("sarcos_dextrous")
-    s_m = arm.table.s_m + np.array([0.0, 0.0, 0.065, 0.0, -0.05, 0.0, 0.0])
-    said = outcome(session(62), arm=replace(arm, table=replace(arm.table, s_m=s_m)))
+    s_m = ARM.table.s_m + np.array([0.0, 0.0, 0.065, 0.0, -0.05, 0.0, 0.0])
+    said = outcome(session(62), arm=replace(ARM, table=replace(ARM.table, s_m=s_m)))
     assert said.causes == ("UNNAMED",), said.said
     assert "do not fit this arm and fixture" in said.said
 
 
 def test_real_poses_of_a_panda_are_refused_as_of_another_arm_with_an_iiwa():
     """Said was: a_3 off by 91 mm, a_4 by -85 mm, s_3 by -99 mm, offset 5 in another basin."""
-    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
-    found = calibrate(
-        load_arm("kuka_iiwa7"),
-        load_fixture("ball").fixture,
-        pick_placements(poses, (1, 2)),
-        drop=True,
-    )
+    found = calibrate(load_arm("kuka_iiwa7"), BALL, panda_poses(1, 2), drop=True)
     assert found.verdict is Verdict.NOT_ACCEPTED
     assert [c.kind for c in found.causes if c.blocking] == [FindingKind.POSES_DO_NOT_FIT]

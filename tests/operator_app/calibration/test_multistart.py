@@ -7,32 +7,27 @@ from functools import partial
 import numpy as np
 import pytest
 
-from fixtures.ball import Ball
 from operator_app.calibration.acceptance import Verdict, fit_causes
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
+from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
 from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import exceeded_source
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import load_poses, parse_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.chain.parameters import nominal_vector
-from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import CHI2_PER_DOF_SECOND_START
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
-from tests.oracles.panda import FOLDER
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses, poses_of, solved
 from tests.oracles.shop_floor import Session, session
 from tests.oracles.shop_floor_faults import CASES
 
-MODEL = load_fixture("hinge").fixture.model(load_arm("sarcos_dextrous"))
+MODEL = HINGE.model(ARM)
 NOMINAL = nominal_vector(MODEL.parameters)
 NOWHERE = np.full(len(NOMINAL), np.nan)
 
@@ -60,9 +55,6 @@ def test_the_start_that_leads_somewhere_counts(readings, starts) -> None:
         fit_from_starts(MODEL, readings, errors, (NOWHERE, NOWHERE), group=group)
 
 
-ARM, HINGE = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-
-
 def hysteresis(found: Session, joint: int, deg: float) -> Session:
     """A sensor that reads so much more on the way up, and less on the way down."""
     read = found.readings.copy()
@@ -71,13 +63,9 @@ def hysteresis(found: Session, joint: int, deg: float) -> Session:
     return replace(found, readings=read)
 
 
-def poses_of(found: Session) -> PoseSet:
-    return parse_poses(found.csv().encode(), "poses.csv").poses
-
-
 @pytest.fixture(scope="module")
 def diverged_solution() -> Solution:
-    return calibrate(ARM, HINGE, poses_of(hysteresis(session(7), 6, 4.0)))
+    return solved(hysteresis(session(7), 6, 4.0))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +84,7 @@ def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
 
 
 def test_a_sound_solution_is_not_astray() -> None:
-    found = calibrate(ARM, HINGE, poses_of(session(7)))
+    found = solved(session(7))
     assert not found.adjudication.diverged
     assert "Use implicit" in facts_text(facts_of(found))
 
@@ -114,7 +102,7 @@ def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -
 
 
 def test_poses_that_tell_little_are_said_to_once() -> None:
-    found = calibrate(ARM, HINGE, poses_of(CASES["motion 5 deg"](3).taken))
+    found = solved(CASES["motion 5 deg"](3).taken)
     assert Counter(cause.code for cause in found.causes)["LITTLE_MOTION"] == 1
 
 
@@ -142,12 +130,8 @@ def remedy_for(name: str, found: Session) -> str:
 @pytest.mark.parametrize("sockets", [(1,), (1, 2)])
 def test_a_socket_that_stands_elsewhere_is_a_note(sockets: tuple[int, ...]) -> None:
     """Real poses of a Panda; the packaged ball's socket is a metre from where theirs is."""
-    fixture = load_fixture("ball").fixture
-    assert isinstance(fixture, Ball)
-    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
-    chosen = pick_placements(poses, sockets)
-    elsewhere = replace(fixture, ground_m=(0.9, 0.0, 0.1))
-    solution = calibrate(load_arm("franka_panda"), elsewhere, chosen)
+    elsewhere = replace(BALL, ground_m=(0.9, 0.0, 0.1))
+    solution = calibrate(PANDA, elsewhere, panda_poses(*sockets))
     (note,) = (n for n in solution.warnings if n.code == "SOCKET_ELSEWHERE")
     assert note.names[0].startswith("ground_x")
     assert note.size == pytest.approx(-1.36, abs=0.02)

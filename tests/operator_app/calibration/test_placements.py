@@ -6,18 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fixtures.ball import Ball, KnownDistance
+from fixtures.ball import KnownDistance
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.placements import indistinguishable_placements
 from operator_app.calibration.result import Solution
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from tests.benchmarks.shop_floor_files import read
-from tests.oracles.panda import FOLDER
+from tests.oracles.as_shipped import BALL, PANDA, panda_poses
 from tests.oracles.shop_floor import Sizes, Specimen, closed_walk, taken
 
 CODE = "SAME_PLACEMENT"
@@ -26,13 +23,9 @@ CODE = "SAME_PLACEMENT"
 @pytest.fixture(scope="module")
 def two_sockets() -> Solution:
     """A real arm: its ball in two sockets, but every third pose in the first is said to be of another."""
-    whole = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
-    poses = pick_placements(whole, (1, 2))
+    poses = panda_poses(1, 2)
     said = np.where(poses.placement == 1, np.arange(len(poses.label)) % 3 + 1, 4)
-    return calibrate(
-        load_arm("franka_panda"), load_fixture("ball").fixture, replace(poses, placement=said),
-        drop=True,
-    )  # fmt: skip
+    return calibrate(PANDA, BALL, replace(poses, placement=said), drop=True)
 
 
 def mounted(seed: int, *, turned_deg: float, shifted_m: float, folder: Path) -> Solution:
@@ -103,11 +96,7 @@ BLOCK_M = 0.05
 
 
 def found(*measured: KnownDistance) -> Solution:
-    fixture = load_fixture("ball").fixture
-    assert isinstance(fixture, Ball)
-    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
-    chosen = pick_placements(poses, (3, 4))
-    return calibrate(load_arm("franka_panda"), replace(fixture, distances=measured), chosen)
+    return calibrate(PANDA, replace(BALL, distances=measured), panda_poses(3, 4))
 
 
 @pytest.fixture(scope="module")

@@ -16,11 +16,10 @@ from operator_app.calibration.rvdt import (
     tables_of,
 )
 from operator_app.cli import main
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameter_records import Correction, RvdtRemedy
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
+from tests.oracles.as_shipped import ARM, HINGE
 from tests.oracles.parameter_documents import VALUES, make_document
 
 DATA = Path(__file__).parents[2] / "data" / "hinge"
@@ -32,7 +31,7 @@ RVDTS = (6, 7)
 def curved() -> Solution:
     """Readings bent by 1 % of full scale, solved as they are."""
     poses = load_poses(CURVED).poses
-    return calibrate(load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses)
+    return calibrate(ARM, HINGE, poses)
 
 
 def test_corrected_readings_are_the_exact_ones(curved: Solution) -> None:
@@ -65,11 +64,10 @@ def test_beyond_the_table_its_end_counts_and_is_counted(curved: Solution) -> Non
 
 
 def test_unsensed_joints_have_the_offsets_that_the_loop_measured() -> None:
-    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(DATA / "hinge_quantised.csv").poses
-    solution = calibrate(arm, fixture, poses, unsensed_joints=RVDTS)
+    solution = calibrate(ARM, HINGE, poses, unsensed_joints=RVDTS)
     assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
-    found = measured_offsets(solution, arm, poses)
+    found = measured_offsets(solution, ARM, poses)
     assert set(found) == set(RVDTS)
     for joint, offset in found.items():
         # The file says 120 and 90 deg; the truth is 116.3 and 89.3.

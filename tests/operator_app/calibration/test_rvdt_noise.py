@@ -8,8 +8,6 @@ import pytest
 from fixtures.ball import Ball
 from fixtures.measured import Measured
 from operator_app.calibration.calibrate import calibrate
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from solver.diagnostics.rvdt import Soundness
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import Session, Sizes, Specimen, session
@@ -52,7 +50,7 @@ def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
 
 def hand_seen(taken: Session) -> np.ndarray:
     """Place of a point on the hand in the arm's base frame (m, 3), to 20 micrometres."""
-    last = load_arm("sarcos_dextrous").table
+    last = ARM.table
     link = fixed_part(last.s_m[6], last.a_m[6], last.alpha_rad[6])
     T = frames(taken.specimen.chain, taken.angles)
     hand = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(taken.angles[:, 7]) @ link
@@ -63,11 +61,10 @@ def hand_seen(taken: Session) -> np.ndarray:
 @pytest.mark.campaign
 def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
     taken = session(7003, Sizes.only())
-    arm = load_arm("sarcos_dextrous")
     at_base = {"base_m": (0.0,) * 3, "base_turn_rad": (0.0,) * 3}
-    seen = replace(Measured.example(arm), full_pose=False, **at_base)
+    seen = replace(Measured.example(ARM), full_pose=False, **at_base)
     poses = replace(poses_of(taken), endpoint=hand_seen(taken))
-    found = calibrate(arm, seen, poses, drop=True).rvdt
+    found = calibrate(ARM, seen, poses, drop=True).rvdt
     assert [v.joint for v in found] == [6, 7]
     for verdict in found:
         assert verdict.noise is not None
@@ -101,14 +98,14 @@ def on_a_ball(seed: int, *, lsb: float, samples: int) -> tuple[Session, Ball]:
     hand = np.linalg.inv(T[:, 1]) @ T[:, 7] @ rotation_about_z(angles[:, 7])
     ground = (hand @ np.append(tip, 1.0))[:, :3]
     assert np.ptp(ground, axis=0).max() < 1e-9
-    give = load_fixture("hinge").fixture.compliance
+    give = HINGE.compliance
     return taken, Ball(tip_m=tuple(tip), ground_m=tuple(ground[0]), compliance=give)
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
 def test_poses_on_a_ball_tell_the_noise(lsb: float, samples: int) -> None:
     taken, ball = on_a_ball(7003, lsb=lsb, samples=samples)
-    found = calibrate(load_arm("sarcos_dextrous"), ball, poses_of(taken), drop=True).rvdt
+    found = calibrate(ARM, ball, poses_of(taken), drop=True).rvdt
     assert [v.joint for v in found] == [6, 7]
     for verdict in found:
         noise = verdict.noise

@@ -17,11 +17,10 @@ from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
+from tests.oracles.as_shipped import ARM, BALL, HINGE
 
 
 def same(one: object, other: object) -> bool:
@@ -79,8 +78,7 @@ def hinge_poses(reference_data: Path) -> PoseSet:
     ],
 )
 def test_a_solution_is_read_back_exactly(hinge_poses: PoseSet, options: dict[str, object]) -> None:
-    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    found = calibrate(arm, fixture, hinge_poses, **options)  # type: ignore[arg-type]
+    found = calibrate(ARM, HINGE, hinge_poses, **options)  # type: ignore[arg-type]
     again = there_and_back(found)
     assert isinstance(again, Solution)
     assert same(found, again)
@@ -88,8 +86,7 @@ def test_a_solution_is_read_back_exactly(hinge_poses: PoseSet, options: dict[str
 
 
 def test_second_opinions_are_read_back_exactly(hinge_poses: PoseSet) -> None:
-    arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    found = check(calibrate(arm, fixture, hinge_poses), arm, fixture, hinge_poses)
+    found = check(calibrate(ARM, HINGE, hinge_poses), ARM, HINGE, hinge_poses)
     assert found.held_out is not None
     assert same(found, there_and_back(found))
     assert same(Checks(), there_and_back(Checks()))
@@ -98,13 +95,12 @@ def test_second_opinions_are_read_back_exactly(hinge_poses: PoseSet) -> None:
 def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(
     hinge_poses: PoseSet,
 ) -> None:
-    arm, ball = load_arm("sarcos_dextrous"), load_fixture("ball").fixture
     three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
     measured = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
     for model in (
-        loop_of_poses(arm, ball, hinge_poses),
-        loop_of_poses(arm, ball, three, unsensed_joints=(7,)),
-        loop_of_poses(arm, Measured.example(arm), measured),
+        loop_of_poses(ARM, BALL, hinge_poses),
+        loop_of_poses(ARM, BALL, three, unsensed_joints=(7,)),
+        loop_of_poses(ARM, Measured.example(ARM), measured),
     ):
         assert same(OfLoop(model), there_and_back(OfLoop(model)))
 

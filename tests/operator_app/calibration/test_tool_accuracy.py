@@ -7,11 +7,8 @@ import pytest
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.calibrated_arm import calibrated_arm
-from operator_app.calibration.closed_loops import pick_placements
 from operator_app.calibration.result import Solution
-from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from operator_app.config.poses_file import load_poses
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
@@ -19,16 +16,14 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from solver.loops.point import PointClosure
-from tests.oracles.panda import FOLDER
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses
 from tests.oracles.pinocchio_chain import PinocchioChain
 
 
 @pytest.mark.campaign
 def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
-    poses = pick_placements(
-        load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses, placements=(3,)
-    )
-    solution = calibrate(load_arm("franka_panda"), load_fixture("ball").fixture, poses, drop=True)
+    poses = panda_poses(3)
+    solution = calibrate(PANDA, BALL, poses, drop=True)
     estimate, model = solution.estimate, solution.model
     assert isinstance(model, PointClosure)
     drawn = np.random.default_rng(1).multivariate_normal(
@@ -48,9 +43,7 @@ def test_it_is_the_scatter_of_hands_drawn_from_the_covariance() -> None:
 
 def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arms() -> None:
     """A ball does not see the zeros of the first and the last joint: a degree of these is most of the sigma."""
-    poses = load_poses(str(FOLDER / "panda_1.csv"), joint_count=7).poses
-    arm = load_arm("franka_panda")
-    solution = calibrate(arm, load_fixture("ball").fixture, pick_placements(poses, (1, 2)))
+    solution = calibrate(PANDA, BALL, panda_poses(1, 2))
     found, estimate, model = solution.accuracy, solution.estimate, solution.model
     assert found is not None
     assert found.stated == ("theta_off_1", "theta_off_7")
@@ -59,7 +52,7 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
     drawn = np.random.default_rng(1).multivariate_normal(
         estimate.x, estimate.covariance, size=600, method="eigh"
     )
-    q = np.random.default_rng(2).uniform(arm.lower_rad, arm.upper_rad, size=(40, 7))
+    q = np.random.default_rng(2).uniform(PANDA.lower_rad, PANDA.upper_rad, size=(40, 7))
     hands = np.array([part.tip_position(x[columns], q).ravel() for x in drawn])
     names = [p.name for p in estimate.parameters]
     by = drawn[:, [names.index(name) for name in found.stated]]
@@ -78,15 +71,14 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
 
 def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None:
     """Before: offsets planted and found again move the hand as an independent chain says; after: less."""
-    made = simulated_poses(load_arm("sarcos_dextrous"), load_fixture("hinge"), poses=40, seed=5)
-    arm = load_arm("sarcos_dextrous")
-    solution = calibrate(arm, load_fixture("hinge").fixture, made.poses)
+    made = simulated_poses(ARM, load_fixture("hinge"), poses=40, seed=5)
+    solution = calibrate(ARM, HINGE, made.poses)
     found = solution.accuracy
     assert found is not None
-    hand = calibrated_arm(solution, arm)
+    hand = calibrated_arm(solution, ARM)
     truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
     # The arm's own entries nominal and true, the hand's as they truly are.
-    rows = {name: arm.table.stacked().copy() for name in ("believed", "true")}
+    rows = {name: ARM.table.stacked().copy() for name in ("believed", "true")}
     for name, value in truth.items():
         entry = DhEntry.parse(name)
         if entry.row and (entry.row == 7 or name in hand.identified):
@@ -95,7 +87,7 @@ def test_before_and_after_are_distances_of_hands_that_pinocchio_places() -> None
                 rows["believed"][entry.kind, entry.row - 1] = value
     chain, rng, off = PinocchioChain(7), np.random.default_rng(0), []
     for _ in range(400):
-        q = rng.uniform(arm.lower_rad, arm.upper_rad)
+        q = rng.uniform(ARM.lower_rad, ARM.upper_rad)
         ends = [chain.frames(q + r[0], *r[1:])[1][-1] for r in rows.values()]
         off.append(np.linalg.norm(ends[0] - ends[1]))
     assert found.before.rms == pytest.approx(float(np.sqrt(np.mean(np.square(off)))), rel=0.1)
@@ -118,18 +110,17 @@ def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says() -> Non
     """Eight arms, each looked at over its whole range: errors over sigma come to 1, not to 2 or a half."""
     ratios = []
     for seed in range(8):
-        arm = load_arm("sarcos_dextrous")
-        made = simulated_poses(arm, load_fixture("hinge"), poses=24, seed=20 + seed)
-        solution = calibrate(arm, load_fixture("hinge").fixture, made.poses)
-        hand = calibrated_arm(solution, arm)
+        made = simulated_poses(ARM, load_fixture("hinge"), poses=24, seed=20 + seed)
+        solution = calibrate(ARM, HINGE, made.poses)
+        hand = calibrated_arm(solution, ARM)
         truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
-        rows = arm.table.stacked().copy()
+        rows = ARM.table.stacked().copy()
         for name, value in truth.items():
             entry = DhEntry.parse(name)
             if entry.row and name not in ("theta_off_1", "s_1"):
                 rows[entry.kind, entry.row - 1] = value
         chain, rng = PinocchioChain(7), np.random.default_rng(seed)
-        q = rng.uniform(arm.lower_rad, arm.upper_rad, (60, 7))
+        q = rng.uniform(ARM.lower_rad, ARM.upper_rad, (60, 7))
         true = np.array([chain.frames(one + rows[0], *rows[1:])[1][-1] for one in q])
         error = np.linalg.norm(hand.T_base(q)[:, :3, 3] - true, axis=1)
         ratios.append(float(np.mean(error**2) / np.mean(hand.tip_sigma_m(q) ** 2)))
@@ -138,17 +129,16 @@ def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says() -> Non
 
 def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right() -> None:
     """How far the hand moves with it is what a second calibration says, made with it held elsewhere."""
-    fixture, packaged = load_fixture("hinge"), load_arm("sarcos_dextrous")
-    made = simulated_poses(packaged, fixture, poses=30, seed=5)
+    made = simulated_poses(ARM, load_fixture("hinge"), poses=30, seed=5)
     truth = {p.name: float(v) for p, v in zip(made.parameters, made.x, strict=True)}
-    rows, off = packaged.table.stacked().copy(), np.deg2rad(0.005)
-    free = tuple(entry for entry in packaged.free if entry.name != "theta_off_4")
+    rows, off = ARM.table.stacked().copy(), np.deg2rad(0.005)
+    free = tuple(entry for entry in ARM.free if entry.name != "theta_off_4")
 
     def held_at(value: float, tolerance_rad: float | None = None) -> tuple[Solution, ArmModel]:
         rows[0, 3] = value
         table = DhTable(theta_off_rad=rows[0].copy(), s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
-        arm = replace(packaged, table=table, free=free, offset_tolerance_rad=tolerance_rad)
-        return calibrate(arm, fixture.fixture, made.poses), arm
+        arm = replace(ARM, table=table, free=free, offset_tolerance_rad=tolerance_rad)
+        return calibrate(arm, HINGE, made.poses), arm
 
     at = truth["theta_off_4"]
     (right, arm), other = held_at(at), held_at(at + off)

@@ -7,26 +7,24 @@ import pytest
 
 from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.config.poses_file import parse_poses
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.stated_sizes import with_found_motion_noise
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
-from tests.benchmarks.shop_floor_outcome import packaged
+from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import SCATTER, Session, session
 from tests.oracles.shop_floor_faults import CASES
 from tests.oracles.shop_floor_misread import slipped_joint
 
 
 def fitted(taken: Session) -> Calibrated:
-    arm, hinge = packaged()
-    poses = parse_poses(taken.csv().encode(), "poses.csv").poses
-    model, tolerance = free_within_tolerance(loop_of_poses(arm, hinge, poses), arm)
-    errors = error_model(arm, hinge, poses, np.arange(len(poses)), tolerance=tolerance)
+    poses = poses_of(taken)
+    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
+    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
     return estimate_with_errors(model, poses.q_rad, errors)
 
 
 def judged(found: Calibrated) -> Diagnosis:
-    return diagnose(found.linear, packaged()[0], taken=found.order)
+    return diagnose(found.linear, ARM, taken=found.order)
 
 
 def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:

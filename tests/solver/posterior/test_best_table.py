@@ -12,6 +12,8 @@ from tests.oracles.real_arms import ARMS, BALL, FOLDER, RealArm, scatter_mm
 def arm_and_ball(real: RealArm, folder: Path) -> tuple[str, str]:
     ball, arm = folder / "ball.yaml", str(folder / "arm.yaml")
     ball.write_text(BALL.format(tip_mm=real.tip_mm))
+    if not real.urdf:
+        return "franka_panda", str(ball)
     assert (
         main(["new", "arm", "--urdf", str(FOLDER / real.urdf), "--tip", "ball_link", "-o", arm])
         == 0
@@ -19,8 +21,8 @@ def arm_and_ball(real: RealArm, folder: Path) -> tuple[str, str]:
     return arm, str(ball)
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("real", ARMS[2:], ids=lambda a: a.name)
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("real", [ARMS[0], *ARMS[2:]], ids=lambda a: a.name)
 def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(
     real: RealArm, tmp_path: Path
 ) -> None:
@@ -38,8 +40,8 @@ def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(
         scatter_mm(result.fk(q[~here], corrections=c)[:, :3, 3], placement[~here])
         for c in (False, True)
     )
-    assert by_table < {"kuka_14": 0.27, "h_xarm6": 0.38}[real.name]
-    assert whole < {"kuka_14": 0.23, "h_xarm6": 0.38}[real.name]
+    assert by_table < {"panda_1": 1.2, "kuka_14": 0.27, "h_xarm6": 0.38}[real.name]
+    assert whole < {"panda_1": 1.0, "kuka_14": 0.23, "h_xarm6": 0.38}[real.name]
     data = result.to_json()
     # The base may be turned with all sockets: that is the file's to say.
     assert data["shares"]["theta_off_1"] < 0.5

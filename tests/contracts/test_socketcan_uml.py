@@ -7,8 +7,7 @@ import sys
 
 import pytest
 
-from tests.oracles.emulated_linux import in_emulated_linux
-from tests.oracles.user_mode_linux import in_user_mode_linux
+from tests.oracles.guest_linux import in_emulated_linux, in_user_mode_linux
 
 pytestmark = pytest.mark.needs("candump", "ip")
 

@@ -16,7 +16,6 @@ import random
 import re
 import signal
 import subprocess
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -29,9 +28,8 @@ from typing import Any
 import numpy as np
 
 from tests.oracles.fault_session import CLOSES, loop_error
+from tests.oracles.own_process import SARCAL, environment
 
-ROOT = Path(__file__).resolve().parents[2]
-SARCAL = [sys.executable, "-m", "operator_app.cli"]
 PATIENCE_S = 300.0
 POSES = 6
 PHASES = (
@@ -97,7 +95,7 @@ class Program:
             self.process = subprocess.Popen(
                 [*SARCAL, *arguments],
                 cwd=folder,
-                env={**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+                env=environment(),
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

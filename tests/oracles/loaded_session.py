@@ -3,10 +3,8 @@
 Three programs besides this one: the operator, the controller, the flood; and the kernel's clock.
 """
 
-import os
 import re
 import subprocess
-import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,9 +17,8 @@ from operator_app.session.store.journal import read_journal
 from tests.oracles.busy_bus import Rhythm, backlog_bytes, busy_bus
 from tests.oracles.fault_session import CLOSES, loop_error
 from tests.oracles.machine_pauses import Pauses, machine_pauses
+from tests.oracles.own_process import ROOT, SARCAL, environment
 
-ROOT = Path(__file__).resolve().parents[2]
-SARCAL = [sys.executable, "-m", "operator_app.cli"]
 DRIVES_TRIP_S = 0.25
 """Of one processor: with a queue behind it, the drives on another one miss the operator's heartbeat for 0.5 s."""
 END_S = 2.0
@@ -91,10 +88,9 @@ def session_under_load(
         text = text.replace(old, new)
     (folder / "load.yaml").write_text(text, encoding="utf-8")
     bus = ("-i", "loopback", "-c", channel, "--scenario", "exact")
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     with subprocess.Popen(
         [*SARCAL, "controller", *bus],
-        cwd=folder, env=environment, stderr=subprocess.PIPE, text=True,
+        cwd=folder, env=environment(), stderr=subprocess.PIPE, text=True,
     ) as controller:  # fmt: skip
         try:
             if controller.stderr is None or channel not in controller.stderr.readline():
@@ -107,7 +103,7 @@ def session_under_load(
                 begun, foreign = time.monotonic(), watched.sent
                 operator = subprocess.Popen(
                     [*SARCAL, "run", str(folder / "load.yaml"), *bus],
-                    cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT,
+                    cwd=folder, env=environment(), stdout=output, stderr=subprocess.STDOUT,
                 )  # fmt: skip
                 backlog = 0
                 while operator.poll() is None:

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from tests.oracles.user_mode_linux import in_user_mode_linux
+from tests.oracles.guest_linux import in_user_mode_linux
 
 SCRIPT = """
 cd /run

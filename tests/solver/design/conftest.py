@@ -9,6 +9,7 @@ from solver.design.manifold import Manifold, Ranges, grow_manifold
 from solver.design.plan import PlanningTask, StatedErrors, information_of
 from solver.design.pose_information import PoseInformation, pose_information
 from solver.estimators.error_model import ErrorModel
+from solver.estimators.implicit import NoiseModel
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import ENCODER_SD
@@ -57,6 +58,18 @@ def ranges() -> Ranges:
 @pytest.fixture(scope="session")
 def region(loop: DhLoop, x: np.ndarray, ranges: Ranges) -> Manifold:
     return grow_manifold(loop, x, HOME, ranges, step_rad=0.12)
+
+
+@pytest.fixture(scope="session")
+def task(loop: DhLoop) -> PlanningTask:
+    return PlanningTask(
+        model=loop,
+        ranges=paper_ranges(),
+        margin_rad=np.deg2rad(3.0),
+        noise=NoiseModel(joint_variance=SIGMA**2),
+        errors=of_noise(SIGMA),
+        drive_sets=((1, 5),),
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,74 +1,62 @@
-from collections.abc import Callable
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
+from solver.closing import close_loops
 from solver.design.actions import Capture, GoTo, path_watch
 from solver.design.campaign import Campaign, CampaignSettings
 from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.plan import PlanningTask
 from solver.estimators.implicit import NoiseModel
 from tests.oracles.simulated_loops import Simulation
-from tests.solver.design.conftest import HOME, SIGMA, of_noise, paper_ranges
+from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
 
 
 @pytest.fixture
-def task(loop) -> PlanningTask:
-    return PlanningTask(
-        model=loop,
-        ranges=paper_ranges(),
-        margin_rad=np.deg2rad(3.0),
-        noise=NoiseModel(joint_variance=SIGMA**2),
-        errors=of_noise(SIGMA),
-        drive_sets=((1, 5),),
-        candidates=250,
-    )
+def task(task: PlanningTask) -> PlanningTask:
+    return replace(task, candidates=250)
 
 
-def knows(task: PlanningTask, x) -> Callable[[np.ndarray], InterimEstimate]:
-    """An interim calibration that knows the truth."""
+def at_plan(
+    task: PlanningTask, x, captured: Sequence[np.ndarray] = (), taken: int = 0, **settings
+) -> Campaign:
+    """A campaign whose interim calibration knows the truth, of which some poses were taken before."""
     known = InterimEstimate(x=x, covariance=np.eye(14) * 1e-12, trusted=True, text="known")
-    return lambda _q: known
-
-
-def at_plan(task: PlanningTask, x, **settings) -> Campaign:
-    """A campaign whose interim calibration knows the truth, driven by the model itself."""
     return Campaign(
-        task=task, start_rad=HOME, settings=CampaignSettings(**settings), calibrate=knows(task, x)
+        task=task,
+        start_rad=HOME,
+        settings=CampaignSettings(**settings),
+        calibrate=lambda _q: known,
+        captured=captured,
+        taken=taken,
     )
 
 
-def drive(campaign: Campaign, task, x, *, stop_planned: int = 0, most: int = 400):
-    """Carry out what is proposed on the exact loop; the first planned moves can be stopped."""
-    from solver.closing import close_loops
-
+def drive(campaign: Campaign, task, x, *, stop_planned: int = 0):
+    """Carry out what is proposed on the exact loop; the first planned moves can be stopped half-way."""
     held = np.ones(7)
     held[[0, 4]] = 0.0
     q, actions = HOME.copy(), []
-    for _ in range(most):
+    while not actions or isinstance(actions[-1], GoTo | Capture):
         action = campaign.propose()
         actions.append(action)
-        if isinstance(action, GoTo):
-            goal = q.copy()
-            for joint, value in action.targets_rad.items():
-                goal[joint - 1] = value
-            share = 1.0
-            stopped = ""
-            if stop_planned and action.trace_rad is not None:
-                stop_planned -= 1
-                share, stopped = 0.5, "an obstacle"
-            if action.trace_rad is not None:
-                q = action.trace_rad[-1] if share == 1.0 else q + 0.0
-            start = q.copy()
+        if isinstance(action, Capture):
+            campaign.captured(q)
+        elif isinstance(action, GoTo):
+            planned = action.trace_rad is not None
+            share, stopped = (0.5, "an obstacle") if planned and stop_planned else (1.0, "")
+            stop_planned -= bool(stopped)
+            if planned and not stopped:
+                q = action.trace_rad[-1]
+            start = q[[0, 4]].copy()
+            goal = np.array([action.targets_rad.get(j, q[j - 1]) for j in (1, 5)])
             for part in np.linspace(0.0, share, 12)[1:]:
-                q[[0, 4]] = start[[0, 4]] + part * (goal - start)[[0, 4]]
+                q[[0, 4]] = start + part * (goal - start)
                 q = close_loops(task.model, x, q[None, :], sigma_rad=held).q[0]
             campaign.observe(q, stopped)
-        elif isinstance(action, Capture):
-            campaign.captured(q)
-        else:
-            return actions
     return actions
 
 
@@ -111,34 +99,14 @@ def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> Non
     first = at_plan(task, x, poses=3)
     drive(first, task, x)
     taken = first.readings_rad[:-2]
-    again = Campaign(
-        task=task,
-        start_rad=HOME,
-        settings=CampaignSettings(poses=3),
-        calibrate=knows(task, x),
-        captured=taken,
-        taken=1,
-    )
+    again = at_plan(task, x, taken, 1, poses=3)
     assert np.array_equal(again.at_rad, HOME)
     actions = drive(again, task, x)
     assert [a.planned for a in actions if isinstance(a, Capture)] == [True, True]
     assert np.array_equal(again.readings_rad[: len(taken)], taken)
     assert actions[-1].complete
-
-
-@pytest.mark.campaign
-def test_nothing_is_left_to_do_when_all_poses_were_taken_before(task, x) -> None:
-    first = at_plan(task, x, poses=3)
-    drive(first, task, x)
-    again = Campaign(
-        task=task,
-        start_rad=HOME,
-        settings=CampaignSettings(poses=3),
-        calibrate=knows(task, x),
-        captured=first.readings_rad,
-        taken=3,
-    )
-    assert again.propose().complete
+    # All were taken before: nothing is left to do.
+    assert at_plan(task, x, first.readings_rad, 3, poses=3).propose().complete
 
 
 def test_wrong_reports_are_wrong_calls(task) -> None:

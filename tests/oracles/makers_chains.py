@@ -98,6 +98,7 @@ CHAINS = {
         ((0, 0, 0), (0, 90, 0), NONE),
     ],
 }
+CHAINS["franka_panda"] = CHAINS["franka_fr3"]
 
 
 def flange(name, q_rad):

@@ -1,11 +1,18 @@
-"""Parameter documents of a hinge calibration with planted values, made without any estimator."""
+"""Parameter documents of a hinge calibration: planted values without any estimator, and what the files state."""
 
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 
+import pytest
+
+from operator_app.config.arm_file import load_arm
+from operator_app.config.errors import ConfigError
+from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameter_records import (
     CalibratedEntry,
     DhRow,
+    DocumentWarning,
     JointParameters,
     Quality,
     TwoFigures,
@@ -13,6 +20,12 @@ from operator_app.config.parameter_records import (
     WhichFixture,
 )
 from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameters_file import (
+    format_parameters,
+    joints_from_table,
+    parse_parameters,
+    rows_from_table,
+)
 
 VALUES: Mapping[str, float] = {
     "theta_off_1": 9.9, "theta_off_2": -122.8, "theta_off_3": -21.1, "theta_off_4": -9.2,
@@ -107,3 +120,35 @@ def make_document(
         software_version="0.3.0",
         utc=datetime(2026, 1, 31, 12, 0, 0, tzinfo=UTC),
     )
+
+
+def document() -> ParametersDocument:
+    """Build the document of the packaged arm and hinge as their files state them."""
+    arm, made = load_arm("sarcos_dextrous"), make_document(chi2_per_dof=None)
+    loop = load_fixture("hinge").fixture.model(arm)
+    calibrated = tuple(
+        CalibratedEntry.of(entry.name, 0.001 * (k + 1)) for k, entry in enumerate(loop.entries)
+    )
+    return replace(
+        made,
+        arm=WhichArm(model=arm.name, serial="SDA-0007"),
+        joints=joints_from_table(arm, loop.table, calibrated),
+        dh=rows_from_table(loop.table),
+        calibrated=calibrated,
+        quality=replace(made.quality, scaled_condition_number=33.1),
+        warnings=(DocumentWarning(code="RVDT_LINEARITY", text="joint 6: 2 % of full scale"),),
+        estimator="paper",
+        pose_set_sha256="0123456789abcdef" * 4,
+        utc=datetime(2026, 1, 31, 12, 0, 0, 250000, tzinfo=UTC),
+    )
+
+
+GOOD = format_parameters(document()).decode()
+
+
+def complaint(good: str, old: str, new: str) -> ConfigError:
+    """What is said of a document in which the first `old` stands as `new`."""
+    assert old in good
+    with pytest.raises(ConfigError) as caught:
+        parse_parameters(good.replace(old, new, 1).encode())
+    return caught.value

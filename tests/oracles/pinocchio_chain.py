@@ -28,7 +28,7 @@ class PinocchioChain:
 
     def frames(self, theta, s, a, alpha, beta=None):
         """Rotations (links + 1, 3, 3) and origins (links + 1, 3) of all frames of one pose."""
-        pin.forwardKinematics(self.model, self.data, self._q(theta, s, a, alpha, beta))
+        pin.forwardKinematics(self.model, self.data, self.q_of(theta, s, a, alpha, beta))
         placements = [self.data.oMi[5 * (k + 1)] for k in range(self.links)]
         return (
             np.stack([np.eye(3), *(T.rotation for T in placements)]),
@@ -40,12 +40,13 @@ class PinocchioChain:
         J = pin.computeFrameJacobian(
             self.model,
             self.data,
-            self._q(theta, s, a, alpha, beta),
+            self.q_of(theta, s, a, alpha, beta),
             self.end,
             pin.ReferenceFrame.LOCAL_WORLD_ALIGNED,
         )
         return np.concatenate((J[3:], J[:3])).reshape(6, self.links, 5).swapaxes(1, 2)
 
-    def _q(self, theta, s, a, alpha, beta):
+    def q_of(self, theta, s, a, alpha, beta=None):
+        """Positions of all joints of one pose."""
         beta = np.zeros_like(theta) if beta is None else beta
         return np.stack((theta, s, a, alpha, beta), -1).reshape(-1)

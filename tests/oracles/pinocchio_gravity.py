@@ -18,14 +18,12 @@ class PinocchioGravity:
         model.gravity.linear = np.asarray(gravity)
         self.data = model.createData()
 
-    def _q(self, theta, s, a, alpha):
-        return np.stack((theta, s, a, alpha, np.zeros_like(theta)), -1).reshape(-1)
-
     def holding_torque(self, theta, s, a, alpha):
         """Torque (links,) about every joint of one pose, N m."""
-        model = self.chain.model
-        return pin.computeGeneralizedGravity(model, self.data, self._q(theta, s, a, alpha))[::5]
+        q = self.chain.q_of(theta, s, a, alpha)
+        return pin.computeGeneralizedGravity(self.chain.model, self.data, q)[::5]
 
     def energy(self, theta, s, a, alpha):
         """Potential energy of one pose, J."""
-        return pin.computePotentialEnergy(self.chain.model, self.data, self._q(theta, s, a, alpha))
+        q = self.chain.q_of(theta, s, a, alpha)
+        return pin.computePotentialEnergy(self.chain.model, self.data, q)

@@ -87,30 +87,14 @@ def test_the_scatter_of_a_mean_is_held_against_what_is_stated_of_a_mean() -> Non
     assert 6.0 <= said.figures["times"] <= 14.5
 
 
-def campaign(*values: str):
-    return pytest.param(*values, marks=pytest.mark.campaign)
-
-
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("hinge slips 5 mm", r"slipped on the (table|tool) by about [345]\.\d mm"),
-        (
-            "joint slips 1 deg",
-            r"joint \d shifted by [+-](0\.9|1\.0)\d* deg \([+-]\d+ (LSB|counts)\)",
-        ),
-        campaign("1 outlier 0.5 deg", r"pose p\d+ does not fit the others"),
-        campaign("RVDT 5 %", r"joint [67] (deviates|scatters) .*deg"),
-        campaign("12 flipped", r"12 of 40\) close only with the tool upside down"),
-    ],
-)
-def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy(name: str, words: str) -> None:
-    case = fault(name)
+def test_the_fault_is_the_first_cause_with_its_size_and_a_remedy() -> None:
+    case = fault("joint slips 1 deg")
     found = solved(case.taken)
     assert found.verdict is not Verdict.ACCEPTED
     first = found.causes[0]
-    assert any(re.fullmatch(pattern, first.code) for pattern in case.causes), first
-    assert re.search(words, first.text), first.text
+    assert (first.code,) == case.causes
+    assert first.size is not None
+    assert abs(first.size) == pytest.approx(np.deg2rad(1.0), rel=0.1)
     assert first.remedy
     assert first.probability > 0.5
 
@@ -146,15 +130,6 @@ def test_so_few_poses_that_sigmas_do_not_hold_are_refused_and_more_are_warned_of
     assert four.verdict is Verdict.NOT_ACCEPTED
     assert four.causes[0].code == seven.causes[0].code == "TOO_FEW_POSES"
     assert not seven.causes[0].blocking
-
-
-def test_a_sensor_is_not_called_out_of_specification_within_three_of_its_sigmas(
-    sound: Solution,
-) -> None:
-    for verdict in sound.rvdt:
-        figures = verdict.figures
-        if figures is not None and verdict.verdict.value == "out of specification":
-            assert figures.linearity - 3.0 * figures.linearity_sd > 0.02
 
 
 def test_single_readings_at_stated_noise_show_no_step_where_all_else_is_quieter() -> None:

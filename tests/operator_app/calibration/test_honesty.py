@@ -40,12 +40,6 @@ def test_errors_are_near_the_bound_and_far_below_those_of_exact_lengths():
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.6
 
 
-def test_the_same_readings_pasted_four_times_tell_nothing_new():
-    taken = session(1100)
-    once, four = (outcome(taken.picked(np.tile(np.arange(40), n))) for n in (1, 4))
-    assert four.sigma == pytest.approx(once.sigma, rel=0.10)
-
-
 def test_more_poses_do_not_make_errors_look_smaller_than_they_are():
     z = np.array([outcome(session(seed, poses=160)).z for seed in (1100, 1101, 1102)])
     assert z.shape == (3, len(PARAMETERS))

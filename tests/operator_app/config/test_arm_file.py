@@ -55,34 +55,6 @@ class TestPackaged:
                 joint.upper_rad - joint.lower_rad, rel=1e-14
             )
 
-    def test_panda_is_the_makers_modified_table(self) -> None:
-        """Forward kinematics of the maker's modified convention, written out on its own."""
-        a = [0.0, 0.0, 0.0, 0.0825, -0.0825, 0.0, 0.088]
-        d = [0.333, 0.0, 0.316, 0.0, 0.384, 0.0, 0.107]
-        alpha = np.deg2rad([0.0, -90.0, 90.0, 90.0, -90.0, 90.0, 90.0])
-
-        def modified(theta: np.ndarray) -> np.ndarray:
-            T = np.eye(4)
-            for j in range(7):
-                ct, st = np.cos(theta[j]), np.sin(theta[j])
-                ca, sa = np.cos(alpha[j]), np.sin(alpha[j])
-                T = T @ np.array(
-                    [
-                        [ct, -st, 0.0, a[j]],
-                        [st * ca, ct * ca, -sa, -sa * d[j]],
-                        [st * sa, ct * sa, ca, ca * d[j]],
-                        [0.0, 0.0, 0.0, 1.0],
-                    ]
-                )
-            return T
-
-        table = load_arm("franka_panda").table
-        for theta in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 7)):
-            ours = forward(theta + table.theta_off_rad, table.s_m, table.a_m, table.alpha_rad)
-            theirs = modified(theta)
-            np.testing.assert_allclose(ours.R_end, theirs[:3, :3], atol=1e-14)
-            np.testing.assert_allclose(ours.p_end, theirs[:3, 3], atol=1e-14)
-
     @pytest.mark.parametrize("name", sorted(CHAINS))
     def test_flange_is_where_the_makers_description_has_it(self, name: str) -> None:
         arm, rng = load_arm(name), np.random.default_rng(4)

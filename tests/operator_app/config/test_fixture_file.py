@@ -78,14 +78,6 @@ def test_every_kind_there_is_has_a_file_format() -> None:
         assert type(spec.fixture) is FIXTURES[name]
 
 
-def test_ball_finds_its_socket_on_the_panda() -> None:
-    spec = load_fixture("ball")
-    assert isinstance(spec.fixture, Ball)
-    assert spec.fixture.tip_m == (0.0, 0.0, 0.13)
-    assert spec.fixture.ground_m == (0.38, 0.0, 0.0)
-    assert spec.fixture.stays_on_hand
-
-
 MEASURED = """schema: sarcal/fixture/1
 name: tracker
 kind: measured

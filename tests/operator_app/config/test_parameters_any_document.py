@@ -25,7 +25,7 @@ from operator_app.config.parameter_records import (
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters, parse_parameters, rows_from_table
 from solver.chain.kinematics import DhTable
-from tests.oracles.nominal_document import GOOD
+from tests.oracles.parameter_documents import GOOD
 
 FLOAT = st.floats(-360.0, 360.0)
 LENGTH = st.floats(-10.0, 10.0)

@@ -19,7 +19,7 @@ from operator_app.config.parameters_file import (
     save_parameters,
 )
 from tests.oracles.approved import Approve
-from tests.oracles.nominal_document import GOOD, complaint, document
+from tests.oracles.parameter_documents import GOOD, complaint, document
 
 
 class TestContent:

@@ -24,7 +24,7 @@ from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.schema import schema_name
 from tests.oracles.approved import Approve
-from tests.oracles.nominal_document import GOOD, complaint, document
+from tests.oracles.parameter_documents import GOOD, complaint, document
 
 
 def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:

@@ -4,14 +4,11 @@ import math
 from importlib.resources import files
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
-from solver.chain.sensors import NoSensor
 from tests.oracles.approved import Approve
 
 GOOD = """schema: sarcal/procedure/1
@@ -46,8 +43,8 @@ def test_hinge_procedure() -> None:
     assert procedure.fixture.kind == "hinge"
     assert procedure.position_joints == (1, 5)
     assert [box.joint for box in procedure.capture.exploration] == [1, 5]
-    assert procedure.capture.poses == 40
-    assert procedure.acceptance.scaled_condition_number == 100.0
+    assert procedure.capture.strategy == "explore"
+    assert not procedure.trial
     assert procedure.upload
     assert [source.file for source in procedure.sources] == [
         "packaged:hinge.yaml",
@@ -90,12 +87,6 @@ def test_planned_procedure_chooses_its_drives_and_its_poses() -> None:
     assert procedure.capture.strategy == "planned"
     assert procedure.capture.poses == 12
     assert procedure.capture.requested == {}
-
-
-def test_an_unplanned_procedure_stays_one() -> None:
-    procedure = load_procedure("hinge")
-    assert procedure.capture.strategy == "explore"
-    assert not procedure.trial
 
 
 def test_trial_and_requested_precision_in_si() -> None:
@@ -198,10 +189,3 @@ def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: 
     (problem,) = caught.value.problems
     approve(str(problem))
     assert problem.line is not None
-
-
-def test_the_spread_of_a_joint_without_a_sensor_does_not_matter() -> None:
-    procedure = load_procedure("hinge")
-    arm = load_arm("sarcos_dextrous")
-    assert not any(isinstance(joint.sensor, NoSensor) for joint in arm.joints)
-    assert np.all(np.isfinite(procedure.capture.settle.spread_rad(arm)))

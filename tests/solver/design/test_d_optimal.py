@@ -31,16 +31,6 @@ def test_exchange_is_as_good_as_exhaustive_search(seed: int) -> None:
     assert efficiency(design.log_det, best, 6) > 0.99
 
 
-def test_exchange_on_real_poses_is_as_good_as_exhaustive_search(told) -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(3):
-        few = told.root[rng.choice(len(told.root), 14, replace=False)]
-        best = exhaustive(few, 5)
-        design = choose_poses(few, 5)
-        assert abs(design.log_det - best) <= 0.01 * abs(best)
-        assert efficiency(design.log_det, best, 14) > 0.99
-
-
 def test_captured_poses_are_taken_into_account() -> None:
     rng = np.random.default_rng(1)
     root = rng.normal(size=(15, 2, 6))

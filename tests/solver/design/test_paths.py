@@ -53,13 +53,6 @@ def test_drives_go_straight_on_every_move(graph, loop, x, ranges) -> None:
         assert away < 1e-9
 
 
-def test_another_pair_reaches_more(region, graph) -> None:
-    alone = graph.reachable(0, drives=(1, 5))
-    together = graph.reachable(0)
-    assert together.sum() > alone.sum()
-    assert np.all(together[alone])
-
-
 def test_route_changes_drives_when_it_must(graph, loop, x, ranges) -> None:
     only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))
     route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.chain.parameters import nominal_vector
-from solver.estimators.effects import Linearisation, LinearModel, State, System
+from solver.estimators.effects import Linearisation, LinearModel, State
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.load_effects import load_basis
@@ -16,7 +16,7 @@ from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
 from tests.solver.estimators.test_load_effects import MASSES
-from tests.solver.estimators.test_mixed_model import POSES, SOFT, everything_stated
+from tests.solver.estimators.test_mixed_model import POSES, SOFT, everything_stated, system_of
 
 GIVE = (3e-4, 2e-4)
 
@@ -99,12 +99,7 @@ def test_without_masses_all_is_as_it_was(model, q, errors):
 
 def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
     design = LinearModel(model, q, errors)
-    x = nominal_vector(model.parameters)
-    error = model.loop(x, q, model.initial_unsensed(x, q))
-    E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
-    Et = np.swapaxes(E, -1, -2)
-    B = Et @ error.jac_q
-    system = System(w=np.zeros((POSES, 5)), A=Et @ error.jac_x, B=B, E=E, angle=q)
+    system = system_of(design, np.zeros((POSES, 5)))
     unscaled = np.ones(design.width - design.hard)
     part = design.whiten(system, design.start_variances(), unscaled, slice(None))
     rng = np.random.default_rng(3)
@@ -112,7 +107,9 @@ def test_columns_are_what_effects_do_to_joints_and_fixture(model, q, errors):
     b[: len(design.soft_index)] = 0.0
     shift, give = design.effects_at(b, q)
     shift = shift - design.effects_at(0.0 * b, q)[0]
-    expected = part.L_inverse @ (B @ shift[..., None] + Et @ give[..., None])
+    expected = part.L_inverse @ (
+        system.B @ shift[..., None] + np.swapaxes(system.E, -1, -2) @ give[..., None]
+    )
     np.testing.assert_allclose(
         part.M[..., design.hard :] @ b, expected[..., 0], rtol=1e-9, atol=1e-9
     )

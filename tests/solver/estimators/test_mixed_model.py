@@ -40,15 +40,19 @@ def design() -> LinearModel:
     return LinearModel(model, Simulation(poses=POSES).readings(0), everything_stated(truth))
 
 
-@pytest.fixture(scope="module")
-def system(design: LinearModel) -> System:
+def system_of(design: LinearModel, w: np.ndarray) -> System:
+    """Equations at the nominal values, the misclosures `w` (m, 5) in place of theirs."""
     x = nominal_vector(design.model.parameters)
     error = design.model.loop(x, design.q, design.model.initial_unsensed(x, design.q))
     # An orthonormal complement of the hinge's column, by another road than the solver's.
     E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
     Et = np.swapaxes(E, -1, -2)
-    w = np.random.default_rng(1).normal(size=(POSES, 5)) * 1e-3
     return System(w=w, A=Et @ error.jac_x, B=Et @ error.jac_q, E=E, angle=design.q)
+
+
+@pytest.fixture(scope="module")
+def system(design: LinearModel) -> System:
+    return system_of(design, np.random.default_rng(1).normal(size=(POSES, 5)) * 1e-3)
 
 
 def variances(design: LinearModel) -> np.ndarray:
@@ -173,16 +177,10 @@ def test_poses_held_out_are_predicted_by_the_others(design: LinearModel, system:
 
 def test_more_equations_held_out_than_there_are_columns() -> None:
     rng = np.random.default_rng(3)
-    truth, poses = paper_truth(), 30
-    model = loop_of(truth)
+    poses, w = 30, rng.normal(size=(30, 5)) * 1e-4
     exact = ErrorModel(joint_variance=np.full((poses, 7), 1e-8))
-    design = LinearModel(model, Simulation(poses=poses).readings(0), exact)
-    x = nominal_vector(model.parameters)
-    error = model.loop(x, design.q, model.initial_unsensed(x, design.q))
-    E = np.stack([np.linalg.svd(N)[0][:, 1:] for N in error.jac_u])
-    Et = np.swapaxes(E, -1, -2)
-    w = rng.normal(size=(poses, 5)) * 1e-4
-    system = System(w=w, A=Et @ error.jac_x, B=Et @ error.jac_q, E=E, angle=design.q)
+    design = LinearModel(loop_of(paper_truth()), Simulation(poses=poses).readings(0), exact)
+    system = system_of(design, w)
     fit = LinearFit(design, system, np.zeros(0))
     out = np.arange(3, 3 + 12)
     assert 5 * len(out) > design.width

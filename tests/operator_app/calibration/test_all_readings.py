@@ -19,6 +19,7 @@ def test_readings_of_all_joints_that_scatter_blame_no_single_joint(degrees):
     said = outcome(replace(found, readings=found.readings + np.deg2rad(degrees) * noise))
     assert not said.accepted
     assert said.causes[0] == "SCATTER", said.said
+    assert "WRONG_FIXTURE" not in said.causes
     size = re.search(r"scatter by about ([0-9.]+) deg", said.said)
     assert size is not None, said.said
     assert float(size[1]) == pytest.approx(degrees, rel=0.1)

@@ -29,23 +29,16 @@ def test_a_spread_as_of_its_sensor_is_nothing():
     assert outcome(session(61)).verdict == ACCEPTED
 
 
-def test_a_row_in_radians_is_named_as_such() -> None:
+@pytest.mark.parametrize(
+    ("rows", "code"), [(slice(7, 8), "RANGE_RADIANS"), (slice(20, 40), "RADIANS_POSES")]
+)
+def test_rows_in_radians_are_named_as_such(rows: slice, code: str) -> None:
     found = session(21)
     read = found.readings.copy()
-    read[7] = np.deg2rad(read[7])
+    read[rows] = np.deg2rad(read[rows])
     said = outcome(replace(found, readings=read))
-    assert said.causes == ("RANGE_RADIANS",), said.said
-    assert "upside" not in said.said
+    assert said.causes == (code,), said.said
     assert not {"FLIPPED_BRANCH", "RANGE"} & set(said.warnings)
-
-
-def test_half_a_file_in_radians_is_named_as_such() -> None:
-    found = session(21)
-    read = found.readings.copy()
-    read[20:] = np.deg2rad(read[20:])
-    assert "20 of 40 poses (the first is number 21) are in range" in (
-        outcome(replace(found, readings=read)).said
-    )
 
 
 def test_each_pose_that_was_left_out_says_why() -> None:

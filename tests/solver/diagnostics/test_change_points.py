@@ -10,39 +10,30 @@ from solver.diagnostics.whitened_residuals import WhitenedResiduals, fit_residua
 POSES, ROWS, UNKNOWNS = 40, 5, 14
 
 
-@pytest.fixture(scope="module")
-def columns() -> tuple[np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(1)
-    return rng.normal(size=(POSES, ROWS, UNKNOWNS)), rng.normal(size=(POSES, ROWS, 4))
+RNG = np.random.default_rng(1)
+A, G = RNG.normal(size=(POSES, ROWS, UNKNOWNS)), RNG.normal(size=(POSES, ROWS, 4))
 
 
 def fitted(A: np.ndarray, w: np.ndarray) -> WhitenedResiduals:
     return fit_residuals(w, A, np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
 
 
-def suspects(G: np.ndarray) -> tuple[Suspect, ...]:
-    return (Suspect(name="one", columns=G[..., :1]), Suspect(name="three", columns=G[..., 1:]))
+SUSPECTS = (Suspect(name="one", columns=G[..., :1]), Suspect(name="three", columns=G[..., 1:]))
 
 
 @pytest.mark.parametrize("pose", [STEP_EDGE_POSES, 17, POSES - STEP_EDGE_POSES])
-def test_a_step_is_found_where_it_is_and_as_large_as_it_is(
-    columns: tuple[np.ndarray, np.ndarray], pose: int
-) -> None:
-    A, G = columns
+def test_a_step_is_found_where_it_is_and_as_large_as_it_is(pose: int) -> None:
     w = np.random.default_rng(pose).normal(size=(POSES, ROWS))
     w[pose:] += 12.0 * G[pose:, :, 0]
-    found, other = steps(fitted(A, w), suspects(G))
+    found, other = steps(fitted(A, w), SUSPECTS)
     assert (found.suspect, found.pose) == ("one", pose)
     assert found.significant
     assert abs(found.size[0] - 12.0) < 4.0 * found.sd[0]
     assert other.suspect == "three"
 
 
-def test_all_steps_at_once_are_those_fitted_one_by_one(
-    columns: tuple[np.ndarray, np.ndarray],
-) -> None:
+def test_all_steps_at_once_are_those_fitted_one_by_one() -> None:
     """A second way: least squares with and without each step's columns."""
-    A, G = columns
     w = np.random.default_rng(9).normal(size=(POSES, ROWS))
     J, y = A.reshape(-1, UNKNOWNS), w.reshape(-1)
     without = float(np.linalg.lstsq(J, y)[1][0])
@@ -52,20 +43,17 @@ def test_all_steps_at_once_are_those_fitted_one_by_one(
         late[:pose] = 0.0
         with_step = np.concatenate((J, late.reshape(-1, 3)), axis=1)
         gains.append(without - float(np.linalg.lstsq(with_step, y)[1][0]))
-    found = {step.suspect: step for step in steps(fitted(A, w), suspects(G))}["three"]
+    found = {step.suspect: step for step in steps(fitted(A, w), SUSPECTS)}["three"]
     assert found.pose == STEP_EDGE_POSES + int(np.argmax(gains))
     assert found.chi2 == pytest.approx(max(gains), rel=1e-9)
     assert found.dof == 3
 
 
-def test_what_the_fit_has_taken_up_already_is_no_step(
-    columns: tuple[np.ndarray, np.ndarray],
-) -> None:
-    A, G = columns
+def test_what_the_fit_has_taken_up_already_is_no_step() -> None:
     everywhere = np.repeat(np.eye(POSES)[:, None, :], ROWS, axis=1) * G[..., :1]
     w = np.random.default_rng(2).normal(size=(POSES, ROWS))
     left = fitted(A, w).with_columns(everywhere)
-    assert steps(left, suspects(G)[:1]) == ()
+    assert steps(left, SUSPECTS[:1]) == ()
 
 
 @pytest.mark.sample(1)
@@ -92,8 +80,7 @@ def test_more_poses_and_more_unknowns_need_more_evidence() -> None:
     assert step_threshold(40, 1, 1e-2) < step_threshold(40, 1, 1e-4)
 
 
-def test_too_few_poses_show_no_step(columns: tuple[np.ndarray, np.ndarray]) -> None:
-    A, G = columns
+def test_too_few_poses_show_no_step() -> None:
     w = np.ones((2 * STEP_EDGE_POSES - 1, ROWS))
     few = fit_residuals(w, A[: len(w)], np.broadcast_to(np.eye(ROWS), (len(w), ROWS, ROWS)))
     assert steps(few, (Suspect(name="one", columns=G[: len(w), :, :1]),)) == ()

@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from solver.arrays import IntArray
-from solver.diagnostics.cross_validation import far_block, fold_poses, hold_out, verify
+from solver.diagnostics.cross_validation import (
+    HeldOutPoses,
+    far_block,
+    fold_poses,
+    hold_out,
+    verify,
+)
 from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit, fit_implicit
-from tests.oracles.loop_oracle import Truth
+from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
 
@@ -18,20 +24,27 @@ NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 TRAIN, TEST = slice(0, 30), slice(30, 50)
 
 
-def implicit(truth: Truth, q: np.ndarray, variance: np.ndarray) -> Callable[[IntArray], Estimate]:
+TRUTH = paper_truth()
+MODEL = loop_of(TRUTH)
+
+
+def implicit(q: np.ndarray, variance: np.ndarray) -> Callable[[IntArray], Estimate]:
     every = np.broadcast_to(variance, q.shape)
-    return lambda rest: estimate_implicit(
-        loop_of(truth), q[rest], NoiseModel(joint_variance=every[rest])
-    )
+    return lambda rest: estimate_implicit(MODEL, q[rest], NoiseModel(joint_variance=every[rest]))
+
+
+def verified(made: np.ndarray, new: np.ndarray) -> HeldOutPoses:
+    """Poses `new` held against the fit of poses `made`."""
+    fit = fit_implicit(MODEL, made, NOISE, TRUTH.values(NAMES))
+    return verify(MODEL, fit.x, fit.covariance, new, NOISE)
 
 
 @pytest.mark.campaign
-def test_verification_of_sound_poses_has_the_right_rate(truth: Truth) -> None:
-    model, accepted, ratios, chances = loop_of(truth), 0, [], []
+def test_verification_of_sound_poses_has_the_right_rate() -> None:
+    accepted, ratios, chances = 0, [], []
     for seed in range(60):
         q = SIMULATION.rereadings(seed)
-        fit = fit_implicit(model, q[TRAIN], NOISE, truth.values(NAMES))
-        found = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+        found = verified(q[TRAIN], q[TEST])
         assert found.closed.all()
         assert found.flipped == ()
         accepted += found.chi2.accepted
@@ -45,43 +58,39 @@ def test_verification_of_sound_poses_has_the_right_rate(truth: Truth) -> None:
     assert np.mean(chances) == pytest.approx(0.5, abs=0.04)
 
 
-def test_without_the_parameters_uncertainty_it_would_be_too_strict(truth: Truth) -> None:
-    model, q = loop_of(truth), SIMULATION.rereadings(0)
-    fit = fit_implicit(model, q[:5], NOISE, truth.values(NAMES))
-    honest = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
-    strict = verify(model, fit.x, np.zeros((14, 14)), q[TEST], NOISE)
+def test_without_the_parameters_uncertainty_it_would_be_too_strict() -> None:
+    q = SIMULATION.rereadings(0)
+    honest = verified(q[:5], q[TEST])
+    fit = fit_implicit(MODEL, q[:5], NOISE, TRUTH.values(NAMES))
+    strict = verify(MODEL, fit.x, np.zeros((14, 14)), q[TEST], NOISE)
     assert strict.chi2.per_dof > 1.1 * honest.chi2.per_dof
     assert (strict.pose_chi2 >= honest.pose_chi2 - 1e-9).all()
 
 
-def test_slipped_encoder_is_caught(truth: Truth) -> None:
-    model, q = loop_of(truth), SIMULATION.rereadings(1)
-    fit = fit_implicit(model, q[TRAIN], NOISE, truth.values(NAMES))
+def test_slipped_encoder_is_caught() -> None:
+    q = SIMULATION.rereadings(1)
     q[TEST, 1] += 1e-3
-    found = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+    found = verified(q[TRAIN], q[TEST])
     assert not found.chi2.accepted
     assert found.closed.all()
 
 
-def test_one_wrong_pose_is_the_worst(truth: Truth) -> None:
-    model, q = loop_of(truth), SIMULATION.rereadings(1)
-    fit = fit_implicit(model, q[TRAIN], NOISE, truth.values(NAMES))
+def test_one_wrong_pose_is_the_worst() -> None:
+    q = SIMULATION.rereadings(1)
     q[37, 3] += 2e-3
-    found = verify(model, fit.x, fit.covariance, q[TEST], NOISE)
+    found = verified(q[TRAIN], q[TEST])
     assert int(np.argmax(found.pose_chi2)) == 7
     assert found.pose_probability[7] < 1e-6
 
 
-def test_fixture_that_gave_way_only_later_is_caught(truth: Truth) -> None:
-    model = loop_of(truth)
-    fit = fit_implicit(model, SIMULATION.rereadings(2), NOISE, truth.values(NAMES))
+def test_fixture_that_gave_way_only_later_is_caught() -> None:
     later = Simulation(poses=10, wrist_sd=6e-3, flexure_m=1e-3).readings(0)
-    assert not verify(model, fit.x, fit.covariance, later, NOISE).chi2.accepted
+    assert not verified(SIMULATION.rereadings(2), later).chi2.accepted
 
 
-def test_nothing_to_verify_is_a_wrong_call(truth: Truth) -> None:
+def test_nothing_to_verify_is_a_wrong_call() -> None:
     with pytest.raises(ValueError, match="no poses"):
-        verify(loop_of(truth), truth.values(NAMES), np.zeros((14, 14)), np.zeros((0, 7)), NOISE)
+        verified(SIMULATION.rereadings(0), np.zeros((0, 7)))
 
 
 def test_folds_are_a_partition() -> None:
@@ -111,26 +120,24 @@ def test_far_block_is_compact_and_far() -> None:
         far_block(q, 0.001)
 
 
-def test_hold_out_of_sound_poses(truth: Truth) -> None:
+def test_hold_out_of_sound_poses() -> None:
     q = SIMULATION.rereadings(3)
-    fit = implicit(truth, q, NOISE.joint_variance)
-    found = hold_out(fit, loop_of(truth), q, NOISE, fold_poses(q, 5))
+    fit = implicit(q, NOISE.joint_variance)
+    found = hold_out(fit, MODEL, q, NOISE, fold_poses(q, 5))
     assert [len(part.poses) for part in found.parts] == [10] * 5
     for part in found.parts:
         assert part.estimate.dof == 40 * 5 - 14
         assert part.verification.chi2.dof == 50
     assert found.sigmas.position_m.rms == pytest.approx(found.inside_sigmas.position_m.rms, rel=0.2)
-    far = hold_out(fit, loop_of(truth), q, NOISE, (far_block(q),))
+    far = hold_out(fit, MODEL, q, NOISE, (far_block(q),))
     assert far.parts[0].verification.chi2.accepted
 
 
-def test_hold_out_uses_each_poses_own_variance(truth: Truth) -> None:
+def test_hold_out_uses_each_poses_own_variance() -> None:
     q = SIMULATION.rereadings(3)
     own = NOISE.joint_variance * np.linspace(0.5, 2.0, 50)[:, None]
     part = (np.arange(10),)
-    found = hold_out(
-        implicit(truth, q, own), loop_of(truth), q, NoiseModel(joint_variance=own), part
-    )
+    found = hold_out(implicit(q, own), MODEL, q, NoiseModel(joint_variance=own), part)
     rest = NoiseModel(joint_variance=own[10:])
-    expected = estimate_implicit(loop_of(truth), q[10:], rest)
+    expected = estimate_implicit(MODEL, q[10:], rest)
     assert np.array_equal(found.parts[0].estimate.x, expected.x)

@@ -4,103 +4,93 @@ import numpy as np
 import pytest
 
 from solver.chain.poses import PoseSet
-from solver.diagnostics.range_checks import ReadingFault, ReadingsOutOfRangeError, range_findings
-from tests.oracles.loop_oracle import Truth
+from solver.diagnostics.range_checks import (
+    RangeFinding,
+    ReadingFault,
+    ReadingsOutOfRangeError,
+    range_findings,
+)
+from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import LSB_RAD, Simulation
 from tests.solver.conftest import paper_arm
 
-
-def pose_set(q: np.ndarray) -> PoseSet:
-    return PoseSet(
-        placement=np.ones(len(q), dtype=int),
-        label=tuple(str(k) for k in range(1, len(q) + 1)),
-        q_rad=q,
-    )
+ARM = paper_arm(paper_truth())
 
 
-@pytest.fixture(scope="module")
-def readings() -> np.ndarray:
+def found_in(q: np.ndarray, **options: tuple[int, ...]) -> tuple[RangeFinding, ...]:
+    """What is said of readings (m, 7)."""
+    labels = tuple(str(k) for k in range(1, len(q) + 1))
+    poses = PoseSet(placement=np.ones(len(q), dtype=int), label=labels, q_rad=q)
+    return range_findings(ARM, poses, **options)
+
+
+@pytest.fixture
+def q() -> np.ndarray:
     return Simulation(poses=30).readings(5)
 
 
-def test_sound_readings_are_inside(truth: Truth, readings: np.ndarray) -> None:
-    assert range_findings(paper_arm(truth), pose_set(readings)) == ()
+def test_sound_readings_are_inside(q: np.ndarray) -> None:
+    assert found_in(q) == ()
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_just_outside_is_noise_and_a_little_further_is_named(
-    truth: Truth, readings: np.ndarray, side: float
-) -> None:
-    arm = paper_arm(truth)
-    end = arm.upper_rad[2] if side > 0 else arm.lower_rad[2]
-    q = readings.copy()
+def test_just_outside_is_noise_and_a_little_further_is_named(q: np.ndarray, side: float) -> None:
+    end = ARM.upper_rad[2] if side > 0 else ARM.lower_rad[2]
     q[7, 2] = end + side * np.deg2rad(0.9)
-    assert range_findings(arm, pose_set(q)) == ()
+    assert found_in(q) == ()
     q[7, 2] = end + side * np.deg2rad(2.0)
-    (found,) = range_findings(arm, pose_set(q))
+    (found,) = found_in(q)
     assert (found.joint, found.fault, found.poses) == (3, ReadingFault.OUTSIDE, (7,))
     assert found.reading_rad == q[7, 2]
 
 
-def test_radians_are_refused_with_the_unit(truth: Truth, readings: np.ndarray) -> None:
+def test_radians_are_refused_with_the_unit(q: np.ndarray) -> None:
     with pytest.raises(ReadingsOutOfRangeError, match="taken as radians") as error:
-        range_findings(paper_arm(truth), pose_set(np.deg2rad(readings)))
+        found_in(np.deg2rad(q))
     assert error.value.in_radians
 
 
-def test_readings_of_another_arm_are_refused_by_joint_and_pose(
-    truth: Truth, readings: np.ndarray
-) -> None:
-    q = readings.copy()
+def test_readings_of_another_arm_are_refused_by_joint_and_pose(q: np.ndarray) -> None:
     q[:, 5] += np.deg2rad(100.0)
     with pytest.raises(ReadingsOutOfRangeError, match=r"joint 6 reads .* deg in pose") as error:
-        range_findings(paper_arm(truth), pose_set(q))
+        found_in(q)
     assert not error.value.in_radians
     assert [f.joint for f in error.value.findings] == [6]
 
 
 def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(
-    truth: Truth, readings: np.ndarray
+    q: np.ndarray,
 ) -> None:
-    q = readings.copy()
     q[:, 1] -= 2.0 * np.pi
-    (found,) = range_findings(paper_arm(truth), pose_set(q))
+    (found,) = found_in(q)
     assert (found.joint, found.fault) == (2, ReadingFault.WHOLE_TURN)
-    q = readings.copy()
+    q[:, 1] += 2.0 * np.pi
     q[:, 6] -= 2.0 * np.pi
     with pytest.raises(ReadingsOutOfRangeError, match="joint 7"):
-        range_findings(paper_arm(truth), pose_set(q))
+        found_in(q)
 
 
-def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(
-    truth: Truth, readings: np.ndarray
-) -> None:
-    arm = paper_arm(truth)
-    middle = arm.joints[5].middle_rad
-    q = readings.copy()
+def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(q: np.ndarray) -> None:
+    middle = ARM.joints[5].middle_rad
     q[[3, 9], 5] = middle + np.deg2rad(60.0) - LSB_RAD
-    assert range_findings(arm, pose_set(q)) == ()
+    assert found_in(q) == ()
     q[[3, 9, 20], 5] = middle + np.deg2rad(60.0) - LSB_RAD
-    (found,) = range_findings(arm, pose_set(q))
+    (found,) = found_in(q)
     assert (found.joint, found.fault, found.poses) == (6, ReadingFault.SATURATED, (3, 9, 20))
 
 
-def test_readings_that_are_not_used_are_not_judged(truth: Truth, readings: np.ndarray) -> None:
-    q = readings.copy()
+def test_readings_that_are_not_used_are_not_judged(q: np.ndarray) -> None:
     q[:, 5] += np.deg2rad(100.0)
-    assert range_findings(paper_arm(truth), pose_set(q), unsensed_joints=(6,)) == ()
+    assert found_in(q, unsensed_joints=(6,)) == ()
 
 
-def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(
-    truth: Truth, readings: np.ndarray
-) -> None:
-    arm = paper_arm(truth)
-    turned = readings.copy()
+def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(q: np.ndarray) -> None:
+    turned = q.copy()
     turned[:, 1] *= -1.0
     with pytest.raises(ReadingsOutOfRangeError, match="opposite sign of joint 2"):
-        range_findings(arm, pose_set(turned))
-    exchanged = readings[:, [0, 1, 3, 2, 4, 5, 6]]
+        found_in(turned)
+    exchanged = q[:, [0, 1, 3, 2, 4, 5, 6]]
     with pytest.raises(ReadingsOutOfRangeError, match="joints 3 and 4 exchanged") as error:
-        range_findings(arm, pose_set(exchanged))
+        found_in(exchanged)
     assert [m.code for m in error.value.causes] == ["EXCHANGED_3_4"]
     assert error.value.code == "EXCHANGED_3_4"

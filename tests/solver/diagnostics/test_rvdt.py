@@ -12,26 +12,27 @@ from solver.diagnostics.rvdt_response import RvdtFigures, noise_behind, single_n
 from solver.diagnostics.smooth_curve import fit_curve
 from solver.estimators.error_model import stated_errors
 from solver.estimators.variance_components import estimate_with_errors
-from tests.oracles.loop_oracle import Truth
+from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import FULL_SCALE_RAD, LSB_RAD, Simulation, wrist_bows
 from tests.solver.conftest import loop_of, paper_arm, read_poses
 
+MODEL, ARM = loop_of(paper_truth()), paper_arm(paper_truth())
 
-def judged(truth: Truth, q: np.ndarray) -> dict[int, RvdtVerdict]:
-    arm = paper_arm(truth)
+
+def judged(q: np.ndarray) -> dict[int, RvdtVerdict]:
     samples = np.ones(len(q), dtype=np.int64)
-    errors = stated_errors(arm, samples=samples, unsensed_joints=(6, 7))
-    errors = replace(errors, give_rad=0.0, give_m=0.0)
-    whole = stated_errors(arm, samples=samples)
-    whole = replace(whole, give_rad=0.0, give_m=0.0)
-    found = estimate_with_errors(loop_of(truth), q, whole).components
-    noise = {}
-    for c in found.components:
-        if c.name in ("rvdt_6", "rvdt_7"):
-            joint = int(c.name[-1])
-            noise[joint] = single_noise(arm.joints[joint - 1].sensor, c, None, samples)
-    model = loop_of(truth, unsensed=(6, 7))
-    verdicts = rvdt_verdicts(model, arm, q, errors, noise=noise, samples=samples)
+    whole, errors = (
+        replace(
+            stated_errors(ARM, samples=samples, unsensed_joints=unsensed), give_rad=0.0, give_m=0.0
+        )
+        for unsensed in ((), (6, 7))
+    )
+    found = {c.name: c for c in estimate_with_errors(MODEL, q, whole).components.components}
+    noise = {
+        j: single_noise(ARM.joints[j - 1].sensor, found[f"rvdt_{j}"], None, samples) for j in (6, 7)
+    }
+    model = loop_of(paper_truth(), unsensed=(6, 7))
+    verdicts = rvdt_verdicts(model, ARM, q, errors, noise=noise, samples=samples)
     return {v.joint: v for v in verdicts}
 
 
@@ -46,10 +47,10 @@ def apart(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.ptp(difference) / 2.0)
 
 
-def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> None:
+def test_planted_one_percent_curve_is_found(hinge_data: Path) -> None:
     q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
     exact = read_poses(hinge_data / "hinge_exact.csv")
-    found = judged(truth, q)
+    found = judged(q)
     for joint in (6, 7):
         one = figures(found[joint])
         # The planted curve itself, free of its noise: a sine of three periods a turn (by a fit).
@@ -68,18 +69,18 @@ def test_planted_one_percent_curve_is_found(hinge_data: Path, truth: Truth) -> N
     assert found[6].share + found[7].share > 0.8
 
 
-def test_straight_sensors_are_left_in_peace(hinge_data: Path, truth: Truth) -> None:
-    found = judged(truth, read_poses(hinge_data / "hinge_quantised.csv"))
+def test_straight_sensors_are_left_in_peace(hinge_data: Path) -> None:
+    found = judged(read_poses(hinge_data / "hinge_quantised.csv"))
     for verdict in found.values():
         assert verdict.verdict is Soundness.SOUND
         assert not verdict.treat_as_unsensed
         assert figures(verdict).gain == pytest.approx(1.0, abs=1e-3)
 
 
-def test_correction_table_straightens_the_readings(truth: Truth) -> None:
+def test_correction_table_straightens_the_readings() -> None:
     bows = wrist_bows(1.0)
     simulation = Simulation(poses=60, bows=bows)
-    found = judged(truth, simulation.rereadings(0))
+    found = judged(simulation.rereadings(0))
     angle = np.linspace(*np.quantile(simulation.rereadings(0)[:, 6], [0.05, 0.95]), 200)
     reading = angle + bows[7](angle)
     table = figures(found[7]).table_rad
@@ -91,14 +92,14 @@ def test_correction_table_straightens_the_readings(truth: Truth) -> None:
     assert 0.05e-3 < np.median(table[:, 2]) < 0.5e-3
 
 
-def test_a_bow_beyond_two_percent_is_out_of_specification(truth: Truth) -> None:
-    found = judged(truth, Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
+def test_a_bow_beyond_two_percent_is_out_of_specification() -> None:
+    found = judged(Simulation(poses=60, bows=wrist_bows(6.0)).rereadings(1))
     assert found[7].verdict is Soundness.OUT_OF_SPECIFICATION
     assert figures(found[7]).linearity > 0.02
 
 
-def test_noise_out_of_specification(truth: Truth) -> None:
-    found = judged(truth, Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
+def test_noise_out_of_specification() -> None:
+    found = judged(Simulation(poses=60, wrist_sd=4.0 * LSB_RAD).rereadings(1))
     for verdict in found.values():
         assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
         assert figures(verdict).noise.low < 4.0 < figures(verdict).noise.high
@@ -106,11 +107,11 @@ def test_noise_out_of_specification(truth: Truth) -> None:
 
 
 @pytest.mark.campaign
-def test_rates_over_many_arms(truth: Truth) -> None:
+def test_rates_over_many_arms() -> None:
     inside, curved, runs = 0, 0, 25
     for seed in range(runs):
         q = Simulation(poses=40).rereadings(seed)
-        found = judged(truth, q)
+        found = judged(q)
         for verdict in found.values():
             one = figures(verdict)
             inside += one.noise.low <= 2.0 <= one.noise.high
@@ -121,14 +122,14 @@ def test_rates_over_many_arms(truth: Truth) -> None:
     assert curved <= 4
 
 
-def test_gain_is_measured(truth: Truth) -> None:
-    found = judged(truth, Simulation(poses=40, gains={6: 0.02}).rereadings(0))
+def test_gain_is_measured() -> None:
+    found = judged(Simulation(poses=40, gains={6: 0.02}).rereadings(0))
     assert figures(found[6]).gain == pytest.approx(1.02, abs=3e-3)
     assert figures(found[7]).gain == pytest.approx(1.0, abs=3e-3)
 
 
-def test_too_few_poses_cannot_decide(truth: Truth) -> None:
-    found = judged(truth, Simulation(poses=40).rereadings(0)[:12])
+def test_too_few_poses_cannot_decide() -> None:
+    found = judged(Simulation(poses=40).rereadings(0)[:12])
     for verdict in found.values():
         assert verdict.verdict is Soundness.CANNOT_DECIDE
         assert verdict.figures is None
@@ -136,14 +137,14 @@ def test_too_few_poses_cannot_decide(truth: Truth) -> None:
         assert "12 poses are too few" in verdict.text
 
 
-def test_too_small_a_span_cannot_decide(truth: Truth) -> None:
-    found = judged(truth, Simulation(poses=40, spread_deg=6.0).rereadings(0))
+def test_too_small_a_span_cannot_decide() -> None:
+    found = judged(Simulation(poses=40, spread_deg=6.0).rereadings(0))
     assert found[6].verdict is Soundness.CANNOT_DECIDE
     assert "through only" in found[6].text
 
 
-def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
-    found = judged(truth, Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3).readings(0))
+def test_soft_fixture_is_not_held_against_the_sensor() -> None:
+    found = judged(Simulation(poses=40, flexure_m=1e-3, flexure_rad=5e-3).readings(0))
     one = figures(found[6])
     # Five milliradians of flexure hide one of noise: no accusation, and the text says why.
     assert one.noise.low == 0.0
@@ -151,12 +152,11 @@ def test_soft_fixture_is_not_held_against_the_sensor(truth: Truth) -> None:
     assert found[6].verdict is Soundness.SOUND
 
 
-def test_a_model_without_unsensed_rvdts_is_a_wrong_call(truth: Truth) -> None:
-    arm = paper_arm(truth)
-    errors = stated_errors(arm, samples=np.ones(20, dtype=np.int64))
+def test_a_model_without_unsensed_rvdts_is_a_wrong_call() -> None:
     q, samples = Simulation(poses=20).rereadings(0), np.ones(20, dtype=np.int64)
+    errors = stated_errors(ARM, samples=samples)
     with pytest.raises(ValueError, match="RVDT"):
-        rvdt_verdicts(loop_of(truth), arm, q, errors, noise={}, samples=samples)
+        rvdt_verdicts(MODEL, ARM, q, errors, noise={}, samples=samples)
 
 
 def test_curve_degree_is_not_driven_by_noise() -> None:

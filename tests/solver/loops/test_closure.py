@@ -8,7 +8,7 @@ from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.closing import reduced_jacobian
 from solver.loops.closure import nearest_equivalent, poses_needed
 from solver.loops.dh import DhLoop
-from tests.oracles.loop_oracle import Truth, closed_poses, closure_rates, product
+from tests.oracles.loop_oracle import closed_poses, closure_rates, paper_truth, product
 from tests.oracles.pinocchio_chain import PinocchioChain
 from tests.solver.conftest import NAMES, loop_of
 
@@ -16,9 +16,9 @@ HARD_ERRORS = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 0.9e-4, 1e-4, 1.1e-4, 1e-2, 0.3)
 ALL_ENTRIES = tuple(f"{kind}_{j}" for kind in ("theta_off", "s", "a", "alpha") for j in range(1, 8))
 
 
-@pytest.fixture(scope="module")
-def closed(truth: Truth) -> np.ndarray:
-    return closed_poses(truth, np.random.default_rng(0), 8)
+TRUTH = paper_truth()
+CLOSED = closed_poses(TRUTH, np.random.default_rng(0), 8)
+U, Q = CLOSED[:, :1], CLOSED[:, 1:]
 
 
 def perturbed(model: DhLoop, size: float, seed: int = 0) -> np.ndarray:
@@ -32,14 +32,12 @@ def central(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [0.0, 0.01, 0.3])
-def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(
-    truth: Truth, closed: np.ndarray, size: float
-) -> None:
-    model = loop_of(truth)
+def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(size: float) -> None:
+    model = loop_of(TRUTH)
     x = perturbed(model, size)
     pin_m, axis = model.stands_at(x)
     table = model.tables(x)
-    for angles in closed:
+    for angles in CLOSED:
         points, hand_axis = model.drawn(x, angles[1:])
         # Seen in frame 0: the hinge is before it, whatever its angle.
         T = product(np.concatenate(([0.0], angles[1:])) + table[0], *table[1:])
@@ -52,17 +50,15 @@ def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(
 
 @pytest.mark.parametrize("names", [NAMES, ALL_ENTRIES])
 @pytest.mark.parametrize("size", HARD_ERRORS)
-def test_loop_agrees_with_pinocchio(
-    truth: Truth, closed: np.ndarray, names: tuple[str, ...], size: float
-) -> None:
-    model = loop_of(truth, names=names)
+def test_loop_agrees_with_pinocchio(names: tuple[str, ...], size: float) -> None:
+    model = loop_of(TRUTH, names=names)
     x = perturbed(model, size)
-    error = model.loop(x, closed[:, 1:], closed[:, :1])
+    error = model.loop(x, Q, U)
     table = model.tables(x)
     oracle = PinocchioChain(8)
     kinds = [("theta_off", "s", "a", "alpha").index(n.rsplit("_", 1)[0]) for n in names]
     rows = [int(n.rsplit("_", 1)[1]) for n in names]
-    for pose, angles in enumerate(closed):
+    for pose, angles in enumerate(CLOSED):
         chain = (table[0] + angles, *table[1:])
         rotations, origins = oracle.frames(*chain)
         R = rotations[-1]
@@ -76,43 +72,38 @@ def test_loop_agrees_with_pinocchio(
 
 
 @pytest.mark.parametrize("size", HARD_ERRORS)
-def test_reduced_jacobian_by_central_differences(
-    truth: Truth, closed: np.ndarray, size: float
-) -> None:
-    model = loop_of(truth)
+def test_reduced_jacobian_by_central_differences(size: float) -> None:
+    model = loop_of(TRUTH)
     x = perturbed(model, size)
-    q = closed[:, 1:]
-    found = model.reduced(x, q)
-    expected = central(lambda y: model.reduced(y, q).residual, x)
+    found = model.reduced(x, Q)
+    expected = central(lambda y: model.reduced(y, Q).residual, x)
     assert found.rotation_rows == 2
     assert np.abs(expected - found.jac_x).max() < 1e-8
 
 
 @pytest.mark.parametrize("tilt", [3.0, np.pi - 1e-2, np.pi - 1e-3])
-def test_jacobians_hold_near_a_half_turn(truth: Truth, closed: np.ndarray, tilt: float) -> None:
+def test_jacobians_hold_near_a_half_turn(tilt: float) -> None:
     # A twist of the last link tips the hand almost over: the far end of both rotation charts.
-    model = loop_of(truth)
-    x = truth.values(NAMES)
+    model = loop_of(TRUTH)
+    x = TRUTH.values(NAMES)
     x[NAMES.index("alpha_7")] += tilt
-    q, u = closed[:, 1:], closed[:, :1]
-    whole, reduced = model.loop(x, q, u), model.reduced(x, q)
+    whole, reduced = model.loop(x, Q, U), model.reduced(x, Q)
     h = 1e-7
-    assert np.abs(central(lambda y: model.loop(y, q, u).residual, x, h) - whole.jac_x).max() < 1e-4
+    assert np.abs(central(lambda y: model.loop(y, Q, U).residual, x, h) - whole.jac_x).max() < 1e-4
     assert (
-        np.abs(central(lambda y: model.reduced(y, q).residual, x, h) - reduced.jac_x).max() < 1e-4
+        np.abs(central(lambda y: model.reduced(y, Q).residual, x, h) - reduced.jac_x).max() < 1e-4
     )
     assert np.linalg.norm(reduced.residual[:, :2], axis=1) == pytest.approx(tilt, abs=1e-9)
 
 
-def test_reduced_is_eq_10_to_13(truth: Truth, closed: np.ndarray) -> None:
-    model = loop_of(truth)
+def test_reduced_is_eq_10_to_13() -> None:
+    model = loop_of(TRUTH)
     x = perturbed(model, 1e-3)
-    q = closed[:, 1:]
-    found = model.reduced(x, q)
+    found = model.reduced(x, Q)
     table = model.tables(x)
     oracle = PinocchioChain(8)
-    for pose in range(len(q)):
-        angles = np.concatenate(([0.0], q[pose]))
+    for pose in range(len(Q)):
+        angles = np.concatenate(([0.0], Q[pose]))
         R_c, p_c = (v[-1] for v in oracle.frames(table[0] + angles, *table[1:]))
         turn = np.arctan2(R_c[1, 0], R_c[0, 0])
         R_z = pin.utils.rotate("z", -turn)
@@ -124,70 +115,70 @@ def test_reduced_is_eq_10_to_13(truth: Truth, closed: np.ndarray) -> None:
         assert found.unsensed[pose, 0] == pytest.approx(-turn, abs=1e-13)
 
 
-def test_hinge_angle_of_closed_poses_is_found(truth: Truth, closed: np.ndarray) -> None:
-    found = loop_of(truth).initial_unsensed(truth.values(NAMES), closed[:, 1:])
-    difference = (found - closed[:, :1] + np.pi) % (2.0 * np.pi) - np.pi
+def test_hinge_angle_of_closed_poses_is_found() -> None:
+    found = loop_of(TRUTH).initial_unsensed(TRUTH.values(NAMES), Q)
+    difference = (found - U + np.pi) % (2.0 * np.pi) - np.pi
     assert np.abs(difference).max() < 1e-12
 
 
-def test_upside_down_hand_is_flagged_and_not_closed(truth: Truth, closed: np.ndarray) -> None:
-    model = loop_of(truth)
-    x = truth.values(NAMES)
+def test_upside_down_hand_is_flagged_and_not_closed() -> None:
+    model = loop_of(TRUTH)
+    x = TRUTH.values(NAMES)
     x[NAMES.index("alpha_7")] += np.pi
-    found = model.reduced(x, closed[:, 1:])
+    found = model.reduced(x, Q)
     assert found.flipped.all()
     assert (np.linalg.norm(found.residual[:, :2], axis=1) > 3.0).all()
-    assert not model.reduced(truth.values(NAMES), closed[:, 1:]).flipped.any()
+    assert not model.reduced(TRUTH.values(NAMES), Q).flipped.any()
 
 
-def test_unsensed_joints_have_columns_and_no_reading(truth: Truth, closed: np.ndarray) -> None:
-    model = loop_of(truth, unsensed=(6, 7))
+def test_unsensed_joints_have_columns_and_no_reading() -> None:
+    model = loop_of(TRUTH, unsensed=(6, 7))
     x = nominal_vector(model.parameters)
-    u = np.concatenate((closed[:, :1], closed[:, 6:8] + truth.theta_off[6:8]), axis=1)
-    error = model.loop(x, closed[:, 1:], u)
+    u = np.concatenate((U, CLOSED[:, 6:8] + TRUTH.theta_off[6:8]), axis=1)
+    error = model.loop(x, Q, u)
     assert model.equations_per_pose == 3
     assert [p.name for p in model.parameters] == [
         n for n in NAMES if n not in ("theta_off_6", "theta_off_7")
     ]
     assert np.abs(error.residual).max() < 1e-13
     assert not error.jac_q[..., 5:].any()
-    by_u = central(lambda d: model.loop(x, closed[:, 1:], u + d).residual, np.zeros(3))
+    by_u = central(lambda d: model.loop(x, Q, u + d).residual, np.zeros(3))
     assert np.abs(by_u - error.jac_u).max() < 1e-8
     with pytest.raises(ValueError, match="hinge"):
-        model.reduced(x, closed[:, 1:])
+        model.reduced(x, Q)
     assert [p.name for p in model.with_all_joints_sensed().parameters][-2:] == [
         "theta_off_6",
         "theta_off_7",
     ]
 
 
-def test_eight_equal_descriptions_close_alike(truth: Truth, closed: np.ndarray) -> None:
-    model = loop_of(truth)
-    x = truth.values(NAMES)
+def test_eight_equal_descriptions_close_alike() -> None:
+    model = loop_of(TRUTH)
+    x = TRUTH.values(NAMES)
     all_of_them = model.equivalents(x)
     assert all_of_them.shape == (8, 14)
     assert len({tuple(np.round(y, 9)) for y in wrap_angles(model.parameters, all_of_them)}) == 8
     for y in all_of_them:
-        assert np.abs(model.reduced(y, closed[:, 1:]).residual).max() < 1e-13
+        assert np.abs(model.reduced(y, Q).residual).max() < 1e-13
         assert nearest_equivalent(model, y, x) == pytest.approx(x, abs=1e-12)
 
 
-def test_a_pose_cannot_depend_on_its_neighbours(truth: Truth, closed: np.ndarray) -> None:
-    model = loop_of(truth)
+def test_a_pose_cannot_depend_on_its_neighbours() -> None:
+    model = loop_of(TRUTH)
     x = perturbed(model, 1e-3)
-    whole = model.reduced(x, closed[:, 1:])
-    for pose in range(len(closed)):
-        alone = model.reduced(x, closed[pose : pose + 1, 1:])
+    whole = model.reduced(x, Q)
+    for pose in range(len(Q)):
+        alone = model.reduced(x, Q[pose : pose + 1])
         assert np.array_equal(alone.residual[0], whole.residual[pose])
 
 
-def test_projected_jacobian_is_free_of_the_hinge(truth: Truth, closed: np.ndarray) -> None:
-    model = loop_of(truth)
-    A, B = reduced_jacobian(model, truth.values(NAMES), closed[:, 1:], closed[:, :1])
+def test_projected_jacobian_is_free_of_the_hinge() -> None:
+    model = loop_of(TRUTH)
+    A, B = reduced_jacobian(model, TRUTH.values(NAMES), Q, U)
     assert A.shape == (8, 5, 14)
     assert B.shape == (8, 5, 7)
     # At closure the hinge column is (0, 0, 1, 0, 0, 0): the other five rows are the projection.
-    _, by_name = closure_rates(truth, closed, NAMES)
+    _, by_name = closure_rates(TRUTH, CLOSED, NAMES)
     rest = np.delete(by_name, 2, axis=1)
     assert np.linalg.svd(A, compute_uv=False) == pytest.approx(
         np.linalg.svd(rest, compute_uv=False), rel=1e-10
@@ -199,10 +190,10 @@ def test_poses_needed(parameters: int, rows: int, needed: int) -> None:
     assert poses_needed(parameters, rows) == needed
 
 
-def test_entries_must_exist_once_and_have_a_sensor(truth: Truth) -> None:
+def test_entries_must_exist_once_and_have_a_sensor() -> None:
     with pytest.raises(ValueError, match="does not have"):
-        loop_of(truth, names=("theta_off_9",))
+        loop_of(TRUTH, names=("theta_off_9",))
     with pytest.raises(ValueError, match="twice"):
-        loop_of(truth, names=("a_0", "a_0"))
+        loop_of(TRUTH, names=("a_0", "a_0"))
     with pytest.raises(ValueError, match="not a D-H entry"):
-        loop_of(truth, names=("gamma_1",))
+        loop_of(TRUTH, names=("gamma_1",))

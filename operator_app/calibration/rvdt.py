@@ -122,12 +122,10 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
             at = q[:, j - 1] + corrections[:, j - 1] + offset
             angles.append(at[:, None])
             corrections[:, j - 1] = 0.0
-    fit = whole.linear
     return Near(
-        variances={c.name: float(v) for c, v in zip(fit.design.components, fit.v, strict=True)},
         corrections=corrections,
         unsensed=np.concatenate(angles, axis=-1),
-        layout=fit.design,
+        layout=whole.linear.design,
     )
 
 

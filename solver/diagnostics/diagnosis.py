@@ -159,19 +159,9 @@ def diagnose(
         step=largest,
         left=left,
         stated_chi2_per_dof=stated.chi2 / max(stated.dof, 1),
-        parameter_shift=_parameter_shift(fit, stated),
+        parameter_shift=stated.change - fit.change,
         scene=scene,
     )
-
-
-def _parameter_shift(fit: LinearFit, stated: LinearFit) -> FloatArray:
-    """Estimate at stated variances minus the estimate (P,)."""
-    design = fit.design
-    out = np.zeros(len(design.nominal))
-    out[design.hard_index] = stated.step - fit.step
-    soft = len(design.soft_index)
-    out[design.soft_index] = design.soft_sd * (stated.b[:soft] - fit.b[:soft])
-    return out
 
 
 def _residual_tests(
@@ -311,9 +301,6 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[E
 def residuals_of_fit(fit: LinearFit, order: IntArray) -> WhitenedResiduals:
     """Return the whitened residuals of a mixed model, poses in the given `order` (m,)."""
     design, half = fit.design, fit.half
-    size = np.ones(design.hard + len(design.soft_index))
-    size[design.hard :] = design.soft_sd * fit.root[: len(design.soft_index)]
-    place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
     there = np.argsort(order)
     m, r = len(design.q), design.model.equations_per_pose
     whitener, U, white = np.empty((m, r, r)), np.empty((m, r, design.width)), np.empty((m, r))
@@ -327,6 +314,6 @@ def residuals_of_fit(fit: LinearFit, order: IntArray) -> WhitenedResiduals:
         U=U,
         white=white,
         chi2=fit.chi2,
-        to_x=(half[: len(size)] * size[:, None])[place],
+        to_x=half[design.column] * fit.unit[:, None],
         dof=fit.dof,
     )

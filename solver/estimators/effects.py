@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -63,28 +62,6 @@ class System:
             angle=self.angle[poses],
             distances=self.distances,
         )
-
-
-class Equations(Protocol):
-    """The equations of all poses, available in parts."""
-
-    @property
-    def equations(self) -> int:
-        """Number of equations of all poses, and of distances."""
-        ...
-
-    @property
-    def distances(self) -> tuple[FloatArray, FloatArray]:
-        """Misclosures (k,) of measured distances and their derivatives (k, P), in units of their sigmas."""
-        ...
-
-    def part(self, poses: slice) -> System:
-        """Return the equations of a slice of the poses."""
-        ...
-
-    def at_poses(self, poses: IntArray) -> System:
-        """Return the equations of a selection of poses."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -127,7 +127,8 @@ class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
-    `quietest` and `scaled` (K,) are the corresponding values of the components.
+    `quietest` and `scaled` (K,) are those of the components. `column` (P,): column of each parameter, those without a
+    prior first.
     """
 
     def __init__(
@@ -161,6 +162,7 @@ class Layout:
         )
         self.soft_sd = np.array([known[names[k]] for k in self.soft_index])
         self.hard_index = np.flatnonzero(~self.soft)
+        self.column = np.argsort(np.concatenate((self.hard_index, self.soft_index)))
         read = ~np.isin(np.arange(1, model.joint_count + 1), model.unsensed_joints)
         self.rows = model.components
         self.accuracy, self.backlash, self.sag = (

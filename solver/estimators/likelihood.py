@@ -7,14 +7,15 @@ only.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
-from solver.estimators.effects import LinearModel, Whitened
+from solver.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from solver.estimators.linear_fit import LinearFit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,25 +31,7 @@ class Derivatives:
     expected: FloatArray
 
 
-class SolvedModel(Protocol):
-    """A mixed model solved at the variances v (K,); `solver.estimators.linear_fit` defines each attribute."""
-
-    design: LinearModel
-    v: FloatArray
-    coefficients: FloatArray
-    unit_b: FloatArray
-
-    @property
-    def H_inverse(self) -> FloatArray:
-        """Inverse of the mixed-model equations (width, width)."""
-        ...
-
-    def parts(self) -> Iterator[Whitened]:
-        """Whitened poses, effects scaled to unit variance."""
-        ...
-
-
-def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
+def likelihood_derivatives(fit: LinearFit) -> Derivatives:
     """Differentiate the restricted log-likelihood by every component, at `fit`."""
     design, K = fit.design, len(fit.v)
     hard, width = design.hard, design.width
@@ -73,7 +56,8 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
         P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
         left = (part.w + part.times(fit.coefficients))[..., None]
         Q, component = design.noise_factors(part)
-        of = _indicator(component, K)
+        # Sums over the columns of each component.
+        of = (component[:, None] == np.arange(K)).astype(np.float64)
         Qt = np.swapaxes(Q, -1, -2)
         seen = Qt @ left
         pulled = (Q * seen[..., 0][:, None]).reshape(m * r, -1) @ of
@@ -85,7 +69,7 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
         expected += chance
         score += (seen[..., 0] ** 2).sum(0) @ of - chance
         information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
-        # # Squares of each effect's columns of a pose under P.
+        # Squares of each effect's columns of a pose under P.
         reached = Qt @ X.reshape(m, r, width)[..., hard:]
         across = of.T @ np.einsum("mfc,mfc->fc", reached, reached) @ rates
         information += across + across.T
@@ -96,8 +80,3 @@ def likelihood_derivatives(fit: SolvedModel) -> Derivatives:
         curvature=average - 0.5 * information,
         expected=expected,
     )
-
-
-def _indicator(component: IntArray, K: int) -> FloatArray:
-    """Matrix (f, K) of ones and zeros that sums over the columns of each component."""
-    return np.asarray(component[:, None] == np.arange(K), dtype=np.float64)

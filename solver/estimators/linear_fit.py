@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from solver.arrays import FloatArray, IntArray
-from solver.estimators.effects import Equations, LinearModel, System, Whitened
+from solver.estimators.effects import Linearisation, LinearModel, System, Whitened
 from solver.estimators.likelihood import Derivatives, likelihood_derivatives
 
 SMALL = 64
@@ -48,8 +48,9 @@ class LinearFit:
 
     Attributes
     ----------
-    step
-        Estimate of dx for the parameters without prior (hard,).
+    unit, change
+        Unit of each parameter's column (P,), and the estimate in these units times it: the step dx of a parameter
+        without a prior, the deviation from the nominal value of one with a prior.
     b
         Predicted coefficients of the effects, unscaled (width - hard,).
     half
@@ -58,10 +59,14 @@ class LinearFit:
         ``w' P w`` and its expectation when variances are right: number of equations minus hard parameters.
     """
 
-    def __init__(self, design: LinearModel, system: Equations, v: FloatArray) -> None:
+    def __init__(
+        self, design: LinearModel, system: System | Linearisation, v: FloatArray
+    ) -> None:
         self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
-        hard = design.hard
+        hard, soft = design.hard, len(design.soft_index)
         self.root = np.sqrt(design.group_variances(self.v))
+        self.unit = np.ones(hard + soft)
+        self.unit[design.soft_index] = design.soft_sd * self.root[:soft]
         slices = list(design.parts())
         self._kept: list[Whitened] = []
         gram: FloatArray | None = None
@@ -91,7 +96,7 @@ class LinearFit:
         self.right = right
         # NaN stays NaN; `max` would make it the best of all fits.
         self.chi2 = float(np.maximum(0.0, square + right @ self.coefficients))
-        self.step = self.coefficients[:hard]
+        self.change = self.coefficients[design.column] * self.unit
         self.unit_b = self.coefficients[hard:]
         self.b = self.unit_b * self.root
         self.dof = system.equations - hard
@@ -104,14 +109,10 @@ class LinearFit:
 
     def _distances(self) -> tuple[FloatArray, FloatArray]:
         """Misclosures (k,) of measured distances, and their columns (k, width), effects scaled to unit variance."""
-        design, soft = self.design, len(self.design.soft_index)
         w, rates = self.system.distances
-        rows = np.zeros((len(w), design.width))
-        if not len(w):
-            return w, rows
-        rows[:, : design.hard] = rates[:, design.hard_index]
-        own = slice(design.hard, design.hard + soft)
-        rows[:, own] = rates[:, design.soft_index] * (design.soft_sd * self.root[:soft])
+        rows = np.zeros((len(w), self.design.width))
+        if len(w):
+            rows[:, self.design.column] = rates * self.unit
         return w, rows
 
     def distance_deviations(self) -> FloatArray:
@@ -167,41 +168,26 @@ class LinearFit:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (P, P) of all parameters, from all sources of error."""
-        return self._of_parameters(self.H_inverse)
+        """Covariance (P, P) of all parameters: every source at its variance."""
+        column = self.design.column
+        block = self.H_inverse[np.ix_(column, column)] * np.outer(self.unit, self.unit)
+        return np.asarray(0.5 * (block + block.T))
 
     @property
     def standard_deviation(self) -> FloatArray:
         """Square roots of the covariance's diagonal (P,)."""
-        index, size = self._parameter_columns()
-        out = np.empty(len(index))
-        out[self._places()] = np.sqrt((self.half[index] ** 2).sum(-1)) * size
-        return out
+        return np.asarray(np.sqrt((self.half[self.design.column] ** 2).sum(-1)) * self.unit)
 
     @property
     def repeatability(self) -> FloatArray:
         """Covariance (P, P) from noise alone: the scatter if the same poses were taken again."""
-        gain = self.H_inverse[: self.design.hard + len(self.design.soft_index)]
-        gram = self.H - np.diag(self._prior())
-        return self._of_parameters(gain @ gram @ gain.T)
+        gain = self._gain()
+        block = gain @ (self.H - np.diag(self._prior())) @ gain.T
+        return np.asarray(0.5 * (block + block.T))
 
-    def _of_parameters(self, whole: FloatArray) -> FloatArray:
-        index, size = self._parameter_columns()
-        block = whole[np.ix_(index, index)] * np.outer(size, size)
-        place = self._places()
-        out = np.empty_like(block)
-        out[np.ix_(place, place)] = 0.5 * (block + block.T)
-        return out
-
-    def _places(self) -> IntArray:
-        """Indices of the parameters without a prior, and of those with one."""
-        return np.concatenate((self.design.hard_index, self.design.soft_index))
-
-    def _parameter_columns(self) -> tuple[IntArray, FloatArray]:
-        design = self.design
-        soft = len(design.soft_index)
-        index = np.arange(design.hard + soft)
-        return index, np.concatenate((np.ones(design.hard), design.soft_sd * self.root[:soft]))
+    def _gain(self) -> FloatArray:
+        """Rows of the inverse that belong to the parameters (P, width), in their units."""
+        return np.asarray(self.H_inverse[self.design.column] * self.unit[:, None])
 
     def budget(self) -> dict[str, FloatArray]:
         """Contribution of each source to the variance of every parameter (P,); their sum is the covariance's diagonal.
@@ -209,13 +195,11 @@ class LinearFit:
         The estimate is linear in all errors, ``H^-1 M'`` times them, so each source's share is exact: the reduction of
         the variance without this source and with the same weights.
         """
-        design = self.design
-        index, size = self._parameter_columns()
-        gain = self.H_inverse[index] * size[:, None]
+        design, gain = self.design, self._gain()
         found: dict[str, FloatArray] = {}
 
         def add(source: str, values: FloatArray) -> None:
-            found[source] = found.get(source, np.zeros(len(index))) + values
+            found[source] = found.get(source, np.zeros(len(gain))) + values
 
         for g, where in zip(design.groups, design.slices, strict=True):
             share = (gain[:, where] ** 2).sum(-1)
@@ -228,7 +212,6 @@ class LinearFit:
             add(g.source, share * (1.0 - unnamed / of_group))
             if unnamed:
                 add("discrepancy", share * unnamed / of_group)
-        total = (self.H_inverse[index, index] * size**2)[...]
         for part in self.parts():
             Q, moved_by = design.noise_factors(part)
             brought = ((np.swapaxes(Q, -1, -2) @ part.times(gain.T)) ** 2).sum(0)
@@ -238,10 +221,9 @@ class LinearFit:
         rows = self._distances()[1]
         if len(rows):
             add("distances", ((gain @ rows.T) ** 2).sum(-1))
-        known = sum(found.values(), np.zeros(len(index)))
-        add("counts", np.maximum(total - known, 0.0))
-        place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
-        return {source: values[place] for source, values in found.items()}
+        total = np.diagonal(self.H_inverse)[design.column] * self.unit**2
+        add("counts", np.maximum(total - sum(found.values()), 0.0))
+        return found
 
     # ---- predictions between poses, and effects outside the model
 
@@ -267,10 +249,7 @@ class LinearFit:
         for part in self.parts():
             white = (part.L_inverse @ G[part.poses]).reshape(-1, G.shape[-1])
             MG += part.M.reshape(-1, self.design.width).T @ white
-        index, size = self._parameter_columns()
-        out = np.empty((len(index), G.shape[-1]))
-        out[self._places()] = -(self.H_inverse[index] @ MG) * size[:, None]
-        return out
+        return np.asarray(-self._gain() @ MG)
 
     def held_out_chi2(self, *parts: IntArray) -> list[tuple[float, int]]:
         """Misfit of each part of the poses (k,) to the prediction by all others: chi2 and degrees of freedom.
@@ -305,17 +284,14 @@ class LinearFit:
         The coefficients change by ``H^-1 M' (I - M H^-1 M')^-1 (P w)`` of that pose (the matrix
         inversion lemma): no refit. In directions that one pose alone determines the smallest change is taken.
         """
-        index, size = self._parameter_columns()
         steps = []
         for part in self.parts():
             gain = part.times(self.H_inverse)
             P = np.eye(part.w.shape[1]) - gain @ np.swapaxes(part.M, -1, -2)
             left = (part.w + part.times(self.coefficients))[..., None]
             pull = np.linalg.pinv(P, rcond=1e-9, hermitian=True) @ left
-            steps.append((np.swapaxes(gain[..., index], -1, -2) @ pull)[..., 0] * size)
-        out = np.empty((len(self.design.q), len(index)))
-        out[:, self._places()] = np.concatenate(steps)
-        return out
+            steps.append((np.swapaxes(gain[..., self.design.column], -1, -2) @ pull)[..., 0])
+        return np.asarray(np.concatenate(steps) * self.unit)
 
     @property
     def pulls(self) -> FloatArray:

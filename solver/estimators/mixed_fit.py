@@ -7,7 +7,7 @@ visible nonlinearity (`solver.estimators.implicit` has the derivation; it is the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,22 +104,13 @@ class MixedFit:
 class Near:
     """Result of another fit of the same poses, from which a fit may start.
 
-    `variances`: variance components by name. `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles
-    (m, U) of the loops to be fitted, rad. `layout`: layout of the other fit, with its poses in the order of this fit.
+    `corrections`, `unsensed`: joint corrections (m, n) and unsensed angles (m, U) of the loops to be fitted, rad.
+    `layout`: layout of the other fit, with its poses in the order of this fit.
     """
 
-    variances: Mapping[str, float]
     corrections: FloatArray
     unsensed: FloatArray
-    layout: Layout | None = None
-
-    def at_poses(self, poses: IntArray) -> Near:
-        """Return the start for a selection of poses, with `layout` None: it belongs to all poses."""
-        return Near(
-            variances=self.variances,
-            corrections=self.corrections[poses],
-            unsensed=self.unsensed[poses],
-        )
+    layout: Layout
 
 
 def fit_mixed(
@@ -144,9 +135,8 @@ def fit_mixed(
     variances
         Fixed variances (K,) of a layout; gravity's sign is fixed too. None: both are estimated.
     near
-        Start of the fit, where known.
+        Start of the fit, where known; only with fixed variances.
     """
-    like = None if near is None else near.layout
     if variances is None and len(q) > 2 * POSES_FOR_VARIANCES:
         # Evenly over the poses in canonical order, so that the selection does not depend on their order.
         some = np.linspace(0, len(q) - 1, POSES_FOR_VARIANCES).astype(np.int64)
@@ -155,19 +145,17 @@ def fit_mixed(
                 model.at_poses(some), q[some], errors.at_poses(some),
                 group=None if group is None else group[some],
             ),
-            x0, None, progress, None if near is None else near.at_poses(some),
+            x0, None, progress,
         )  # fmt: skip
-        x0 = rough.x
         errors = replace(errors, signed=rough.fit.design.errors.signed)
-        whole = _iterate(
-            LinearModel(model, q, errors, group=group, like=like), x0, rough.fit.v, progress, near,
-            rough.found,
-        )  # fmt: skip
+        design = LinearModel(model, q, errors, group=group)
+        whole = _iterate(design, rough.x, rough.fit.v, progress, found=rough.found)
         return replace(
             whole,
             iterations=rough.iterations + whole.iterations,
             converged=rough.converged and whole.converged,
         )
+    like = None if near is None else near.layout
     design = LinearModel(model, q, errors, group=group, like=like)
     v = None if variances is None else variances(design)
     return _iterate(design, x0, v, progress, near)
@@ -178,17 +166,14 @@ def _iterate(
     x0: FloatArray,
     variances: FloatArray | None,
     progress: Progress | None,
-    near: Near | None,
+    near: Near | None = None,
+    *,
     found: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) stay fixed, `found` being the derivatives that go with them."""
-    said = _nothing if progress is None else progress
+    """Iterate to convergence; given `variances` (K,) are fixed, `found` are the derivatives where they come from."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA
-    if near is not None and free:
-        v = np.array([near.variances.get(c.name, c.start) for c in design.components])
-        v = np.clip(v, design.floors, design.walls)
     state = _start(design, x0, v, near)
     sign_asked = free and bool(design.expected.any())
     converged, rounds, ascent, wanted = False, 0, Ascent(), ScoringStep.none(len(v))
@@ -200,14 +185,15 @@ def _iterate(
         if rounds == 1 and free and fit.chi2 > CHI2_LARGE_START * fit.dof:
             # The stated errors do not explain these readings: start with large deflections.
             v = np.maximum(v, design.leaps)
-            calm = _iterate(design, x0, v, progress, near)
+            calm = _iterate(design, x0, v, progress)
             if not calm.fit.chi2 <= CHI2_GIVE_UP * calm.fit.dof:
                 return calm
             fit = LinearFit(design, here, v)
         state, moved, left = _advance(design, here, fit)
         if not np.isfinite(moved):
             raise PosesDoNotFitError
-        said(rounds, fit.chi2)
+        if progress is not None:
+            progress(rounds, fit.chi2)
         if free:
             found = with_priors(fit)
             wanted = step(fit, found)
@@ -267,10 +253,6 @@ def expected_scales(fit: LinearFit, found: Derivatives) -> FloatArray:
     return np.asarray(np.minimum(fit.v * np.exp(scale_spread(fit, found)), fit.design.walls))
 
 
-def _nothing(_rounds: int, _chi2: float) -> None:
-    """Ignore progress reports."""
-
-
 def gravity_share(fit: LinearFit) -> float:
     """Ratio of the sag and play that the readings show to those expected from gravity.
 
@@ -303,10 +285,8 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
 
     That change is the remaining error of linearisation.
     """
-    old, soft = at.state, len(design.soft_index)
-    x = old.x.copy()
-    x[design.hard_index] += fit.step
-    x[design.soft_index] = design.nominal[design.soft_index] + design.soft_sd * fit.b[:soft]
+    old = at.state
+    x = np.where(design.soft, design.nominal, old.x) + fit.change
     dx = x - old.x
     e, give = design.effects_at(fit.b, old.closed_q)
     u, closed_q, closed_u = old.closed_u.copy(), design.q.copy(), old.closed_u.copy()

@@ -146,7 +146,6 @@ def estimate_with_errors(
     *,
     x0: FloatArray | None = None,
     group: IntArray | None = None,
-    variances: Mapping[str, float] | None = None,
     progress: Progress | None = None,
 ) -> Calibrated:
     """Fit parameters, joint corrections, effects and variances to joint angles `q` (m, n), rad.
@@ -157,8 +156,6 @@ def estimate_with_errors(
         Start (P,): by default from the plain estimator, toleranced parameters at their nominal values.
     group
         Placement of each pose (m,).
-    variances
-        Fixed variance components by name, from another fit; None: they are estimated.
 
     Raises
     ------
@@ -167,7 +164,7 @@ def estimate_with_errors(
     TooFewPosesError
         No degree of freedom would be left.
     """
-    ended = settle(model, q, errors, x0=x0, group=group, variances=variances, progress=progress)
+    ended = settle(model, q, errors, x0=x0, group=group, progress=progress)
     found = ended.fit
     back = back_to_caller(ended.order)
     fit = found.fit
@@ -236,7 +233,8 @@ def settle(
     order = canonical_order(q)
     model, q, errors = model.at_poses(order), q[order], errors.at_poses(order)
     group = None if group is None else group[order]
-    near = None if near is None else replace(near.at_poses(order), layout=near.layout)
+    if near is not None:
+        near = replace(near, corrections=near.corrections[order], unsensed=near.unsensed[order])
     dof = require_enough_poses(model, len(q), known=len(errors.tolerance))
     nominal = nominal_vector(model.parameters)
     if x0 is None:

@@ -258,14 +258,10 @@ class JointCorrections:
 
     def with_parameters(self, index: IntArray) -> FloatArray:
         """Covariance (k + c, k + c) of parameters (k,), by their indices, and the coefficients; rad, m, 1."""
-        fit, design = self.fit, self.fit.design
-        soft = len(design.soft_index)
-        place = np.argsort(np.concatenate((design.hard_index, design.soft_index)))
-        columns = np.concatenate((place[index], np.arange(self.first, self.end)))
-        size = np.ones(design.width)
-        size[design.hard :] = fit.root
-        size[design.hard : design.hard + soft] *= design.soft_sd
-        block = fit.H_inverse[np.ix_(columns, columns)] * np.outer(size[columns], size[columns])
+        fit, hard = self.fit, self.fit.design.hard
+        columns = np.concatenate((fit.design.column[index], np.arange(self.first, self.end)))
+        size = np.concatenate((fit.unit[index], fit.root[self.first - hard : self.end - hard]))
+        block = fit.H_inverse[np.ix_(columns, columns)] * np.outer(size, size)
         return np.asarray(0.5 * (block + block.T))
 
     def mean(self, q: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
+from fixtures.base import CheckKind, SetupCheck, Severity
 from operator_app.calibration.acceptance import (
     Adjudication,
     causes_of,
@@ -23,13 +23,13 @@ from operator_app.calibration.acceptance import (
     return_tests,
     too_few_poses,
 )
-from operator_app.calibration.alternative_model import AlternativeModel
 from operator_app.calibration.alternatives import (
     find_alternatives,
     hinge_alternative,
     step_alternative,
 )
-from operator_app.calibration.closed_loops import pick, placement_checks
+from operator_app.calibration.closed_loops import placement_checks
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import (
     exceeded,
     excluded_poses,
@@ -43,7 +43,6 @@ from operator_app.calibration.rvdt import measured_deviations, rvdt_causes
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import IntArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
@@ -98,12 +97,10 @@ class PriorInformation:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Case:
-    """A fit with the results of tests and screening; `used` are its poses in the order in which they were taken."""
+    """A fit with the results of tests and screening; `stated` has its poses in the order in which they were taken."""
 
     found: Calibrated
-    arm: ArmModel
-    fixture: EndpointConstraint
-    used: PoseSet
+    stated: Experiment
     judged: tuple[str, ...]
     known: PriorInformation
     paper: Estimate | None
@@ -129,16 +126,6 @@ class _Case:
         """Whether no single linear explanation reaches the misfit."""
         return _unexplained_chi2_per_dof(self.diagnosis) > limits.CHI2_PER_DOF_REFUSED
 
-    @property
-    def stated(self) -> AlternativeModel:
-        """The model of the files."""
-        return AlternativeModel(
-            arm=self.arm,
-            fixture=self.fixture,
-            poses=self.used,
-            unsensed=self.model.unsensed_joints,
-        )
-
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         """Alternative models that explain the misfit."""
         dof = self.diagnosis.left.dof
@@ -149,9 +136,7 @@ class _Case:
 
 def adjudicate(
     found: Calibrated,
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
+    experiment: Experiment,
     distinct: IntArray,
     *,
     judged: tuple[str, ...],
@@ -160,21 +145,20 @@ def adjudicate(
 ) -> Adjudication:
     """Return the causes of a misfit, the most probable first, and the verdict.
 
-    `poses`, `distinct`: all poses, and the indices of the fitted ones, in the order in which they were taken. `judged`:
-    names of the parameters whose sigmas have to be valid. `paper`: the paper's estimate, if that is the chosen one.
+    `distinct`: indices of the fitted poses, in the order in which they were taken. `judged`: names of the parameters
+    whose sigmas have to be valid. `paper`: the paper's estimate, if that is the chosen one.
     """
+    arm = experiment.arm
     measured = measured_deviations(known.rvdt, arm)
     case = _Case(
         found=found,
-        arm=arm,
-        fixture=fixture,
-        used=pick(poses, distinct),
+        stated=experiment.at_poses(distinct),
         judged=judged,
         known=known,
         paper=paper,
         diagnosis=diagnose(found.linear, arm, taken=found.order, measured=measured),
     )
-    unsensed, labels, scale = case.model.unsensed_joints, _labels(case.used), case.chi2_per_dof
+    labels, scale = _labels(case.stated.poses), case.chi2_per_dof
     by_tests, alternatives, nothing_fits = _misfit_causes(case, labels)
     # With poses of another arm the solution has no meaning.
     far = () if nothing_fits else _local_minimum_causes(case)
@@ -186,13 +170,13 @@ def adjudicate(
     if far or any(cause.blocking for cause in of_fit):
         of_fit = (*hinge_alternative(case.stated), *of_fit)
     first = (
-        *_screening_causes(arm, poses, known),
+        *_screening_causes(experiment, known),
         *too_few_poses(case.estimate),
         *lost,
         *(() if case.gross or diverged else _geometry_causes(known.checks)),
         *(() if case.gross else far),
     )
-    shaken = motion_causes(arm, case.used, unsensed, labels)
+    shaken = motion_causes(case.stated, labels)
     if not case.estimate.converged:
         by_tests, shaken = _blocking_when_probable(by_tests), _blocking_when_probable(shaken)
     slipped, by_tests = proven_by_return(since, by_tests)
@@ -239,7 +223,7 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
     elif joint := _suspected_reading(diagnosis):
         by_tests = step_alternative(case.stated, joint, scale) or by_tests
     elif not by_tests:
-        by_tests = rvdt_causes(case.known.rvdt, case.arm)
+        by_tests = rvdt_causes(case.known.rvdt, case.stated.arm)
     unexplained = (
         len(by_tests) == 1 and by_tests[0].blocking and by_tests[0].kind in UNEXPLAINED_KINDS
     )
@@ -268,22 +252,20 @@ def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
     found = fit_causes(
         case.estimate.given(case.known.by_files),
         case.judged,
-        stated_by_fixture(case.model.parameters, case.arm, case.fixture),
+        stated_by_fixture(case.model.parameters, case.stated),
         partial(exceeded_source, case.found),
     )
     wide = (FindingKind.SIGMAS_USELESS, FindingKind.SIGMAS_WIDE)
     return tuple(c for c in found if not (without_motion and c.kind in wide))
 
 
-def stated_by_fixture(
-    parameters: tuple[Parameter, ...], arm: ArmModel, fixture: EndpointConstraint
-) -> dict[str, float]:
+def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> dict[str, float]:
     """Standard uncertainty (rad, m) of each entry in the fixture's file, by name.
 
     The arm's entries are not included, since its offsets are to be identified.
     """
-    placed = fixture.tolerance
-    arms = {entry.name for entry in arm.free}
+    placed = stated.fixture.tolerance
+    arms = {entry.name for entry in stated.arm.free}
     return {
         p.name: placed.orientation_rad if p.is_angle else placed.position_m
         for p in parameters
@@ -299,11 +281,11 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     """
     design, model = case.found.linear.design, case.model
     nominal = nominal_vector(model.parameters)
-    if _geometry_causes(placement_checks(case.fixture, case.arm, model, nominal)):
+    stated = case.stated
+    if _geometry_causes(placement_checks(stated.fixture, stated.arm, model, nominal)):
         return ()
-    expected = expected_fit(
-        model, design.q, design.errors, nominal, group=case.used.placement[case.found.order]
-    )
+    group = stated.poses.placement[case.found.order]
+    expected = expected_fit(model, design.q, design.errors, nominal, group=group)
     sd = np.sqrt(np.maximum(np.diagonal(expected.covariance), 0.0))
     return tuple(
         replace(cause, blocking=True) for cause in little_motion(model.parameters, sd, case.judged)
@@ -374,10 +356,9 @@ def _unexplained_chi2_per_dof(diagnosis: Diagnosis) -> float:
     return found.chi2 / max(found.dof, 1)
 
 
-def _screening_causes(
-    arm: ArmModel, poses: PoseSet, known: PriorInformation
-) -> tuple[Finding, ...]:
+def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:
     """Causes that need no test: they follow from the file or the geometry."""
+    arm, poses = experiment.arm, experiment.poses
     many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
     left_out = (known.flipped, known.out_of_range, arm, poses)
     return (

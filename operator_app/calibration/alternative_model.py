@@ -7,23 +7,23 @@ poses, with the command that writes its file.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import Compliance, EndpointConstraint
+from fixtures.base import Compliance
 from fixtures.hinge import Hinge
 from fixtures.rigid import Rigid
-from operator_app.calibration.closed_loops import in_order, loop_of_poses
+from operator_app.calibration.closed_loops import in_order
 from operator_app.calibration.error_model import (
     error_model,
     free_within_tolerance,
     noise_model,
     stated_priors,
 )
-from operator_app.calibration.findings import unrelated_reading
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.multistart import far_from_nominal
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import WHOLE_MM
@@ -41,39 +41,27 @@ from solver.estimators.layout import Layout
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import ClosureProblem
-from solver.loops.closure import ClosureModel
 from solver.loops.endpoint_geometry import Line
 
 _T = TypeVar("_T")
 
-NOTHING = Finding(kind=FindingKind.REPORTED)
-"""Finding of the stated model itself."""
+LEAST_NOISE_RAD = 1e-4
+"""Smallest noise of a reading where some are not used."""
 
 MODEL_ITERATIONS = 15
 """Iterations after which a correct alternative is near its solution."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class AlternativeModel:
-    """A possible mistake (`finding`): arm, fixture, poses and ignored joints without it."""
-
-    finding: Finding = NOTHING
-    arm: ArmModel
-    fixture: EndpointConstraint
-    poses: PoseSet
-    unsensed: tuple[int, ...] = ()
-
-    def loop(self) -> ClosureModel:
-        """Its closed loops."""
-        return loop_of_poses(self.arm, self.fixture, self.poses, unsensed_joints=self.unsensed)
-
-    def without_reading(self, joint: int) -> AlternativeModel:
-        """Return the model that also ignores the readings of `joint`, which are unrelated to its angle."""
-        unsensed = tuple(sorted((*self.unsensed, joint)))
-        return replace(self, finding=unrelated_reading(joint, self.arm), unsensed=unsensed)
+Alternative = tuple[Finding, Experiment]
+"""A possible mistake, and the experiment without it."""
 
 
-def start(alternative: AlternativeModel) -> tuple[FloatArray, float]:
+def without_reading(stated: Experiment, joint: int) -> Experiment:
+    """Return the experiment that also ignores the readings of `joint`."""
+    return replace(stated, unsensed=tuple(sorted((*stated.unsensed, joint))))
+
+
+def start(alternative: Experiment) -> tuple[FloatArray, float]:
     """Start parameters of an alternative's loop and its mean square closure error."""
     if alternative.unsensed:
         fit = without_readings(alternative)
@@ -87,21 +75,22 @@ def start(alternative: AlternativeModel) -> tuple[FloatArray, float]:
     return found.x, 2.0 * found.cost / len(q)
 
 
-def without_readings(alternative: AlternativeModel) -> ImplicitFit:
+def without_readings(
+    alternative: Experiment, *, max_iterations: int = MODEL_ITERATIONS
+) -> ImplicitFit:
     """Closed loops of an alternative without some readings."""
-    arm, poses, model = alternative.arm, alternative.poses, alternative.loop()
-    noise = noise_model(arm, alternative.fixture, poses, np.arange(len(poses)))
-    floor = np.maximum(noise.joint_variance, 1e-8)
+    model, noise = alternative.loop(), noise_model(alternative)
+    floor = np.maximum(noise.joint_variance, LEAST_NOISE_RAD**2)
     return fit_implicit(
         model,
-        poses.q_rad,
+        alternative.poses.q_rad,
         replace(noise, joint_variance=floor),
         nominal_vector(model.parameters),
-        max_iterations=MODEL_ITERATIONS,
+        max_iterations=max_iterations,
     )
 
 
-def is_near(alternative: AlternativeModel) -> bool:
+def is_near(alternative: Experiment) -> bool:
     """Whether an alternative's loop closes near its nominal values."""
 
     def near() -> bool:
@@ -110,7 +99,7 @@ def is_near(alternative: AlternativeModel) -> bool:
     return tried(near, otherwise=False)
 
 
-def closes(alternative: AlternativeModel, *, far: float) -> bool:
+def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
     `far` is the mean square closure error in the file's fixture, rotations included: noise makes it a few times larger
@@ -124,23 +113,21 @@ def closes(alternative: AlternativeModel, *, far: float) -> bool:
     )
 
 
-def cost_of(alternative: AlternativeModel) -> float:
+def cost_of(alternative: Experiment) -> float:
     """Mean square closure error of an alternative; infinite where it cannot be solved."""
     return tried(lambda: start(alternative)[1], np.inf)
 
 
-def solved(alternative: AlternativeModel) -> tuple[float, int]:
+def solved(alternative: Experiment) -> tuple[float, int]:
     """chi2/dof of an alternative at stated variances, and its degrees of freedom."""
-    arm, fixture, poses = alternative.arm, alternative.fixture, alternative.poses
+    arm, poses = alternative.arm, alternative.poses
 
     def solve() -> tuple[float, int]:
         x, _ = start(alternative)
         hard = alternative.loop()
         model, tolerance = free_within_tolerance(hard, arm)
-        errors = error_model(
-            arm, fixture, poses, np.arange(len(poses)), unsensed_joints=alternative.unsensed,
-            tolerance=tolerance, prior=stated_priors(hard, arm, fixture),
-        )  # fmt: skip
+        prior = stated_priors(hard, arm, alternative.fixture)
+        errors = error_model(alternative, tolerance=tolerance, prior=prior)
         fit = fit_mixed(
             model, poses.q_rad, errors, in_order(model, hard, x),
             group=poses.placement, variances=Layout.stated_variances,
@@ -193,7 +180,7 @@ TURNS_RAD = 0.5e-3
 """Deflection of an ordinary hinge under load where no hinge is stated."""
 
 
-def other_fixtures(stated: AlternativeModel) -> Iterator[AlternativeModel]:
+def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
     """Return fixtures with fewer constraints than the stated one, in which its open loops may close."""
     if isinstance(stated.fixture, Rigid):
         yield hinge_instead(stated)
@@ -201,7 +188,7 @@ def other_fixtures(stated: AlternativeModel) -> Iterator[AlternativeModel]:
         yield _ball_instead(stated)
 
 
-def hinge_instead(stated: AlternativeModel) -> AlternativeModel:
+def hinge_instead(stated: Experiment) -> Alternative:
     """Return a hinge if the tool turns about one line that is fixed in the tool and in the base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
@@ -221,11 +208,12 @@ def hinge_instead(stated: AlternativeModel) -> AlternativeModel:
     )
     lines = f"{_points(tip, ground)} --hand-direction={_way(along[0])} --base-direction={_way(along[1])}"
     names = (fixture.kind, _new("hinge", arm, lines))
-    finding = Finding(kind=FindingKind.WRONG_FIXTURE_HINGE, names=names)
-    return replace(stated, finding=finding, fixture=hinge)
+    return Finding(kind=FindingKind.WRONG_FIXTURE_HINGE, names=names), replace(
+        stated, fixture=hinge
+    )
 
 
-def _ball_instead(stated: AlternativeModel) -> AlternativeModel:
+def _ball_instead(stated: Experiment) -> Alternative:
     """Return a ball at the nominal hinge, or at the tool point that moves least."""
     fixture = stated.fixture
     R, p = frames = _frames(stated.arm, stated.poses)
@@ -235,11 +223,8 @@ def _ball_instead(stated: AlternativeModel) -> AlternativeModel:
     else:
         tip, ground = _where_it_meets(frames)
     names = (fixture.kind, _new("ball", stated.arm, _points(tip, ground)))
-    return replace(
-        stated,
-        finding=Finding(kind=FindingKind.WRONG_FIXTURE_BALL, names=names),
-        fixture=Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance),
-    )
+    ball = Ball(tip_m=_point(tip), ground_m=_point(ground), compliance=fixture.compliance)
+    return Finding(kind=FindingKind.WRONG_FIXTURE_BALL, names=names), replace(stated, fixture=ball)
 
 
 def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:

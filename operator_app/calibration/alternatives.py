@@ -14,7 +14,7 @@ import numpy as np
 
 from fixtures.ball import Ball
 from operator_app.calibration.alternative_model import (
-    AlternativeModel,
+    Alternative,
     closes,
     cost_of,
     hinge_instead,
@@ -23,10 +23,11 @@ from operator_app.calibration.alternative_model import (
     shift_of,
     solved,
     tried,
+    without_reading,
     without_readings,
 )
-from operator_app.calibration.closed_loops import pick
-from operator_app.calibration.findings import reading_step
+from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.findings import reading_step, unrelated_reading
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
 from solver.diagnostics import limits
@@ -54,7 +55,7 @@ LONGEST_S = 4.0
 
 
 def find_alternatives(
-    stated: AlternativeModel,
+    stated: Experiment,
     *,
     scale: float,
     dof: int,
@@ -78,14 +79,17 @@ def find_alternatives(
     """
     deadline = thread_time() + LONGEST_S
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
-    found: list[tuple[AlternativeModel, float]] = []
+    found: list[tuple[Finding, float]] = []
+    fits: list[Experiment] = []
     families = (
         (_same_loop(stated), *((_unread(stated),) if sensors else ()))
         if near or of_files
         else (_frozen(stated), _same_loop(stated), _blind(stated))
     )
     for family in families:
-        for alternative in _screened(family, deadline, below=PROMISING_COST_SHARE * as_it_is):
+        for finding, alternative in _screened(
+            family, deadline, below=PROMISING_COST_SHARE * as_it_is
+        ):
             if near and not is_near(alternative):
                 continue
             if thread_time() > deadline:
@@ -97,41 +101,38 @@ def find_alternatives(
             if ratio < limits.CHI2_PER_DOF_ALTERNATIVE and (
                 near or limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
             ):
-                found.append((alternative, _weight(ratio, left, dof)))
+                found.append((finding, _weight(ratio, left, dof)))
+                fits.append(alternative)
         if found:
             break
-    for alternative, _ in tuple(found):
-        found += [
-            (shift, _weight(ratio, left, dof))
-            for shift, ratio, left in _shifted(alternative, stated.unsensed)
-            if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
-        ]
+    found += [
+        (finding, _weight(ratio, left, dof))
+        for alternative in fits
+        for finding, ratio, left in _shifted(alternative, stated.unsensed)
+        if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
+    ]
     return _named(found)
 
 
-def hinge_alternative(stated: AlternativeModel) -> tuple[Finding, ...]:
+def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
     """Return the finding that the fixture is a hinge, where the poses do not suffice for a ball but close in a hinge.
 
     A ball closes wherever a hinge does, with its centre anywhere along the axis.
     """
     if not isinstance(stated.fixture, Ball) or len(stated.poses) < limits.ALTERNATIVE_FIXTURE_POSES:
         return ()
-    alternative = hinge_instead(stated)
-    ratio, left = solved(alternative)
-    return (
-        _named([(alternative, _weight(ratio, left, left))])
-        if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
-        else ()
-    )
+    finding, alternative = hinge_instead(stated)
+    fits = solved(alternative)[0] < limits.CHI2_PER_DOF_ALTERNATIVE
+    return _named([(finding, 0.0)]) if fits else ()
 
 
-def step_alternative(stated: AlternativeModel, joint: int, scale: float) -> tuple[Finding, ...]:
+def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Finding, ...]:
     """Return the step that explains a wrong reading of a joint, if one does; `scale` as above."""
-    found = _shifted(stated.without_reading(joint), stated.unsensed)
+    found = _shifted(without_reading(stated, joint), stated.unsensed)
     return _named(
         [
-            (s, 0.0)
-            for s, ratio, _ in found
+            (finding, 0.0)
+            for finding, ratio, _ in found
             if ratio < limits.CHI2_PER_DOF_ALTERNATIVE
             and limits.ALTERNATIVE_CHI2_RATIO * ratio < scale
         ]
@@ -144,19 +145,19 @@ def _weight(ratio: float, left: int, dof: int) -> float:
     return float(fits - PER_FREEDOM * max(0, dof - left))
 
 
-def _named(found: list[tuple[AlternativeModel, float]]) -> tuple[Finding, ...]:
+def _named(found: list[tuple[Finding, float]]) -> tuple[Finding, ...]:
     if not found:
         return ()
     chance = probabilities(np.array([weight for _, weight in found]))
     order = np.argsort(-chance)
     return tuple(
-        replace(found[k][0].finding, probability=float(chance[k]), blocking=True)
+        replace(found[k][0], probability=float(chance[k]), blocking=True)
         for k in order
         if chance[k] > 0.02
     )
 
 
-def _same_loop(stated: AlternativeModel) -> Iterator[AlternativeModel]:
+def _same_loop(stated: Experiment) -> Iterator[Alternative]:
     """Alternatives without a mistake of the file: a unit, a sign, two exchanged columns."""
     if stated.unsensed:
         return
@@ -168,11 +169,11 @@ def _same_loop(stated: AlternativeModel) -> Iterator[AlternativeModel]:
                 names=(mistake.code,),
                 reported=(mistake.text, mistake.remedy),
             )
-            yield replace(stated, finding=finding, poses=replace(poses, q_rad=mistake.q_rad))
+            yield finding, replace(stated, poses=replace(poses, q_rad=mistake.q_rad))
     offsets = arm.table.theta_off_rad
     if LEAST_CHANGE_RAD < float(np.abs(offsets).max()) < np.deg2rad(2.0 * np.pi):
         meant = replace(arm, table=replace(arm.table, theta_off_rad=offsets / np.deg2rad(1.0)))
-        yield replace(stated, finding=Finding(kind=FindingKind.OFFSETS_IN_RADIANS), arm=meant)
+        yield Finding(kind=FindingKind.OFFSETS_IN_RADIANS), replace(stated, arm=meant)
     for kind in ("s", "a"):
         lengths = getattr(arm.table, f"{kind}_m")
         for i, j in combinations(np.flatnonzero(np.abs(lengths) > LEAST_M), 2):
@@ -182,10 +183,10 @@ def _same_loop(stated: AlternativeModel) -> Iterator[AlternativeModel]:
                 entries = (f"{kind}_{i + 1}", f"{kind}_{j + 1}")
                 finding = Finding(kind=FindingKind.ENTRIES_EXCHANGED, names=entries)
                 table = replace(arm.table, **{f"{kind}_m": lengths[order]})
-                yield replace(stated, finding=finding, arm=replace(arm, table=table))
+                yield finding, replace(stated, arm=replace(arm, table=table))
 
 
-def _frozen(stated: AlternativeModel) -> Iterator[AlternativeModel]:
+def _frozen(stated: Experiment) -> Iterator[Alternative]:
     """Alternatives in which a sensor is stuck in a run of poses: the loops close without that run."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
@@ -195,26 +196,24 @@ def _frozen(stated: AlternativeModel) -> Iterator[AlternativeModel]:
                 finding = Finding(
                     kind=FindingKind.READING_FROZEN, joint=j, poses=poses.label[first:last]
                 )
-                yield replace(stated, finding=finding, poses=pick(poses, rest))
+                yield finding, stated.at_poses(rest)
 
 
-def _blind(stated: AlternativeModel) -> Iterator[AlternativeModel]:
+def _blind(stated: Experiment) -> Iterator[Alternative]:
     """Alternatives with another fixture, or without a sensor whose readings are useless in all poses."""
     yield from other_fixtures(replace(stated, unsensed=()))
     yield from _unread(stated)
 
 
-def _unread(stated: AlternativeModel) -> Iterator[AlternativeModel]:
+def _unread(stated: Experiment) -> Iterator[Alternative]:
     """Alternatives in which one sensor's readings are useless in all poses."""
     for j in range(1, stated.poses.joint_count + 1):
         if j not in stated.unsensed:
-            yield stated.without_reading(j)
+            yield unrelated_reading(j, stated.arm), without_reading(stated, j)
 
 
-def _shifted(
-    blind: AlternativeModel, unsensed: tuple[int, ...]
-) -> list[tuple[AlternativeModel, float, int]]:
-    """Return the solved alternative in which the joint that `blind` ignores is used, less a step in its readings."""
+def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding, float, int]]:
+    """Return a step of the joint that `blind` ignores, with chi2/dof and dof of its readings without that step."""
     more = [j for j in blind.unsensed if j not in unsensed]
     if len(more) != 1:
         return []
@@ -222,9 +221,7 @@ def _shifted(
     q = blind.poses.q_rad
 
     def angle() -> FloatArray | None:
-        fit = without_readings(blind)
-        first = fit.unsensed.shape[-1] - len(blind.unsensed)
-        return fit.unsensed[:, first + blind.unsensed.index(joint)]
+        return blind.loop().angle_of(without_readings(blind).unsensed, joint)
 
     measured = tried(angle, None)
     shift = None if measured is None else shift_of(q[:, joint - 1], measured)
@@ -232,27 +229,23 @@ def _shifted(
         return []
     back = q.copy()
     back[shift.first :, joint - 1] -= shift.size_rad
-    alternative = replace(
-        blind,
-        finding=reading_step(joint, shift.size_rad, shift.first, blind.arm, blind.poses.label),
-        poses=replace(blind.poses, q_rad=back),
-        unsensed=unsensed,
-    )
-    return [(alternative, *solved(alternative))]
+    alternative = replace(blind, poses=replace(blind.poses, q_rad=back), unsensed=unsensed)
+    finding = reading_step(joint, shift.size_rad, shift.first, blind.arm, blind.poses.label)
+    return [(finding, *solved(alternative))]
 
 
 def _screened(
-    alternatives: Iterator[AlternativeModel], deadline: float, *, below: float
-) -> list[AlternativeModel]:
+    alternatives: Iterator[Alternative], deadline: float, *, below: float
+) -> list[Alternative]:
     """The most promising alternatives by their closure error with equal weights."""
-    costs: list[tuple[float, int, AlternativeModel]] = []
-    for number, alternative in enumerate(alternatives):
+    costs: list[tuple[float, Alternative]] = []
+    for finding, alternative in alternatives:
         if thread_time() > deadline:
             break
-        costs.append((cost_of(alternative), number, alternative))
-    costs.sort(key=lambda cost: cost[:2])
+        costs.append((cost_of(alternative), (finding, alternative)))
+    costs.sort(key=lambda cost: cost[0])
     return [
         alternative
-        for cost, _, alternative in costs[:SOLVED_ALTERNATIVES]
+        for cost, alternative in costs[:SOLVED_ALTERNATIVES]
         if np.isfinite(cost) and cost <= below
     ]

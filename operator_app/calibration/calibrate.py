@@ -13,15 +13,12 @@ import numpy as np
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, adjudicate
-from operator_app.calibration.alternative_model import AlternativeModel
 from operator_app.calibration.alternatives import find_alternatives
 from operator_app.calibration.calibrated_arm import with_best_table
 from operator_app.calibration.closed_loops import (
     IdentifiableLoops,
     identifiable_loops,
     in_order,
-    loop_of_poses,
-    pick,
     placement_checks,
     refuse_placement,
     require_identifiable,
@@ -32,6 +29,7 @@ from operator_app.calibration.error_model import (
     free_within_tolerance,
     stated_priors,
 )
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import (
     explain_unidentifiable,
     poses_do_not_fit,
@@ -131,15 +129,13 @@ def calibrate(
     """
     if estimator not in ESTIMATORS:
         raise ValueError(f"estimator must be one of {', '.join(ESTIMATORS)}")
-    unsensed_joints = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
-    if estimator == "paper" and unsensed_joints:
+    unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
+    if estimator == "paper" and unsensed:
         raise ValueError("the paper's estimator needs every joint sensed (eqs. 10-13)")
+    fixture = with_registered_instrument(arm, fixture, poses)
     task = Task(
-        arm=arm,
-        fixture=with_registered_instrument(arm, fixture, poses),
-        poses=poses,
+        experiment=Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed),
         by_paper=estimator == "paper",
-        unsensed_joints=unsensed_joints,
         search=search,
         drop=drop,
         length_tolerance_m=length_tolerance_m,
@@ -154,11 +150,8 @@ def calibrate(
 class Task:
     """The checked arguments of `calibrate`, with the placement of an instrument registered."""
 
-    arm: ArmModel
-    fixture: EndpointConstraint
-    poses: PoseSet
+    experiment: Experiment
     by_paper: bool
-    unsensed_joints: tuple[int, ...]
     search: bool
     drop: bool
     length_tolerance_m: float | None
@@ -238,16 +231,16 @@ class Diagnosed:
 
 def prepare(task: Task) -> Prepared:
     """Build the loops; refuse too few poses, readings out of range, and placements without unique parameters."""
-    arm, poses = task.arm, task.poses
-    model = loop_of_poses(arm, task.fixture, poses, unsensed_joints=task.unsensed_joints)
+    experiment, model = task.experiment, task.experiment.loop()
+    arm, poses, unsensed = experiment.arm, experiment.poses, experiment.unsensed
     require_enough_poses(model, len(poses))
-    out_of_range = range_findings(arm, poses, unsensed_joints=task.unsensed_joints)
-    refuse_placement(task.fixture, arm, model)
+    out_of_range = range_findings(arm, poses, unsensed_joints=unsensed)
+    refuse_placement(experiment.fixture, arm, model)
     loops = identifiable_loops(
         model,
         arm,
         poses,
-        sensed=not task.unsensed_joints,
+        sensed=not unsensed,
         search=task.search,
         drop=task.drop,
         progress=task.progress,
@@ -259,7 +252,8 @@ def prepare(task: Task) -> Prepared:
 def screen(prepared: Prepared) -> Screened:
     """Refuse unidentifiable parameters; free entries with a tolerance and collect the error model."""
     task, loops, hard = prepared.task, prepared.loops, prepared.hard
-    prior = stated_priors(hard, task.arm, task.fixture)
+    experiment = task.experiment
+    prior = stated_priors(hard, experiment.arm, experiment.fixture)
     by_arm = frozenset(prior) - {*hard.ground_side, *hard.hand_side}
     seen = None
     # Before the fit: along an unidentifiable direction without a prior every estimate is meaningless.
@@ -270,23 +264,14 @@ def screen(prepared: Prepared) -> Screened:
         _require_identifiable(prepared, seen, by_arm)
     # The paper's estimate is compared with the implicit one, so that the implicit fit is always made.
     model, tolerance = free_within_tolerance(
-        hard, task.arm, length_tolerance_m=task.length_tolerance_m, fixed=prepared.dropped
+        hard, experiment.arm, length_tolerance_m=task.length_tolerance_m, fixed=prepared.dropped
     )
-    distinct, which = distinct_poses(task.poses, loops.kept)
-    errors = error_model(
-        task.arm,
-        task.fixture,
-        task.poses,
-        distinct,
-        unsensed_joints=task.unsensed_joints,
-        tolerance=tolerance,
-        prior=prior,
-    )
+    distinct, which = distinct_poses(experiment.poses, loops.kept)
     return Screened(
         before=prepared,
         model=model,
         tolerance=tolerance,
-        errors=errors,
+        errors=error_model(experiment, distinct, tolerance=tolerance, prior=prior),
         distinct=distinct,
         which=which,
         prior=by_arm,
@@ -308,7 +293,7 @@ def fit(screened: Screened) -> Fitted:
             loops.q[here],
             screened.errors,
             _starts(screened),
-            group=task.poses.placement[distinct],
+            group=task.experiment.poses.placement[distinct],
             progress=task.progress,
         )
     except PosesDoNotFitError as error:
@@ -342,8 +327,8 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     """Test the fit and every RVDT, compare placements and repeated poses, and rank the causes."""
     screened, whole, model = fitted.before, fitted.whole, fitted.model
     prepared = screened.before
-    task, loops = prepared.task, prepared.loops
-    arm, fixture, poses = task.arm, task.fixture, task.poses
+    task, loops, experiment = prepared.task, prepared.loops, prepared.task.experiment
+    arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     part, some = whole.few(MOST_DIAGNOSED_POSES)
     used = screened.distinct[some]
     unknowns = tuple(p.name for p in prepared.hard.parameters)
@@ -358,9 +343,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         checks=placement_checks(fixture, arm, model, fitted.estimate.x),
         search=loops.search,
         rvdt=check_rvdts(
-            arm,
-            fixture,
-            poses,
+            experiment,
             loops.kept,
             used,
             part,
@@ -391,9 +374,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         else (),
         adjudication=adjudicate(
             part,
-            arm,
-            fixture,
-            poses,
+            experiment,
             used,
             judged=unknowns,
             known=known,
@@ -407,7 +388,8 @@ def decide(diagnosed: Diagnosed) -> Solution:
     fitted, known = diagnosed.before, diagnosed.known
     prepared = fitted.before.before
     task, loops, whole = prepared.task, prepared.loops, fitted.whole
-    model, estimate, q, poses = fitted.model, fitted.estimate, loops.q, task.poses
+    model, estimate, q, experiment = fitted.model, fitted.estimate, loops.q, task.experiment
+    arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     at_nominal = closure_at_readings(model, nominal_vector(model.parameters), q)
     solution = Solution(
         model=model,
@@ -423,7 +405,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         search=loops.search,
         outliers=tuple(poses.label[k] for k in _outliers(whole, fitted.before.distinct)),
         rvdt=known.rvdt,
-        assumed=(*task.arm.assumed, *task.fixture.compliance.assumed),
+        assumed=(*arm.assumed, *fixture.compliance.assumed),
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=task.length_tolerance_m,
@@ -433,7 +415,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
             model,
             estimate,
             poses.placements,
-            () if task.by_paper else compared(task.fixture, poses, whole.linear),
+            () if task.by_paper else compared(fixture, poses, whole.linear),
         ),
         condition_at_readings=condition_at_readings(
             loops.identifiable, in_order(loops.identifiable, model, estimate.x), q
@@ -441,14 +423,12 @@ def decide(diagnosed: Diagnosed) -> Solution:
         warnings=(),
         reasons=(),
     )
-    if not task.by_paper and not task.unsensed_joints:
-        solution = with_best_table(solution, task.arm, whole, q)
+    if not task.by_paper and not experiment.unsensed:
+        solution = with_best_table(solution, arm, whole, q)
     unidentifiable = () if task.drop else loops.unidentifiable
     return with_notices(
         solution,
-        task.arm,
-        task.fixture,
-        poses,
+        experiment,
         whole=whole,
         judged=diagnosed.part,
         known=known,
@@ -460,7 +440,8 @@ def decide(diagnosed: Diagnosed) -> Solution:
 
 
 def _identifiability(prepared: Prepared, model: ClosureModel, x: FloatArray) -> Identifiability:
-    return identifiability(model, x, prepared.loops.q, sigma_rad=prepared.task.arm.sigma_rad())
+    sigma_rad = prepared.task.experiment.arm.sigma_rad()
+    return identifiability(model, x, prepared.loops.q, sigma_rad=sigma_rad)
 
 
 def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
@@ -472,12 +453,9 @@ def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: froz
     except UnidentifiableError as error:
         raise explain_unidentifiable(
             error,
-            task.arm,
-            task.fixture,
-            pick(task.poses, np.flatnonzero(loops.kept)),
-            task.unsensed_joints,
+            task.experiment.at_poses(loops.kept),
             loops.paper,
-            saturated_readings(prepared.out_of_range, task.poses),
+            saturated_readings(prepared.out_of_range, task.experiment.poses),
         ) from error
 
 
@@ -505,16 +483,16 @@ def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
 def _starts(screened: Screened) -> Iterator[FloatArray | None]:
     """Starts of the fit: fixture only, first estimate, nominal values, best solution near the nominal values."""
     prepared, model = screened.before, screened.model
-    loops, task = prepared.loops, prepared.task
+    loops, task, unsensed = prepared.loops, prepared.task, prepared.task.experiment.unsensed
     q, identifiable = loops.q, loops.identifiable
-    if screened.prior and not task.search and not task.unsensed_joints:
+    if screened.prior and not task.search and not unsensed:
         # The best fixture placement for an arm within its stated tolerances.
         fixture_only = prepared.hard.without(screened.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
     x0 = loops.x0 if loops.paper is None else loops.paper.x
     yield None if x0 is None else in_order(model, identifiable, x0)
     yield nominal_vector(model.parameters)
-    if not task.unsensed_joints:
+    if not unsensed:
         few = evenly(len(q), SCREENING_POSES)
         yield in_order(model, identifiable, best_about_nominal(identifiable.at_poses(few), q[few]))
 
@@ -522,14 +500,8 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
 def _alternatives(screened: Screened) -> tuple[Finding, ...]:
     """Alternative models that fit the poses where the stated one does not."""
     prepared, distinct = screened.before, screened.distinct
-    task = prepared.task
     unknowns = len(prepared.loops.identifiable.parameters)
-    stated = AlternativeModel(
-        arm=task.arm,
-        fixture=task.fixture,
-        poses=pick(task.poses, distinct),
-        unsensed=task.unsensed_joints,
-    )
+    stated = prepared.task.experiment.at_poses(distinct)
     dof = len(distinct) * prepared.hard.equations_per_pose - unknowns
     return find_alternatives(stated, scale=np.inf, dof=dof)
 

@@ -10,21 +10,18 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck, Severity
 from fixtures.errors import FixtureError
-from fixtures.measured import Measured
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.chain.rotations import rotation_matrix
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.limits import FEW_DOF
 from solver.diagnostics.model_selection import drop_unidentifiable
-from solver.errors import SolverError, UnidentifiableError
+from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.loops.closure import ClosureModel
-from solver.loops.placements import place
 from solver.search.global_start import GlobalStart, global_start
 
 
@@ -157,64 +154,13 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
     )
 
 
-class EndpointMissingError(SolverError):
-    """The fixture is an instrument, and its measurements are missing or incomplete."""
-
-
-def loop_of_poses(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    *,
-    unsensed_joints: tuple[int, ...] = (),
-) -> ClosureModel:
-    """Return the loops of all poses, bound to their placements and measurements.
-
-    Raises `EndpointMissingError` if the instrument's columns are missing from the pose set.
-    """
-    model: ClosureModel
-    if isinstance(fixture, Measured):
-        if poses.endpoint is None or (fixture.full_pose and poses.endpoint.shape[1] < 6):
-            columns = "x_m,y_m,z_m" + (",rx_deg,ry_deg,rz_deg" if fixture.full_pose else "")
-            raise EndpointMissingError(f"a measured fixture needs the columns {columns}")
-        model = fixture.model(arm, unsensed_joints=unsensed_joints).with_endpoints(
-            poses.endpoint[:, :3],
-            rotation_matrix(poses.endpoint[:, 3:6]) if fixture.full_pose else None,
-        )
-    else:
-        model = fixture.model(arm, unsensed_joints=unsensed_joints)
-    if len(poses.placements) == 1:
-        return model
-    return place(model, poses.placement, same_hand=fixture.stays_on_hand)
-
-
-def instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
-    """Variance of the endpoint measurement along the closure components (6,), None without one."""
-    return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
-
-
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
     """Return the poses of some placements; ValueError if one does not exist."""
     missing = sorted(set(placements) - set(poses.placements))
     if missing:
         known = ", ".join(str(p) for p in poses.placements)
         raise ValueError(f"there is no placement {missing[0]}; the file has {known}")
-    return pick(poses, np.flatnonzero(np.isin(poses.placement, placements)))
-
-
-def pick(poses: PoseSet, indices: np.ndarray[tuple[int], np.dtype[np.intp]]) -> PoseSet:
-    """Return some poses of a set, in the order of `indices`."""
-    chosen = indices.tolist()
-    return PoseSet(
-        placement=poses.placement[indices],
-        label=tuple(poses.label[k] for k in chosen),
-        q_rad=poses.q_rad[indices],
-        sd_rad=None if poses.sd_rad is None else poses.sd_rad[indices],
-        samples=None if poses.samples is None else poses.samples[indices],
-        endpoint=None if poses.endpoint is None else poses.endpoint[indices],
-        utc=None if poses.utc is None else tuple(poses.utc[k] for k in chosen),
-        notes=None if poses.notes is None else tuple(poses.notes[k] for k in chosen),
-    )
+    return poses.at_poses(np.isin(poses.placement, placements))
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:

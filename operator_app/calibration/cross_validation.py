@@ -13,6 +13,7 @@ from operator_app.calibration.error_model import (
     noise_model,
     stated_priors,
 )
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.result import Solution
 from solver.arrays import FloatArray, IntArray
@@ -55,23 +56,17 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
         return Checks()
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:
         return Checks()
-    fixture = with_calibrated_places(fixture, solution.model)
-    kept = np.ones(len(poses), dtype=np.bool_)
-    kept[list(solution.dropped_flipped)] = False
-    q, model, there = poses.q_rad[kept], solution.model, np.flatnonzero(kept)
-    tolerance = {
-        name: sd
-        for name, sd in free_within_tolerance(model.without(solution.tolerated), arm)[1].items()
-        if name in solution.tolerated
-    }
+    fixture, model = with_calibrated_places(fixture, solution.model), solution.model
+    kept = np.setdiff1d(np.arange(len(poses)), solution.dropped_flipped)
+    whole = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=model.unsensed_joints)
+    stated = whole.at_poses(kept)
+    q, hard = stated.poses.q_rad, model.without(solution.tolerated)
+    tolerance = free_within_tolerance(hard, arm)[1]
     errors = error_model(
-        arm,
-        fixture,
-        poses,
+        whole,
         kept,
-        unsensed_joints=model.unsensed_joints,
-        tolerance=tolerance,
-        prior=stated_priors(model.without(solution.tolerated), arm, fixture),
+        tolerance={name: tolerance[name] for name in tolerance if name in solution.tolerated},
+        prior=stated_priors(hard, arm, fixture),
     )
     found = solution.components
     if found is not None:
@@ -83,7 +78,7 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
             q[rest],
             errors.at_poses(rest),
             x0=solution.estimate.x,
-            group=poses.placement[there[rest]],
+            group=stated.poses.placement[rest],
             # Sizes of errors are not parameters: estimating them for every part would be most of the work.
             variances=None if found is None else found.variances,
         )
@@ -91,11 +86,11 @@ def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses:
     def estimated(rest: IntArray) -> Estimate:
         return estimate_of(settled(rest), model.at_poses(rest), q[rest])
 
-    stated = noise_model(arm, fixture, poses, kept)
+    noise = noise_model(stated)
 
     def held_out(parts: tuple[IntArray, ...]) -> HoldOut | None:
         try:
-            return hold_out(estimated, model, q, stated, parts)
+            return hold_out(estimated, model, q, noise, parts)
         except SolverError:
             # The rest is too small to be estimated from.
             return None

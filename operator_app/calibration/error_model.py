@@ -11,14 +11,20 @@ import numpy as np
 
 from fixtures.ball import Ball, KnownDistance
 from fixtures.base import EndpointConstraint
-from operator_app.calibration.closed_loops import instrument_variance, loop_of_poses, pick
+from fixtures.measured import Measured
+from operator_app.calibration.experiment import Experiment
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, Parameter, is_entry, nominal_vector
 from solver.chain.poses import PoseSet, back_to_caller, canonical_order
-from solver.chain.sensors import NoSensor
 from solver.chain.statics import unstated_masses
-from solver.estimators.error_model import ErrorModel, MeasuredDistance, Names, stated_errors
+from solver.estimators.error_model import (
+    ErrorModel,
+    MeasuredDistance,
+    Names,
+    stated_errors,
+    variance_of_means,
+)
 from solver.estimators.implicit import NoiseModel
 from solver.estimators.load_effects import LoadBasis, load_basis
 from solver.loops.closure import ClosureModel, unsensed_at_readings
@@ -27,25 +33,25 @@ from solver.loops.point import GROUND
 MOVED_RAD, MOVED_SIGMAS = np.deg2rad(0.05), 4.0
 """A joint whose readings at two poses differ by more than this has moved."""
 
+NOTHING: Mapping[str, float] = {}
+
 
 def error_model(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    kept: BoolArray | IntArray,
+    experiment: Experiment,
+    kept: BoolArray | IntArray | slice = slice(None),
     *,
-    unsensed_joints: tuple[int, ...] = (),
-    tolerance: Mapping[str, float] | None = None,
-    prior: Mapping[str, float] | None = None,
+    tolerance: Mapping[str, float] = NOTHING,
+    prior: Mapping[str, float] = NOTHING,
 ) -> ErrorModel:
     """Return the stated errors of the kept poses; `tolerance` is that of `free_within_tolerance`."""
+    arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     errors = stated_errors(
         arm,
-        samples=samples_of(poses)[kept],
+        samples=poses.sample_counts[kept],
         sd_rad=None if poses.sd_rad is None else poses.sd_rad[kept],
-        unsensed_joints=unsensed_joints,
+        unsensed_joints=experiment.unsensed,
     )
-    endpoint = instrument_variance(fixture)
+    endpoint = _instrument_variance(fixture)
     passive = fixture.kind != "measured"
     there = np.arange(len(poses))[kept]
     return replace(
@@ -53,11 +59,11 @@ def error_model(
         endpoint_variance=np.zeros(6) if endpoint is None else endpoint,
         give_rad=fixture.compliance.orientation_rad if passive else None,
         give_m=fixture.compliance.position_m if passive else None,
-        tolerance={} if tolerance is None else tolerance,
-        prior={} if prior is None else prior,
+        tolerance=tolerance,
+        prior=prior,
         distances=_measured(stated_distances(fixture, poses.placements)),
         discrepancy=True,
-        loads=_loads(arm, fixture, poses, there, unsensed_joints),
+        loads=_loads(experiment.at_poses(there)),
         approach=approach_of(arm, poses, there),
     )
 
@@ -88,31 +94,26 @@ def _measured(distances: tuple[KnownDistance, ...]) -> tuple[MeasuredDistance, .
     )
 
 
-def _loads(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
-    there: IntArray,
-    unsensed: tuple[int, ...],
-) -> LoadBasis | None:
-    """Effects of gravity at the poses `there`; on the fixture only if the arm's file states masses.
+def _loads(experiment: Experiment) -> LoadBasis | None:
+    """Effects of gravity at all poses; on the fixture only if the arm's file states masses.
 
     Computed at the nominal values and in canonical order, so that neither the start of a search nor the order of the
     file changes the last digit.
     """
-    if not len(there):
+    arm, fixture = experiment.arm, experiment.fixture
+    if not len(experiment.poses):
         return None
+    order = canonical_order(experiment.poses.q_rad)
     masses = arm.masses or unstated_masses(arm.joint_count)
     pulled = arm.masses is not None and fixture.kind != "measured"
-    order = canonical_order(poses.q_rad[there])
-    used = pick(poses, there[order])
-    model = loop_of_poses(arm, fixture, used, unsensed_joints=unsensed)
+    used = experiment.at_poses(order)
+    model, q = used.loop(), used.poses.q_rad
     x, give = nominal_vector(model.parameters), fixture.compliance
     return load_basis(
         model,
         x,
-        used.q_rad,
-        unsensed_at_readings(model, x, used.q_rad),
+        q,
+        unsensed_at_readings(model, x, q),
         masses,
         give=(give.orientation_rad, give.position_m) if pulled else (0.0, 0.0),
     ).at_poses(back_to_caller(order))
@@ -151,25 +152,17 @@ def approach_of(arm: ArmModel, poses: PoseSet, kept: IntArray) -> FloatArray | N
     return found[kept]
 
 
-def noise_model(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, kept: BoolArray | IntArray
-) -> NoiseModel:
-    """Return the noise of the mean readings of the kept poses by the sensors' specifications."""
-    variance = np.array(
-        [
-            [
-                0.0 if isinstance(j.sensor, NoSensor) else j.sensor.variance_of_mean_rad2(int(n))
-                for j in arm.joints
-            ]
-            for n in samples_of(poses)[kept]
-        ]
+def noise_model(experiment: Experiment) -> NoiseModel:
+    """Return the noise of the mean readings by the sensors' specifications."""
+    return NoiseModel(
+        joint_variance=variance_of_means(experiment.arm, experiment.poses.sample_counts),
+        fixture_variance=_instrument_variance(experiment.fixture),
     )
-    return NoiseModel(joint_variance=variance, fixture_variance=instrument_variance(fixture))
 
 
-def samples_of(poses: PoseSet) -> IntArray:
-    """Readings in the mean of each pose (m,); one where the file does not state it."""
-    return np.ones(len(poses), dtype=np.int64) if poses.samples is None else poses.samples
+def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
+    """Variance of the endpoint measurement along the closure components (6,), None without one."""
+    return fixture.endpoint_variance() if isinstance(fixture, Measured) else None
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint
-from operator_app.calibration.alternative_model import AlternativeModel
+from operator_app.calibration.alternative_model import tried, without_reading, without_readings
 from operator_app.calibration.alternatives import find_alternatives, hinge_alternative
-from operator_app.calibration.closed_loops import loop_of_poses
-from operator_app.calibration.error_model import noise_model
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import range_finding
 from operator_app.messages.finding import Finding
 from operator_app.units import SIGMA_ORI, SIGMA_POS, WHOLE_DEGREES
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
 from solver.closing import close_loops
@@ -24,26 +22,22 @@ from solver.diagnostics.identifiability import identifiability
 from solver.diagnostics.range_checks import RangeFinding, ReadingFault
 from solver.errors import PosesDoNotFitError, SolverError, UnidentifiableError
 from solver.estimators.estimate import Estimate
-from solver.estimators.implicit import fit_implicit
+from solver.estimators.implicit import MAX_ITERATIONS
 from solver.loops.closure import ClosureModel
 
 
 def explain_unidentifiable(
     error: UnidentifiableError,
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    used: PoseSet,
-    unsensed: tuple[int, ...],
+    stated: Experiment,
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
     """Return the error with a stuck sensor named, or with another cause of open loops."""
-    stuck = explained(error, arm, fixture, used)
+    stuck = explained(error, stated)
     if stuck is not error:
         return stuck
     if saturated is not None:
         return saturated
-    stated = AlternativeModel(arm=arm, fixture=fixture, poses=used, unsensed=unsensed)
     if hinge := hinge_alternative(stated):
         return poses_do_not_fit(hinge)
     if paper is None or error.note or any(d.immobile_joints for d in error.directions):
@@ -61,7 +55,7 @@ def explain_unidentifiable(
     )
 
 
-def _led_away(stated: AlternativeModel, paper: Estimate) -> tuple[Finding, ...]:
+def _led_away(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
     """Return the cause if the poses determine fewer parameters at the solution than at the nominal values."""
     model, q = stated.loop(), stated.poses.q_rad
     nominal = nominal_vector(model.parameters)
@@ -100,9 +94,6 @@ def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
     return PosesDoNotFitError(
         tuple(f.sentence for f in findings), codes=tuple(f.code for f in findings)
     )
-
-
-LEAST_NOISE_RAD = 1e-4
 
 
 UNKNOWN_ANGLE_SIGMA = 100.0
@@ -155,13 +146,11 @@ def _correction(
     return closed.q[0] - start_rad if closed.closed[0] else None
 
 
-def explained(
-    error: UnidentifiableError, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet
-) -> UnidentifiableError:
+def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableError:
     """Return the error with a stuck sensor named, where the loop shows that its joint moved."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
-        moved = _moved(arm, fixture, poses, joint)
+        moved = _moved(stated, joint)
         if moved > limits.STUCK_JOINT_TURN_RAD:
             return UnidentifiableError(
                 error.directions,
@@ -173,26 +162,14 @@ def explained(
     return error
 
 
-def _moved(arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, joint: int) -> float:
+def _moved(stated: Experiment, joint: int) -> float:
     """Range (rad) of a joint's angle that the loop determines without its reading; 0 if it does not."""
-    unsensed = tuple(sorted({*arm.unsensed_joints, joint}))
-    model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
-    noise = noise_model(arm, fixture, poses, np.ones(len(poses), dtype=np.bool_))
-    variance: FloatArray = np.maximum(noise.joint_variance, LEAST_NOISE_RAD**2)
-    try:
-        with np.errstate(all="ignore"):
-            fit = fit_implicit(
-                model,
-                poses.q_rad,
-                type(noise)(joint_variance=variance, fixture_variance=noise.fixture_variance),
-                nominal_vector(model.parameters),
-            )
-    except (SolverError, np.linalg.LinAlgError):
-        return 0.0
+    blind = without_reading(replace(stated, unsensed=stated.arm.unsensed_joints), joint)
+    fit = tried(lambda: without_readings(blind, max_iterations=MAX_ITERATIONS), None)
     if (
-        not fit.converged
+        fit is None
+        or not fit.converged
         or float(np.sqrt(np.mean(fit.corrections**2))) > limits.STUCK_JOINT_CORRECTION_RAD
     ):
         return 0.0
-    first = fit.unsensed.shape[-1] - len(unsensed)
-    return float(np.ptp(fit.unsensed[:, first + unsensed.index(joint)]))
+    return float(np.ptp(blind.loop().angle_of(fit.unsensed, joint)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from operator_app.calibration.experiment import Experiment
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
@@ -243,21 +244,20 @@ def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.asarray(values) ** 2)))
 
 
-def motion_causes(
-    arm: ArmModel, poses: PoseSet, unsensed: tuple[int, ...], labels: tuple[str, ...]
-) -> tuple[Finding, ...]:
+def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return the joints whose readings spread within poses by more than their sensor's noise.
 
     An RVDT that spreads in most poses is noisy, which its own verdict reports. The mean over samples of a moving arm
     does not close the loop, though the fit may not show it.
     """
-    if poses.sd_rad is None:
+    arm, sd_rad = experiment.arm, experiment.poses.sd_rad
+    if sd_rad is None:
         return ()
     found = []
     for j, joint in enumerate(arm.joints, 1):
-        if not isinstance(joint.sensor, Encoder | Rvdt) or j in unsensed:
+        if not isinstance(joint.sensor, Encoder | Rvdt) or j in experiment.unsensed:
             continue
-        spread = poses.sd_rad[:, j - 1]
+        spread = sd_rad[:, j - 1]
         moved = moved_while_read(joint.sensor, spread)
         there = tuple(int(k) for k in np.argsort(-spread, kind="stable") if moved[k])
         if there:

@@ -7,17 +7,15 @@ prediction, as they would if a reading were compared with the parameters alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint
-from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import concatenated_poses, fit_as_stated
 from operator_app.calibration.prior import stated_fit
 from operator_app.calibration.verification import stated_noise
-from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.diagnostics.cross_validation import predicted_residuals, verify
 from solver.diagnostics.limits import POSE_CHI2_RATIO_UNPREDICTED, POSE_CHI2_UNPREDICTED
@@ -60,30 +58,19 @@ class Innovation:
         return tuple(j for j, s in self.shifts.items() if (shift_rad / s.sigma_rad) ** 2 < chi2)
 
 
-def innovation(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    before: PoseSet,
-    reading: PoseSet,
-    unsensed: tuple[int, ...] = (),
-) -> Innovation | None:
+def innovation(experiment: Experiment, reading: PoseSet) -> Innovation | None:
     """Test a reading against the poses before it, all of one placement; None where these cannot be fitted."""
-    away = np.abs(before.q_rad - reading.q_rad[0]).max(axis=1)
-    before = pick(before, np.sort(np.argsort(away, kind="stable")[:NEAREST]))
-    by = stated_fit(arm, fixture, before, unsensed)
+    away = np.abs(experiment.poses.q_rad - reading.q_rad[0]).max(axis=1)
+    experiment = experiment.at_poses(np.sort(np.argsort(away, kind="stable")[:NEAREST]))
+    by = stated_fit(experiment)
     if by is None:
         return None
-    both, count = concatenated_poses(before, reading), len(before)
-    errors = error_model(
-        arm,
-        fixture,
-        both,
-        np.arange(count + 1),
-        unsensed_joints=unsensed,
-        tolerance=free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed), arm)[1],
-    )
+    before, count = experiment.poses, len(experiment.poses)
+    both = replace(experiment, poses=concatenated_poses(before, reading))
+    tolerance = free_within_tolerance(experiment.loop(), experiment.arm)[1]
+    errors = error_model(both, tolerance=tolerance)
     try:
-        found = fit_as_stated(by.model, both, errors, by.fit.x, old=count)
+        found = fit_as_stated(by.model, both.poses, errors, by.fit.x, old=count)
         # Without the tested reading: a wrong one would change the linearisation.
         old = np.arange(count)
         own = fit_as_stated(by.model, before, errors.at_poses(old), by.fit.x, old=count).fit
@@ -93,7 +80,7 @@ def innovation(
         return None
     system = found.fit.whole.at_poses(np.array([count]))
     shifts = {}
-    for j in range(1, arm.joint_count + 1):
+    for j in range(1, experiment.arm.joint_count + 1):
         if j not in by.model.unsensed_joints:
             (s,), ((information,),) = left.score(system.B[..., [j - 1]])
             size, sigma = float(s / information), float(information**-0.5)
@@ -105,21 +92,18 @@ LEAST, AT_MOST = 10, 60
 """Number of earlier poses from which the test starts, and number of last poses used, so that the time is bounded."""
 
 
-def is_unpredicted(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...] = ()
-) -> bool:
+def is_unpredicted(experiment: Experiment) -> bool:
     """Whether the last of these poses contradicts the prediction by those before it."""
-    count = len(poses)
-    if count <= LEAST or not fixture.holds_hand:
+    count = len(experiment.poses)
+    if count <= LEAST or not experiment.fixture.holds_hand:
         return False
-    recent = pick(poses, np.arange(max(0, count - 1 - AT_MOST), count - 1))
-    by = stated_fit(arm, fixture, recent, unsensed)
+    by = stated_fit(experiment.at_poses(np.arange(max(0, count - 1 - AT_MOST), count - 1)))
     if by is None:
         return False
-    last = pick(poses, np.array([count - 1]))
-    noise = stated_noise(arm, fixture, last)
+    last = experiment.at_poses(np.array([count - 1]))
     model = by.model.at_poses(np.array([0]))
-    found = verify(model, by.fit.x, by.fit.covariance, last.q_rad, noise)
+    q, noise = last.poses.q_rad, stated_noise(last)
+    found = verify(model, by.fit.x, by.fit.covariance, q, noise)
     return float(found.pose_chi2[0]) > max(
         POSE_CHI2_UNPREDICTED, POSE_CHI2_RATIO_UNPREDICTED * float(by.fit.pose_chi2.max())
     )

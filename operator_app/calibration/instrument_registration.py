@@ -11,7 +11,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
-from operator_app.calibration.closed_loops import EndpointMissingError, loop_of_poses
+from operator_app.calibration.experiment import EndpointMissingError, Experiment
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
@@ -45,7 +45,7 @@ def with_registered_instrument(
 
 def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstraint:
     """Return base and target, refined with the arm's offsets free."""
-    model = loop_of_poses(arm, fixture, poses)
+    model = Experiment(arm=arm, fixture=fixture, poses=poses).loop()
     if len(poses) < poses_needed(len(model.parameters), model.equations_per_pose):
         return fixture
     found = estimate_paper(model, poses.q_rad)

@@ -15,6 +15,7 @@ from operator_app.calibration.calibrated_arm import (
     offsets_not_sought,
     with_held,
 )
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import excluded_poses, out_of_range_besides, range_finding
 from operator_app.calibration.multistart import socket_elsewhere
 from operator_app.calibration.placements import IndistinguishablePlacements, contradicted
@@ -47,9 +48,7 @@ K = FindingKind
 
 def with_notices(
     solution: Solution,
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
+    experiment: Experiment,
     *,
     whole: Calibrated,
     judged: Calibrated,
@@ -64,6 +63,7 @@ def with_notices(
     `whole` is the fit of all poses, `judged` that of the tested ones; `as_stated` are parameters known from the files
     rather than from the poses.
     """
+    arm, poses = experiment.arm, experiment.poses
     found_arm = calibrated_arm(solution, arm)
     errors_there = hand_errors(found_arm, arm)
     accuracy = with_held(
@@ -80,7 +80,7 @@ def with_notices(
         *(() if sound else (Finding(kind=K.DIVERGED),)),
         *_excess_noise(whole.linear.stated.chi2, whole.linear.dof),
         *(range_finding(f, poses, notice=True) for f in out_of_range_besides(*left_out)),
-        *_unused_endpoints(fixture, poses),
+        *_unused_endpoints(experiment.fixture, poses),
         *(_setup_findings(known.checks) if sound else ()),
         *excluded_poses(*left_out),
         *_fixed_unseen(solution.held, accuracy),

@@ -8,18 +8,16 @@ from functools import partial
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint
-from operator_app.calibration.closed_loops import loop_of_poses, pick
 from operator_app.calibration.error_model import (
     distinct_poses,
     error_model,
     free_within_tolerance,
     stated_priors,
 )
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
-from solver.arrays import FloatArray, IntArray
-from solver.chain.arm_model import ArmModel
+from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import (
@@ -88,27 +86,23 @@ class PredictedPoses:
 
 
 def predict_new_poses(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    made: MadeFrom,
-    new: PoseSet,
-    start: Mapping[str, float],
+    new: Experiment, made: MadeFrom, start: Mapping[str, float]
 ) -> PredictedPoses | None:
     """Predict new poses from the poses of the calibration; None where no model fits both.
 
     `start`: values (rad, m) of parameters that the calibration lacks, such as the place of another socket.
     """
     solution, old = made.solution, _used(made)
-    both = concatenated_poses(old, new)
-    later = np.arange(len(both)) >= len(old)
-    model, x0, column = _model(arm, fixture, made, old, both, start)
-    errors = _errors(arm, fixture, solution, model, both, start)
+    both = replace(new, poses=concatenated_poses(old, new.poses))
+    later = np.arange(len(both.poses)) >= len(old)
+    model, x0, column = _model(made, old, both, start)
+    errors = _errors(solution, model, both, start)
     learned = {} if solution.components is None else solution.components.variances
     try:
         found = fit_as_stated(
-            model, both, errors, x0,
+            model, both.poses, errors, x0,
             # The old poses have no information about a socket of new poses.
-            old=len(both) if start else len(old),
+            old=len(later) if start else len(old),
             variances=partial(_at_least_stated, learned=learned),
         )  # fmt: skip
         design, here = found.fit.design, found.fit.system
@@ -128,8 +122,8 @@ def predict_new_poses(
     if not np.isfinite(left.chi2):
         return None
     system = fit.whole.at_poses(np.flatnonzero(later))
-    used = [j for j in range(arm.joint_count) if j + 1 not in model.unsensed_joints]
-    subjects = {str(j + 1): system.B[..., [j]] for j in used}
+    used = [j for j in range(1, new.arm.joint_count + 1) if j not in model.unsensed_joints]
+    subjects = {str(j): system.B[..., [j - 1]] for j in used}
     ground = [
         k
         for k, p in enumerate(model.parameters)
@@ -146,26 +140,18 @@ def predict_new_poses(
 
 
 def _errors(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    solution: Solution,
-    model: ClosureModel,
-    both: PoseSet,
-    start: Mapping[str, float],
+    solution: Solution, model: ClosureModel, both: Experiment, start: Mapping[str, float]
 ) -> ErrorModel:
     """Stated errors of old and new poses, with the tolerances and priors that the calibration used."""
     tolerated = {p.name for p in model.parameters} & set(solution.tolerated)
     asked = model.without(tuple(tolerated))
     stated = free_within_tolerance(
-        asked, arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
+        asked, both.arm, length_tolerance_m=solution.length_tolerance_m, fixed=solution.held
     )[1]
-    prior = stated_priors(asked, arm, fixture) if solution.estimate.estimator == "implicit" else {}
+    by_paper = solution.estimate.estimator == "paper"
+    prior = {} if by_paper else stated_priors(asked, both.arm, both.fixture)
     return error_model(
-        arm,
-        fixture,
         both,
-        np.arange(len(both)),
-        unsensed_joints=solution.model.unsensed_joints,
         tolerance={name: sd for name, sd in stated.items() if name in tolerated},
         prior={name: sd for name, sd in prior.items() if name not in start},
     )
@@ -218,26 +204,21 @@ def _used(made: MadeFrom) -> PoseSet:
     """The poses that the calibration used, each once."""
     kept = np.ones(len(made.poses), dtype=np.bool_)
     kept[list(made.solution.dropped_flipped)] = False
-    distinct: IntArray = distinct_poses(made.poses, kept)[0]
+    distinct = distinct_poses(made.poses, kept)[0]
     if len(distinct) > MOST:
         order = canonical_order(made.poses.q_rad[distinct])
         distinct = np.sort(distinct[order[np.linspace(0, len(order) - 1, MOST).astype(int)]])
-    return pick(made.poses, distinct)
+    return made.poses.at_poses(distinct)
 
 
 def _model(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    made: MadeFrom,
-    old: PoseSet,
-    both: PoseSet,
-    start: Mapping[str, float],
+    made: MadeFrom, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
     """Loops of old and new poses, parameters, and the column of each in the estimate; None for those of `start`."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
-    model = loop_of_poses(arm, fixture, both, unsensed_joints=made.solution.model.unsensed_joints)
-    if len(both.placements) > 1 and len(old.placements) == 1:
+    model = both.loop()
+    if len(both.poses.placements) > 1 and len(old.placements) == 1:
         # Parameters with the names of one placement now belong to several.
         numbered = {p.name for p in model.parameters}
         (number,) = old.placements
@@ -277,14 +258,7 @@ def concatenated_poses(old: PoseSet, new: PoseSet) -> PoseSet:
         label=tuple(str(k) for k in range(len(old) + len(new))),
         q_rad=np.concatenate((old.q_rad, new.q_rad)),
         sd_rad=joined("sd_rad"),
-        samples=None if old.samples is None and new.samples is None else _samples(old, new),
+        samples=np.concatenate((old.sample_counts, new.sample_counts)),
         endpoint=np.concatenate([e[:, :columns] for e in ends]) if len(ends) == 2 else None,
         utc=None if old.utc is None or new.utc is None else old.utc + new.utc,
-    )
-
-
-def _samples(old: PoseSet, new: PoseSet) -> IntArray:
-    """Readings in each mean; one where a file does not state it."""
-    return np.concatenate(
-        [np.ones(len(p), dtype=np.int64) if p.samples is None else p.samples for p in (old, new)]
     )

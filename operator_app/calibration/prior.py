@@ -13,13 +13,13 @@ import numpy as np
 
 from fixtures.base import ROUGH_PLACEMENT, EndpointConstraint
 from fixtures.errors import FixtureError
-from operator_app.calibration.closed_loops import in_order, loop_of_poses
+from operator_app.calibration.closed_loops import in_order
 from operator_app.calibration.error_model import free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.verification import stated_noise
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
-from solver.chain.poses import PoseSet
 from solver.errors import SolverError
 from solver.estimators.implicit import ImplicitFit, ParameterPrior, fit_implicit
 from solver.estimators.paper import estimate_paper
@@ -105,20 +105,17 @@ class StatedFit:
     fit: ImplicitFit
 
 
-def stated_fit(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...]
-) -> StatedFit | None:
+def stated_fit(experiment: Experiment) -> StatedFit | None:
     """Fit poses with the stated errors of their files; None where they cannot be fitted."""
+    arm, q = experiment.arm, experiment.poses.q_rad
     try:
-        given = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
+        given = experiment.loop()
         model, stated = free_within_tolerance(given, arm)
-        sd = np.maximum(_by_files(model, arm, fixture, stated), EXACT)
+        sd = np.maximum(_by_files(model, arm, experiment.fixture, stated), EXACT)
         nominal = nominal_vector(model.parameters)
-        rough = estimate_paper(given, poses.q_rad)
-        x0 = in_order(model, given, rough.x)
-        noise = stated_noise(arm, fixture, poses)
+        x0 = in_order(model, given, estimate_paper(given, q).x)
         prior = ParameterPrior(mean=nominal, precision=sd**-2)
-        found = fit_implicit(model, poses.q_rad, noise, x0, prior=prior)
+        found = fit_implicit(model, q, stated_noise(experiment), x0, prior=prior)
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
     if not found.converged or not np.isfinite(found.covariance).all():
@@ -126,15 +123,14 @@ def stated_fit(
     return StatedFit(model=model, nominal=nominal, sd=sd, fit=found)
 
 
-def known_arm(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, unsensed: tuple[int, ...] = ()
-) -> KnownArm | None:
+def known_arm(experiment: Experiment) -> KnownArm | None:
     """Return the information from poses of earlier placements; None where there is none yet."""
-    by = stated_fit(arm, fixture, poses, unsensed)
+    by = stated_fit(experiment)
     if by is None:
         return None
     model, found = by.model, by.fit
-    own = set(model.ground_side) | (set() if fixture.stays_on_hand else set(model.hand_side))
+    stays = experiment.fixture.stays_on_hand
+    own = set(model.ground_side) | (set() if stays else set(model.hand_side))
     shared, stood, ends = list[int](), list[int](), dict[str, list[float]]()
     for k, p in enumerate(model.parameters):
         if p.name not in own:
@@ -151,7 +147,7 @@ def known_arm(
         values=found.x[shared],
         covariance=worse * found.covariance[np.ix_(shared, shared)],
         ends={name: float(np.mean(values)) for name, values in ends.items()},
-        placements=len(poses.placements),
+        placements=len(experiment.poses.placements),
         placement_ratio=max(1.0, float(np.sqrt(np.mean(pulls**2)))) if stood else 1.0,
     )
 

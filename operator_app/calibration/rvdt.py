@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint
-from operator_app.calibration.closed_loops import in_order, loop_of_poses
-from operator_app.calibration.error_model import free_within_tolerance, samples_of
+from operator_app.calibration.closed_loops import in_order
+from operator_app.calibration.error_model import free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
 from operator_app.config.parameters import ParametersDocument
@@ -40,20 +40,19 @@ from solver.loops.closure import ClosureModel
 
 
 def check_rvdts(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
-    poses: PoseSet,
+    experiment: Experiment,
     kept: BoolArray,
     distinct: IntArray,
     whole: Calibrated,
     *,
-    fixed: tuple[str, ...] = (),
-    length_tolerance_m: float | None = None,
+    fixed: tuple[str, ...],
+    length_tolerance_m: float | None,
 ) -> tuple[RvdtVerdict, ...]:
     """Test every RVDT by its noise and by the loops of one placement.
 
     `whole` is the fit of the `distinct` poses (k,) with the RVDTs' readings, from which the fit without them starts.
     """
+    arm, poses = experiment.arm, experiment.poses
     sensors = {
         j: joint.sensor for j, joint in enumerate(arm.joints, 1) if isinstance(joint.sensor, Rvdt)
     }
@@ -66,9 +65,8 @@ def check_rvdts(
 
     if len(poses.placements) > 1:
         return none_decided("an RVDT is tested with one placement only: solve one placement alone")
-    blind = tuple(sorted({*sensors, *whole.linear.design.model.unsensed_joints}))
-    loop = loop_of_poses(arm, fixture, poses, unsensed_joints=blind)
-    model = loop.at_poses(distinct).without(fixed)
+    blind = tuple(sorted({*sensors, *experiment.unsensed}))
+    model = replace(experiment, unsensed=blind).loop().at_poses(distinct).without(fixed)
     q = poses.q_rad[distinct]
     without = f"without the readings of {joints_named(tuple(sensors))}"
     if len(q) * model.equations_per_pose <= len(model.parameters):
@@ -99,7 +97,7 @@ def check_rvdts(
         q,
         errors,
         noise=noise,
-        samples=samples_of(poses)[distinct],
+        samples=poses.sample_counts[distinct],
         variances=whole.components.variances,
         x0=in_order(model, whole.linear.design.model, whole.estimate.x),
         near=_beside(whole, model, q),
@@ -110,13 +108,13 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
     """Start for the loops of `model`, with more unsensed joints than in the fit `whole`."""
     estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
-    first = whole.unsensed.shape[-1] - len(had)
+    own = whole.unsensed.shape[-1] - len(had)
     known = {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
     nominal = model.arm_rows()[DhKind.THETA_OFF].tolist()
-    angles = [whole.unsensed[:, :first]]
+    angles = [whole.unsensed[:, :own]]
     for j in model.unsensed_joints:
         if j in had:
-            angles.append(whole.unsensed[:, first + had.index(j), None])
+            angles.append(whole.linear.design.model.angle_of(whole.unsensed, j)[:, None])
         else:
             offset = known.get(DhEntry(DhKind.THETA_OFF, j).name, nominal[j - 1])
             at = q[:, j - 1] + corrections[:, j - 1] + offset
@@ -136,7 +134,7 @@ def _noise_of_rvdts(
 
     Poses in which a joint moved while it was read are left out and reported as such.
     """
-    samples = samples_of(poses)[kept]
+    samples = poses.sample_counts[kept]
     spread = None if poses.sd_rad is None else poses.sd_rad[kept]
     still = {j: np.ones(len(samples), dtype=np.bool_) for j in sensors}
     if spread is not None:
@@ -308,10 +306,9 @@ def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[
         return {}
     q = poses.q_rad[kept]
     closed = close_loops(model, solution.estimate.x, q)
-    first = closed.u.shape[1] - len(model.unsensed_joints)
     found = {}
     for j in joints:
-        angle = closed.u[closed.closed, first + model.unsensed_joints.index(j)]
+        angle = model.angle_of(closed.u, j)[closed.closed]
         turned = np.exp(1j * (angle - q[closed.closed, j - 1]))
         if len(turned):
             found[j] = float(np.angle(turned.mean()))

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import freed, noise_model
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom, predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
@@ -165,10 +165,8 @@ def verify_poses(
         Numbers of the calibrated placements, if the new poses may be of others: the fixture's place there is found from
         them, all other parameters are fixed. None: the same placements.
     """
-    given = poses
-    if made is not None and calibrated is None and len(poses.placements) == 1:
-        given = replace(poses, placement=_as_numbered(made, poses))
-    model = loop_of_poses(arm, fixture, poses, unsensed_joints=fixed.unsensed_joints)
+    new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
+    model = new.loop()
     # A calibration that corrected lengths and twists within their tolerance has those as well.
     model = freed(model, fixed.values)
     unknown: tuple[str, ...] = ()
@@ -177,7 +175,7 @@ def verify_poses(
     x, covariance = _in_order(model, fixed)
     if unknown:
         x, covariance = _stood(model, x, covariance, poses.q_rad, unknown)
-    found = verify(model, x, covariance, poses.q_rad, stated_noise(arm, fixture, poses, fixed))
+    found = verify(model, x, covariance, poses.q_rad, stated_noise(new, fixed))
     if unknown:
         # The place of the fixture takes as many equations as it has unknowns.
         chi2 = found.chi2
@@ -190,7 +188,9 @@ def verify_poses(
     stated = found.chi2
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
     if made is not None and bool(found.closed.all()):
-        found, odd, shift, stated = _with_prediction(arm, fixture, made, given, start, found, odd)
+        if calibrated is None and len(poses.placements) == 1:
+            new = replace(new, poses=replace(poses, placement=_as_numbered(made, poses)))
+        found, odd, shift, stated = _with_prediction(new, made, start, found, odd)
     return VerificationResult(
         verification=found,
         nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
@@ -202,10 +202,8 @@ def verify_poses(
 
 
 def _with_prediction(
-    arm: ArmModel,
-    fixture: EndpointConstraint,
+    new: Experiment,
     made: MadeFrom,
-    poses: PoseSet,
     start: Mapping[str, float],
     found: HeldOutPoses,
     odd: tuple[int, ...],
@@ -216,7 +214,7 @@ def _with_prediction(
     """
     from scipy.special import chdtrc
 
-    predicted = predict_new_poses(arm, fixture, made, poses, start)
+    predicted = predict_new_poses(new, made, start)
     if predicted is None:
         return found, odd, None, found.chi2
     named = find_outliers(predicted.left)
@@ -250,15 +248,14 @@ def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
     return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
 
-def stated_noise(
-    arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet, fixed: Fixed | None = None
-) -> NoiseModel:
+def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:
     """Return the stated noise of new readings, or the estimate of the calibration `fixed` where that is smaller.
 
     Noise estimated larger than stated is not used: after a slip of the fixture during the calibration every later pose
     would look good.
     """
-    stated = noise_model(arm, fixture, poses, np.arange(len(poses)))
+    arm, compliance = experiment.arm, experiment.fixture.compliance
+    stated = noise_model(experiment)
     estimated = {} if fixed is None else fixed.rvdt_sd_rad
     variance = np.array(stated.joint_variance)
     variance += arm.backlash_rad**2 + arm.sag_rad**2 + 2.0 * arm.accuracy_rad**2
@@ -267,7 +264,7 @@ def stated_noise(
         whole = variance[:, j] + (SD_OF_PEAK * linearity) ** 2
         least = np.maximum(variance[:, j], estimated.get(j + 1, np.inf) ** 2)
         variance[:, j] = np.minimum(whole, least) + gain**2
-    give = np.repeat([fixture.compliance.orientation_rad**2, fixture.compliance.position_m**2], 3)
+    give = np.repeat([compliance.orientation_rad**2, compliance.position_m**2], 3)
     give = give + stated.deflection_variance
     if fixed is not None and fixed.fixture_variance is not None:
         give = np.minimum(give, fixed.fixture_variance)

@@ -52,8 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def execute(args: argparse.Namespace) -> int:
     """Solve and report on stdout."""
     from operator_app.calibration.calibrate import calibrate
-    from operator_app.calibration.closed_loops import loop_of_poses, pick_placements
+    from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.cross_validation import check
+    from operator_app.calibration.experiment import Experiment
     from operator_app.calibration.instrument_registration import with_calibrated_places
     from operator_app.calibration.prediction import MadeFrom
     from operator_app.calibration.rvdt import corrected_poses
@@ -101,7 +102,7 @@ def execute(args: argparse.Namespace) -> int:
             length_tolerance_m=tolerance_m(args),
         )
     except UnidentifiableError as error:
-        loop = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
+        loop = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
         if args.json:
             found = unidentifiable_data(error, parameters=len(loop.parameters), poses=len(poses))
             say(as_json(found))

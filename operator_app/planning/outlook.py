@@ -8,7 +8,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
-from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.errors import SessionError
 from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
@@ -125,7 +125,7 @@ def seen_by(
     """
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     fixture = with_registered_instrument(arm, fixture, poses)
-    model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
+    model = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed).loop()
     return _seen(without_hidden(arm, fixture, model), poses.q_rad)
 
 

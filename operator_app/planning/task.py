@@ -11,6 +11,7 @@ import numpy as np
 from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
 from operator_app.calibration.error_model import error_model, free_within_tolerance, stated_priors
+from operator_app.calibration.experiment import Experiment
 from operator_app.errors import SessionError
 from operator_app.units import MOUNTED_LENGTH, NOMINAL_OFFSET
 from solver.arrays import FloatArray
@@ -154,14 +155,8 @@ def _stated_errors(
             sd_rad=None,
             samples=np.full(m, samples),
         )
-        errors = error_model(
-            arm,
-            fixture,
-            poses,
-            np.ones(m, dtype=np.bool_),
-            unsensed_joints=unsensed_joints,
-            tolerance=tolerance,
-        )
+        near = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed_joints)
+        errors = error_model(near, tolerance=tolerance)
         variance = errors.joint_variance.copy()
         variance[:, [j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
         return replace(errors, joint_variance=variance)

@@ -130,17 +130,10 @@ def stated_errors(
 
     `sd_rad`: spread of the samples of each pose (m, n), where recorded.
     """
-    n = arm.joint_count
-    variance = np.zeros((len(samples), n))
-    counts, which = np.unique(samples, return_inverse=True)
-    for j, joint in enumerate(arm.joints):
-        if not isinstance(joint.sensor, NoSensor):
-            each = [joint.sensor.variance_of_mean_rad2(int(k)) for k in counts]
-            variance[:, j] = np.array(each)[which]
-    curves = {c.joint: c for c in curves_of(arm, unsensed_joints=unsensed_joints)}
+    variance = variance_of_means(arm, samples)
     analogue = []
-    for j, curve in curves.items():
-        sensor = arm.joints[j - 1].sensor
+    for curve in curves_of(arm, unsensed_joints=unsensed_joints):
+        j, sensor = curve.joint, arm.joints[curve.joint - 1].sensor
         if not isinstance(sensor, Rvdt):
             continue
         rounding = sensor.resolution_rad**2 / 12.0
@@ -167,6 +160,17 @@ def stated_errors(
         backlash_rad=arm.backlash_rad,
         sag_rad=arm.sag_rad,
     )
+
+
+def variance_of_means(arm: ArmModel, samples: IntArray) -> FloatArray:
+    """Variance (m, n), rad^2, of means of `samples` (m,) readings by the sensors' specifications."""
+    variance = np.zeros((len(samples), arm.joint_count))
+    counts, which = np.unique(samples, return_inverse=True)
+    for j, joint in enumerate(arm.joints):
+        if not isinstance(joint.sensor, NoSensor):
+            each = [joint.sensor.variance_of_mean_rad2(int(k)) for k in counts]
+            variance[:, j] = np.array(each)[which]
+    return variance
 
 
 def _spread(sd_rad: FloatArray, samples: IntArray) -> tuple[float, int]:

@@ -213,9 +213,8 @@ def _at_unsensed_angles(model: ClosureModel, x: FloatArray, q: FloatArray) -> Re
     u = close_loops(model, x, q, sigma_rad=still, max_iterations=50).u
     filled = q.copy()
     offsets = {p.name: p.nominal for p in model.with_all_joints_sensed().parameters}
-    first = u.shape[-1] - len(model.unsensed_joints)
-    for k, joint in enumerate(model.unsensed_joints):
-        filled[:, joint - 1] = u[:, first + k] - offsets[f"theta_off_{joint}"]
+    for joint in model.unsensed_joints:
+        filled[:, joint - 1] = model.angle_of(u, joint) - offsets[f"theta_off_{joint}"]
     sensed = model.with_all_joints_sensed()
     here = {p.name: value for p, value in zip(model.parameters, x, strict=True)}
     return sensed.reduced(

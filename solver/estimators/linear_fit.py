@@ -59,9 +59,7 @@ class LinearFit:
         ``w' P w`` and its expectation when variances are right: number of equations minus hard parameters.
     """
 
-    def __init__(
-        self, design: LinearModel, system: System | Linearisation, v: FloatArray
-    ) -> None:
+    def __init__(self, design: LinearModel, system: System | Linearisation, v: FloatArray) -> None:
         self.design, self.system, self.v = design, system, np.array(v, dtype=np.float64)
         hard, soft = design.hard, len(design.soft_index)
         self.root = np.sqrt(design.group_variances(self.v))

@@ -172,6 +172,10 @@ class ClosureModel(ABC):
     def with_table(self, table: DhTable) -> Self:
         """Return the same loop with other nominal values of its links."""
 
+    def angle_of(self, u: FloatArray, joint: int) -> FloatArray:
+        """Angle (..., m) of an unsensed arm joint (1-based): these are the last of the unsensed angles (..., m, U)."""
+        return u[..., self.unsensed_joints.index(joint) - len(self.unsensed_joints)]
+
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Closure error with the unsensed angles eliminated: the loop error where there are none.
 

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from hardware.arm import Reading
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError
@@ -87,7 +88,8 @@ def _arm_from_earlier_placements(state: SessionState, procedure: Procedure) -> K
     if not earlier or not procedure.fixture.fixture.holds_hand:
         return None
     poses, fixture = replace(state, poses=earlier).pose_set(), procedure.fixture.fixture
-    return known_arm(procedure.arm, fixture, poses, procedure.unsensed_joints)
+    unsensed = procedure.unsensed_joints
+    return known_arm(Experiment(arm=procedure.arm, fixture=fixture, poses=poses, unsensed=unsensed))
 
 
 LOOP_FALSE_REFUSAL_PROBABILITY = 1e-12

@@ -14,7 +14,7 @@ import numpy as np
 from fixtures.base import EndpointConstraint
 from fixtures.errors import FixtureError
 from hardware.arm import ArmIdentity, Reading
-from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import Innovation, innovation
 from operator_app.calibration.instrument_registration import (
     with_calibrated_places,
@@ -202,8 +202,9 @@ def check_closure_by_poses(
     arm, fixture = procedure.arm, fixture_in_place(state, procedure)
     near, unresolved, unexpected = None, tuple(range(1, arm.joint_count + 1)), False
     if fixture.holds_hand:
-        taken, reading_set = state.pose_set(), pose_set_of([here])
-        near = innovation(arm, fixture, taken, reading_set, procedure.unsensed_joints)
+        taken, unsensed = state.pose_set(), procedure.unsensed_joints
+        before = Experiment(arm=arm, fixture=fixture, poses=taken, unsensed=unsensed)
+        near = innovation(before, pose_set_of([here]))
     if near is not None:
         limit = max(
             float(chdtri(near.dof, INNOVATION_PROBABILITY)), CHI2_RATIO_TO_WORST_POSE * near.usual
@@ -295,11 +296,14 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):
         return fixed_calibration(known.solution)
-    arm, fixture = procedure.arm, fixture_in_place(state, procedure)
-    poses, unsensed = state.pose_set(), procedure.unsensed_joints
+    taken = Experiment(
+        arm=procedure.arm,
+        fixture=fixture_in_place(state, procedure),
+        poses=state.pose_set(),
+        unsensed=procedure.unsensed_joints,
+    )
     try:
-        model = loop_of_poses(arm, fixture, poses, unsensed_joints=unsensed)
-        found = estimate_implicit(model, poses.q_rad, stated_noise(arm, fixture, poses))
+        found = estimate_implicit(taken.loop(), taken.poses.q_rad, stated_noise(taken))
     except (SolverError, FixtureError, np.linalg.LinAlgError):
         return None
     if not found.converged or not np.isfinite(found.covariance).all():
@@ -310,5 +314,5 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
         covariance=found.covariance,
         rvdt_sd_rad={},
         fixture_variance=None,
-        unsensed_joints=unsensed,
+        unsensed_joints=taken.unsensed,
     )

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import EndpointConstraint
-from operator_app.calibration.closed_loops import loop_of_poses
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.planning.live import (
     Forecast,
@@ -115,7 +115,8 @@ class PoseQuality:
         needed = poses_needed(len(model.parameters), model.equations_per_pose)
         if self._placed is None and len(poses) >= needed:
             self._placed = with_registered_instrument(session.model, session.fixture, poses)
-        return loop_of_poses(session.model, self._placed or session.fixture, poses)
+        fixture = self._placed or session.fixture
+        return Experiment(arm=session.model, fixture=fixture, poses=poses).loop()
 
     @property
     def _nominal_loop(self) -> ClosureModel:

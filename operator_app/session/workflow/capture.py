@@ -12,6 +12,7 @@ import numpy as np
 
 from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import is_unpredicted
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
@@ -184,7 +185,9 @@ def outlier_warning(session: Session) -> str:
     if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
         return ""
     poses = state.here.pose_set()
-    if not is_unpredicted(session.model, session.fixture, poses, unsensed):
+    if not is_unpredicted(
+        Experiment(arm=session.model, fixture=session.fixture, poses=poses, unsensed=unsensed)
+    ):
         return ""
     return (
         f"Pose {state.poses_here[-1].number} does not fit the poses before it: a joint or the fixture may have "

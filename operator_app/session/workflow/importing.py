@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.cross_validation import Checks, check
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import to_dict
 from operator_app.config.arm_file import parse_arm
@@ -114,12 +114,12 @@ class ImportedSession:
     def model(self) -> ClosureModel:
         """The closed loops of its poses."""
         own = self.procedure
-        return loop_of_poses(
-            own.arm,
-            own.fixture.fixture,
-            self.state.pose_set(),
-            unsensed_joints=own.unsensed_joints,
-        )
+        return Experiment(
+            arm=own.arm,
+            fixture=own.fixture.fixture,
+            poses=self.state.pose_set(),
+            unsensed=own.unsensed_joints,
+        ).loop()
 
     def calibrate(self) -> tuple[Solution, Checks]:
         """Calibrate and cross-validate; raises SolverError, FixtureError."""

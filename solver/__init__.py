@@ -6,7 +6,7 @@ Functions for the equations of the paper (Giugovaz and Hollerbach); phi is ``x``
     (section 2.1)  theta' = theta + theta_off      solver.loops.arm_loop.ArmLoop.frames
     (section 2.1)  screws: dx for every entry      solver.chain.kinematics.jacobian
     eqs. 3, 4      x_c = f(theta, phi), open arm   solver.loops.open_arm.MeasuredClosure.predicted
-    eq. 5          dX = C dphi, all poses          solver.estimators.paper.ClosureProblem
+    eq. 5          dX = C dphi, all poses          solver.estimators.paper.closure_problem
     eq. 6          dphi = (C'C)^-1 C' dX           solver.estimators.least_squares.Triangle.step
     (section 2.1)  phi = phi_0 + dphi, repeated    solver.estimators.least_squares.solve_damped
     eq. 7          dx = (dr, dp), measured         solver.loops.open_arm.MeasuredClosure.loop

@@ -34,13 +34,13 @@ from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.chain.poses import PoseSet
 from solver.diagnostics import limits
 from solver.diagnostics.change_points import Suspect, steps
-from solver.diagnostics.whitened_residuals import fit_residuals
+from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.errors import SolverError
 from solver.estimators.implicit import ImplicitFit, fit_implicit
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import solve_damped
 from solver.estimators.mixed_fit import fit_mixed
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.paper import closure_problem
 from solver.loops.endpoint_geometry import Line
 
 _T = TypeVar("_T")
@@ -68,7 +68,7 @@ def start(alternative: Experiment) -> tuple[FloatArray, float]:
         return fit.x, float((fit.corrections**2).mean())
     model, q = alternative.loop(), alternative.poses.q_rad
     found = solve_damped(
-        ClosureProblem.of(model, q),
+        closure_problem(model, q),
         nominal_vector(model.parameters),
         max_iterations=MODEL_ITERATIONS,
     )
@@ -169,7 +169,15 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | No
     off = wrap_angle(off - off[0])
     x = angle_rad - angle_rad.mean()
     curve = np.linalg.qr(np.polynomial.polynomial.polyvander(x / np.abs(x).max(), BENDS))[0]
-    left = fit_residuals(off[:, None], curve[:, None, :], np.ones((m, 1, 1)))
+    white = off - curve @ (curve.T @ off)
+    left = WhitenedResiduals(
+        whitener=np.ones((m, 1, 1)),
+        U=curve[:, None, :],
+        white=white[:, None],
+        chi2=float(white @ white),
+        to_x=np.zeros((0, BENDS + 1)),
+        dof=m - BENDS - 1,
+    )
     for step in steps(left, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
         if left.chi2 - step.chi2 <= limits.STEP_RESIDUAL_SHARE * left.chi2:
             return ReadingStep(first=step.pose, size_rad=float(step.size[0]))

@@ -15,8 +15,8 @@ from solver.diagnostics import limits
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import Estimate
-from solver.estimators.least_squares import Fit, Progress, solve_damped
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.least_squares import Fit, Problem, Progress, solve_damped
+from solver.estimators.paper import closure_problem
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from solver.loops.closure import ClosureModel
 from solver.loops.point import GROUND
@@ -138,7 +138,7 @@ def local_minimum_causes(
     if not far:
         return ()
     hard = model.without([p.name for p in model.parameters if p.name not in judged])
-    problem = ClosureProblem.of(hard, q)
+    problem = closure_problem(hard, q)
     here = in_order(hard, model, estimate.x)
     own = solve_damped(problem, here, max_iterations=ITERATIONS).cost
     best = _best(hard, problem).cost
@@ -177,10 +177,10 @@ def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
 
 def best_about_nominal(hard: ClosureModel, q: FloatArray) -> FloatArray:
     """Parameters (P,) of the best solution from starts around the nominal values."""
-    return _best(hard, ClosureProblem.of(hard, q)).x
+    return _best(hard, closure_problem(hard, q)).x
 
 
-def _best(hard: ClosureModel, problem: ClosureProblem) -> Fit:
+def _best(hard: ClosureModel, problem: Problem) -> Fit:
     nominal = nominal_vector(hard.parameters)
     angles = np.array([p.is_angle for p in hard.parameters])
     rng = np.random.default_rng(0)

@@ -19,7 +19,7 @@ from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.diagnostics.whitened_residuals import WhitenedResiduals
 from solver.estimators.estimate import ClosureSigmas, Estimate, closure_at_readings, closure_sigmas
 from solver.estimators.implicit import NoiseModel
-from solver.estimators.linear_fit import LinearFit
+from solver.estimators.linear_fit import LinearFit, inverse_root
 from solver.loops.closure import ClosureModel
 
 Estimator = Callable[[IntArray], Estimate]
@@ -247,7 +247,7 @@ def predicted_residuals(
         w.append(part.w[new])
     if given is None:
         precision = np.repeat((NOT_KNOWN**-2, 1.0), (hard, width - hard))
-        half = _root_of_inverse(gram + np.diag(precision))
+        half = inverse_root(gram + np.diag(precision))[0]
         coefficients = -(half @ (half.T @ right))
     else:
         values, vectors = np.linalg.eigh(given.covariance)
@@ -259,7 +259,7 @@ def predicted_residuals(
     N = columns.reshape(m * r, width) @ half
     y = np.concatenate(w).reshape(-1) + columns.reshape(m * r, width) @ coefficients
     # (I + N N')^-1 = I - U U'
-    U = N @ _root_of_inverse(np.eye(width) + N.T @ N)
+    U = N @ inverse_root(np.eye(width) + N.T @ N)[0]
     white = y - U @ (U.T @ y)
     return WhitenedResiduals(
         whitener=np.concatenate(whitener),
@@ -294,11 +294,3 @@ def shifted(left: WhitenedResiduals, subjects: Mapping[str, FloatArray]) -> Comm
         )
     best = max(found, key=lambda shift: shift.chi2 - shift.threshold, default=None)
     return best if best is not None and best.chi2 > best.threshold else None
-
-
-def _root_of_inverse(H: FloatArray) -> FloatArray:
-    """K with ``H^-1 = K K'``."""
-    unit = 1.0 / np.sqrt(np.diagonal(H))
-    values, vectors = np.linalg.eigh(H * unit[:, None] * unit)
-    values = np.maximum(values, 1e-14 * values[-1])
-    return np.asarray(unit[:, None] * vectors / np.sqrt(values))

@@ -18,7 +18,7 @@ from solver.errors import UnidentifiableDirection
 from solver.estimators.estimate import Estimate
 from solver.estimators.least_squares import column_scale, stacked_triangle
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel, pose_blocks
 
 RANK_TOLERANCE = 1e-7
@@ -120,7 +120,7 @@ def condition_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> 
     """
     if model.unsensed_joints:
         return None
-    C = ClosureProblem.of(model, q)(x).T
+    C = closure_problem(model, q)(x).T
     s = np.linalg.svd(C / column_scale(C), compute_uv=False)
     return float(s[0] / s[-1]) if s[-1] > RANK_TOLERANCE * s[0] else float("inf")
 

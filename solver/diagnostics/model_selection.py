@@ -23,7 +23,7 @@ from solver.diagnostics.limits import SMALLEST_NOISE_SCALE
 from solver.diagnostics.whitened_residuals import OwnColumns, SolvedColumns, WhitenedResiduals
 from solver.errors import UnidentifiableDirection
 from solver.estimators.least_squares import column_scale, solve_damped
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel
 
 SIZES = np.logspace(-2.0, 3.0, 21)
@@ -226,7 +226,7 @@ def nearly_closing_parameters(model: ClosureModel, q: FloatArray) -> FloatArray:
         {n for n in names if n not in fixture and not n.startswith("theta_off_")}
     )
     start = nominal_vector(plain.parameters)
-    fit = solve_damped(ClosureProblem.of(plain, q), start)
+    fit = solve_damped(closure_problem(plain, q), start)
     fitted = dict(zip([p.name for p in plain.parameters], fit.x, strict=True))
     return np.array([fitted.get(p.name, p.nominal) for p in model.parameters])
 

@@ -9,7 +9,6 @@ column.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -27,18 +26,6 @@ every round to the system and having them zeroed again. Without effect on other 
 
 LEAST_RESOLVED_SHARE = 1e-3
 """Least share of its own noise that a misclosure predicted by the others keeps; below, it is degenerate."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Score:
-    """Projections of further columns G: ``gradient`` is G' P w (k,), ``information`` G' P G (k, k).
-
-    Added to the model, G would get the coefficients ``-information^-1 gradient``, and chi2 would
-    fall by ``gradient' information^-1 gradient``.
-    """
-
-    gradient: FloatArray
-    information: FloatArray
 
 
 class LinearFit:
@@ -86,7 +73,7 @@ class LinearFit:
             right += w @ rows
             square += float(w @ w)
         np.fill_diagonal(self.H, np.diagonal(self.H) + self._prior())
-        self.half, determinant = _inverse_root(self.H)
+        self.half, determinant = inverse_root(self.H)
         self.coefficients = -(self.half @ (self.half.T @ right))
         # One refinement: the squares of M cost half the digits, its product with them does not.
         left = right + self.H @ self.coefficients
@@ -225,8 +212,11 @@ class LinearFit:
 
     # ---- predictions between poses, and effects outside the model
 
-    def score(self, G: FloatArray) -> Score:
-        """Project further columns G (m, r, k) of the reduced equations: see `Score`."""
+    def score(self, G: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Score s = G' P w (k,) of further columns G (m, r, k) of the equations, and its covariance C = G' P G (k, k).
+
+        Added to the model, G would get the coefficients ``-C^-1 s``, and chi2 would fall by ``s' C^-1 s``.
+        """
         k = G.shape[-1]
         Gw, GG, GM = np.zeros(k), np.zeros((k, k)), np.zeros((k, self.design.width))
         for part in self.parts():
@@ -234,9 +224,7 @@ class LinearFit:
             Gw += part.w.reshape(-1) @ white
             GG += white.T @ white
             GM += white.T @ part.M.reshape(-1, self.design.width)
-        return Score(
-            gradient=Gw + GM @ self.coefficients, information=GG - GM @ self.H_inverse @ GM.T
-        )
+        return Gw + GM @ self.coefficients, GG - GM @ self.H_inverse @ GM.T
 
     def moved_by(self, G: FloatArray) -> FloatArray:
         """Derivatives (P, k) of the parameters by the coefficients of further columns G (m, r, k) of the equations.
@@ -332,7 +320,7 @@ def _square_in(V: FloatArray, w: FloatArray) -> float | None:
     return float(z @ z)
 
 
-def _inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
+def inverse_root(H: FloatArray) -> tuple[FloatArray, float]:
     """Root K of the inverse of H, ``H^-1 = K K'``, and the logarithm of H's determinant.
 
     Cholesky's factor is accurate whatever the units of the columns; eigenvectors are not.

@@ -261,8 +261,8 @@ def gravity_share(fit: LinearFit) -> float:
     """
     design = fit.design
     G = np.concatenate([fit.system.part(s).B @ design.expected[s, :, None] for s in design.parts()])
-    asked = fit.score(G)
-    return float(1.0 - asked.gradient[0] / max(asked.information[0, 0], 1e-300))
+    s, C = fit.score(G)
+    return float(1.0 - s[0] / max(C[0, 0], 1e-300))
 
 
 def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None) -> State:

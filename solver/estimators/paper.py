@@ -6,8 +6,6 @@ the published reference and the start of the implicit estimator.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from solver.arrays import FloatArray
@@ -19,7 +17,13 @@ from solver.estimators.estimate import (
     closure_sigmas,
     require_enough_poses,
 )
-from solver.estimators.least_squares import Progress, Triangle, solve_damped, triangle_of
+from solver.estimators.least_squares import (
+    Problem,
+    Progress,
+    Triangle,
+    solve_damped,
+    triangle_of,
+)
 from solver.loops.closure import ClosureModel, nearest_equivalent, pose_blocks
 
 SAME_DESCRIPTION = 1e-9
@@ -41,7 +45,7 @@ def estimate_paper(
     nominal = nominal_vector(model.parameters)
 
     order = canonical_order(q)
-    problem = ClosureProblem.of(model.at_poses(order), q[order])
+    problem = closure_problem(model.at_poses(order), q[order])
     fit = solve_damped(problem, nominal if x0 is None else x0, progress=progress)
     x = nearest_equivalent(model, fit.x, nominal)
     # An equivalent parameter vector has another Jacobian, except after a full turn.
@@ -63,21 +67,15 @@ def estimate_paper(
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ClosureProblem:
-    """The closure errors of all poses as a least-squares `Problem`, a block of poses at a time.
+def closure_problem(model: ClosureModel, q: FloatArray) -> Problem:
+    """Return the closure errors of the poses `q` (m, n), rad, as a least-squares problem, a block of poses at a time.
 
-    `blocks`: loops of some poses and their joint angles (m_k, n), rad.
+    It gives the closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters (P,).
     """
+    blocks = pose_blocks(model, q)
 
-    blocks: tuple[tuple[ClosureModel, FloatArray], ...]
-
-    @classmethod
-    def of(cls, model: ClosureModel, q: FloatArray) -> ClosureProblem:
-        """Cut the poses `q` (m, n), rad, into blocks."""
-        return cls(blocks=pose_blocks(model, q))
-
-    def __call__(self, x: FloatArray) -> Triangle:
-        """Closure error c and the paper's C = dc/dphi (eqs. 5, 6 and 13) at parameters `x` (P,)."""
-        errors = (model.reduced(x, q) for model, q in self.blocks)
+    def problem(x: FloatArray) -> Triangle:
+        errors = (part.reduced(x, here) for part, here in blocks)
         return triangle_of((error.residual, error.jac_x) for error in errors)
+
+    return problem

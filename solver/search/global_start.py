@@ -16,7 +16,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.estimators.estimate import require_enough_poses
 from solver.estimators.least_squares import Progress, solve_damped
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel, nearest_equivalent
 from solver.search.starts import StartSearch
 
@@ -172,7 +172,7 @@ def _solve(
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
     here = [names.index(p.name) for p in model.parameters]
-    problem = ClosureProblem.of(sensed, q)
+    problem = closure_problem(sensed, q)
 
     found: list[tuple[FloatArray, LocalMinimum]] = []
     best = np.inf

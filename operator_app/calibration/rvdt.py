@@ -33,7 +33,7 @@ from solver.diagnostics.rvdt import (
 )
 from solver.diagnostics.rvdt_response import SingleNoise, single_noise
 from solver.diagnostics.stated_sizes import sensor_noise_with_found_motion
-from solver.estimators.component_report import Component, interval
+from solver.estimators.component_report import Component, components
 from solver.estimators.mixed_fit import Near
 from solver.estimators.variance_components import Calibrated
 from solver.loops.closure import ClosureModel
@@ -142,7 +142,11 @@ def _noise_of_rvdts(
     unmeasured = [
         j for j in sensors if spread is None or not spread[still[j] & (samples > 1), j - 1].any()
     ]
-    by_name = _beside_quiet(whole) if unmeasured else {}
+    by_name: dict[str, Component] = {}
+    if unmeasured:
+        # The motion noise of fixture and joints is as estimated, not as stated.
+        v, error = sensor_noise_with_found_motion(whole.linear)
+        by_name = {c.name: c for c in components(whole.linear.design, v, error)}
     found = {
         j: single_noise(
             sensor,
@@ -153,19 +157,6 @@ def _noise_of_rvdts(
         for j, sensor in sensors.items()
     }
     return {j: noise for j, noise in found.items() if noise is not None}
-
-
-def _beside_quiet(whole: Calibrated) -> dict[str, Component]:
-    """Noise components of a fit, by name, with the motion noise of fixture and joints as estimated."""
-    v, error = sensor_noise_with_found_motion(whole.linear)
-    names = [c.name for c in whole.linear.design.components]
-    found = {}
-    for c in whole.components.components:
-        k = names.index(c.name)
-        sizes = (float(v[k]), *interval(float(v[k]), float(error[k])))
-        sd, low, high = np.sqrt(sizes).tolist()
-        found[c.name] = replace(c, sd=sd, low=low, high=high)
-    return found
 
 
 def measured_deviations(

@@ -10,7 +10,6 @@ from solver.arrays import FloatArray
 from solver.chain.sensors import rms_per_amplitude
 from solver.estimators.effects import LinearModel
 from solver.estimators.linear_fit import LinearFit
-from solver.estimators.mixed_fit import MixedFit
 
 COMPLIANCE_LEVEL = 0.01
 """Probability of the data below which the fixture counts as more compliant than stated."""
@@ -69,11 +68,9 @@ MOST_CERTAIN = 1e6
 """Least relative uncertainty of a standard deviation."""
 
 
-def components(found: MixedFit, design: LinearModel) -> tuple[Component, ...]:
-    """Report the noise and linearity deviation of every analogue sensor, and the fixture's noise."""
-    v, out = found.fit.v, []
-    stated = design.stated_variances()
-    error = standard_errors(found.derivatives().information, v, design.floors)
+def components(design: LinearModel, v: FloatArray, error: FloatArray) -> tuple[Component, ...]:
+    """Report noise and curve of every analogue sensor and the fixture's noise, by variances v (K,) and their errors."""
+    stated, out = design.stated_variances(), []
     for k, c in enumerate(design.components):
         kind = c.name.split("_")[0]
         if kind not in ("rvdt", "curve", "fixture"):

@@ -127,7 +127,8 @@ class LoadBasis:
     def joints_at(self, q: FloatArray) -> LoadBasis:
         """Return the effects of load on the joints at other angles `q` (m, n), rad, without a fixture."""
         m, (_, k, c) = len(q), self.all_give.shape
-        expected, sag, missed, side = self.gravity.sags(q)
+        torque = replace(self.gravity.part, q=q, u=np.zeros((m, 0))).torques(slice(None))
+        expected, sag, missed, side = self.gravity.sags(torque)
         return LoadBasis(
             sag_expected=expected, sag=sag, sag_missed=missed, all_give=np.zeros((1, k, c)),
             rows=np.zeros(m, dtype=np.int64), give_missed=np.zeros((m, k)), side=side,
@@ -139,29 +140,56 @@ class LoadBasis:
 class Gravity:
     """Each joint's twist as a function of gravity's torque, given as s shapes tau (m, n, s).
 
+    The first shape of the torque is its mean, the others have coefficients N(0, 1). The mean square of the twist is 1
+    over the poses of the basis.
+
     Attributes
     ----------
     part
-        The arm on which these torques act.
+        The arm that has these torques.
+    size
+        (n, s): root of the second moments of the twist's deviations from its expected value, for a unit of each shape.
     turn
-        (n, s, c): columns of the twist are ``tau_js turn_jsc``, of mean square 1 over the poses of the basis.
+        (n, s, c): columns of the deviations are ``tau_js turn_jsc``.
     rate
-        (n,): expected twist is ``rate_j tau_j0``.
-    held
-        (n,): variance left out for a joint on which gravity has no lever arm.
+        (n,): expected twist is ``rate_j tau_j0``; 0 for a joint on which gravity has no lever.
     """
 
     part: ArmPoses
+    size: FloatArray
     turn: FloatArray
     rate: FloatArray
-    held: FloatArray
 
-    def sags(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), its columns (m, n, c), variance left out by them (m, n), and side of play (m, n)."""
-        torque = replace(self.part, q=q, u=np.zeros((len(q), 0))).torques(slice(None))
-        columns = (torque.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
-        missed = np.broadcast_to(self.held, q.shape)
-        return self.rate * torque[..., 0], columns, missed, _side(torque)
+    @classmethod
+    def of(cls, part: ArmPoses, torque: FloatArray) -> Gravity:
+        """Return the twists whose mean square is 1 under torques (m, n, s)."""
+        m, n, s = torque.shape
+        cuts = _cuts(m)
+        rms = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
+        scale = np.where(rms > LEAST_TORQUE_NM, rms, np.inf)[:, None]
+        # E[c^2] = 1 times the second moments of the torque, minus the square of the expected value.
+        share = np.ones(s)
+        share[0] = np.sqrt(1.0 - HALF_NORMAL_MEAN**2)
+        gram = np.zeros((n, s, s))
+        for cut in cuts:
+            by_joint = (torque[cut] * (share / scale)).transpose(1, 0, 2)
+            gram += by_joint.transpose(0, 2, 1) @ by_joint
+        leading = np.linalg.eigh(gram)[1][..., ::-1][..., :SAG_COLUMNS]
+        size = share / scale
+        rate = HALF_NORMAL_MEAN / scale[:, 0]
+        return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
+
+    def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Expected twist (m, n), its columns (m, n, c), variance they leave out (m, n), and side of play (m, n)."""
+        found = []
+        for cut in _cuts(len(torque)):
+            some = torque[cut]
+            columns = (some.transpose(1, 0, 2) @ self.turn).transpose(1, 0, 2)
+            missed = np.maximum(((some * self.size) ** 2).sum(-1) - (columns**2).sum(-1), 0.0)
+            missed = np.where(self.rate > 0.0, missed, 1.0)
+            found.append((self.rate * some[..., 0], columns, missed, _side(some)))
+        expected, columns, missed, side = (np.concatenate(f) for f in zip(*found, strict=True))
+        return expected, columns, missed, side
 
 
 def load_basis(
@@ -172,7 +200,6 @@ def load_basis(
     masses: LinkMasses,
     *,
     give: tuple[float, float],
-    sag_columns: int = SAG_COLUMNS,
     give_columns: int = GIVE_COLUMNS,
 ) -> LoadBasis:
     """Return the effects of load at joint angles `q` (m, n) and unsensed angles `u` (m, U), rad.
@@ -193,9 +220,8 @@ def load_basis(
     for here, one in placements:
         for cut in _cuts(len(here)):
             torque[here[cut]] = one.torques(cut)
-    expected, sag, left, turn, rate = _sags(torque, sag_columns)
-    turned = rate > 0.0
-    side = np.concatenate([_side(torque[cut]) for cut in _cuts(m)])
+    gravity = Gravity.of(placements[0][1], torque)
+    expected, sag, left, side = gravity.sags(torque)
     # The largest array of all: with many poses it is computed again at each request.
     again = torque if m <= CHUNK else None
     del torque
@@ -215,9 +241,7 @@ def load_basis(
         rows=np.arange(m),
         give_missed=missed,
         side=side,
-        gravity=Gravity(
-            part=placements[0][1], turn=turn, rate=rate, held=np.where(turned, 0.0, 1.0)
-        ),
+        gravity=gravity,
     )
 
 
@@ -227,40 +251,6 @@ def _side(torque: FloatArray) -> FloatArray:
 
     spread = np.sqrt(2.0 * (torque[..., 1:] ** 2).sum(-1))
     return np.asarray(erf(torque[..., 0] / np.maximum(spread, LEAST_TORQUE_NM)))
-
-
-def _sags(
-    torque: FloatArray, columns: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Expected twist (m, n), columns (m, n, c) of the deviations, and the variance left out (m, n).
-
-    Also returns their dependence on the torque, as in `Gravity`: (n, s, c) and (n,).
-
-    The mean square is 1 for every joint over the poses, under a torque (m, n, s) whose first shape is the mean and
-    whose others have coefficients N(0, 1).
-    """
-    m, n, s = torque.shape
-    cuts = _cuts(m)
-    size = np.sqrt(sum(np.einsum("mns,mns->n", torque[cut], torque[cut]) for cut in cuts) / m)
-    turned = size > LEAST_TORQUE_NM
-    scale = np.where(turned, size, np.inf)[:, None]
-    # E[c^2] = 1 times the second moments of the torque, minus the square of the expected value.
-    share = np.ones(s)
-    share[0] = np.sqrt(1.0 - HALF_NORMAL_MEAN**2)
-    gram = np.zeros((n, s, s))
-    for cut in cuts:
-        by_joint = (share * torque[cut] / scale).transpose(1, 0, 2)
-        gram += by_joint.transpose(0, 2, 1) @ by_joint
-    leading = np.linalg.eigh(gram)[1][..., ::-1][..., : min(columns, s)]
-    found, missed = np.zeros((m, n, columns)), np.zeros((m, n))
-    for cut in cuts:
-        some = share * torque[cut] / scale
-        found[cut, :, : leading.shape[-1]] = (some.transpose(1, 0, 2) @ leading).transpose(1, 0, 2)
-        missed[cut] = np.maximum((some**2).sum(-1) - (found[cut] ** 2).sum(-1), 0.0)
-    rate = HALF_NORMAL_MEAN / scale[:, 0]
-    turn = np.zeros((n, s, columns))
-    turn[..., : leading.shape[-1]] = (share / scale)[..., None] * leading
-    return rate * torque[..., 0], found, np.where(turned, missed, 1.0), turn, rate
 
 
 def _cuts(m: int) -> list[slice]:

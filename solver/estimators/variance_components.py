@@ -21,6 +21,7 @@ from solver.estimators.component_report import (
     Component,
     compliance_test,
     components,
+    standard_errors,
 )
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import (
@@ -293,8 +294,9 @@ def noise_left(found: MixedFit, back: IntArray) -> NoiseModel:
 def _report(found: MixedFit, back: IntArray) -> VarianceComponents:
     fit = found.fit
     design, stated = fit.design, fit.stated
+    error = standard_errors(found.derivatives().information, fit.v, design.floors)
     return VarianceComponents(
-        components=components(found, design),
+        components=components(design, fit.v, error),
         compliance=compliance_test(stated, design),
         noise=noise_left(found, back),
         curves_rad={

@@ -84,11 +84,6 @@ class CalibratedArm:
         """The tip in the last frame of `table` to the tip, (3,)."""
         return self.tip_m if self.best is None else self.best.tip_m
 
-    @property
-    def entries(self) -> tuple[str, ...]:
-        """Entries of `hand` that were calibrated."""
-        return tuple(name for name in self.free if name not in TIP_NAMES)
-
     def T_base(
         self, q_rad: FloatArray, frame: Frame = "tip", *, corrected: bool = False
     ) -> FloatArray:
@@ -118,7 +113,7 @@ class CalibratedArm:
         """
         if self.best is not None:
             return self.best.tool(q_rad)
-        tip, rates = self._rates(q_rad)
+        tip, rates = self._rates(q_rad, self.free)
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
@@ -128,22 +123,31 @@ class CalibratedArm:
             return np.zeros(len(q_rad))
         C = self._covariance
         part = C[:, known] @ np.linalg.pinv(C[np.ix_(known, known)], hermitian=True) @ C[known]
-        return np.sqrt(spread_along(self._rates(q_rad)[1], part))
+        return np.sqrt(spread_along(self._rates(q_rad, self.free)[1], part))
 
-    def _rates(self, q_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Tip by the identified entries (m, 3), m, and its rates with `free` (m, 3, P)."""
-        own = tuple(name for name in self.free if name in TIP_NAMES)
+    def rate_m_per_rad(self, joint: int, moved: dict[str, float], q_rad: FloatArray) -> FloatArray:
+        """Rate (m,) of the tip at readings (m, n) with a fixed offset, when other parameters move by `moved` per rad.
+
+        Of several placements the parameters of the first count.
+        """
+        plain = {name.partition("[")[0]: rate for name, rate in reversed(moved.items())}
+        names = (DhEntry(DhKind.THETA_OFF, joint).name, *self.free)
+        along = np.array([1.0, *(plain.get(name, 0.0) for name in self.free)])
+        return np.asarray(np.linalg.norm(self._rates(q_rad, names)[1] @ along, axis=-1))
+
+    def _rates(self, q_rad: FloatArray, names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
+        """Tip by the identified entries (m, 3), m, and its rates with parameters `names` (m, 3, k)."""
         point = PointClosure(
             table=self.hand,
-            entries=tuple(DhEntry.parse(name) for name in self.free if name not in TIP_NAMES),
+            entries=tuple(DhEntry.parse(name) for name in names if name not in TIP_NAMES),
             tip_m=self.tip_m,
             ground_m=np.zeros(3),
-            own=own,
+            own=tuple(name for name in names if name in TIP_NAMES),
         )
         order = [p.name for p in point.parameters]
         # From a socket at the base's origin.
         tip = point.loop(nominal_vector(point.parameters), q_rad, np.zeros((*q_rad.shape[:-1], 0)))
-        return tip.residual, tip.jac_x[..., [order.index(name) for name in self.free]]
+        return tip.residual, tip.jac_x[..., [order.index(name) for name in names]]
 
 
 def T_base_flange(table: DhTable, q_rad: FloatArray) -> FloatArray:
@@ -176,24 +180,6 @@ class HandErrors:
     tip_m: FloatArray
     before_m: FloatArray
     after_m: FloatArray
-
-
-def hand_accuracy(
-    errors: HandErrors, found: CalibratedArm, arm: ArmModel, as_stated: Collection[str]
-) -> HandAccuracy:
-    """Summarise the tool position error before and after calibration.
-
-    `as_stated` are parameters known from the files rather than from the poses.
-    """
-    by_files = found.stated_part_m(even_poses(arm), as_stated)
-    left = np.sqrt(np.maximum(errors.after_m**2 - by_files**2, 0.0))
-    accuracy = HandAccuracy(
-        before=spread_of(errors.before_m), after=spread_of(errors.after_m), poses=RANGE_SAMPLES
-    )
-    if spread_of(left).rms > NOTEWORTHY_SHARE * accuracy.after.rms:
-        return accuracy
-    stated = tuple(name for name in found.free if name in as_stated)
-    return replace(accuracy, stated=stated, after_by_poses=spread_of(left))
 
 
 def even_poses(arm: ArmModel) -> FloatArray:
@@ -303,9 +289,6 @@ def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
     return DhTable.from_stacked(rows)
 
 
-DERIVATIVE_STEP_RAD = 1e-4
-"""Step of the numerical derivatives."""
-
 NEGLIGIBLE = 2e-3
 """Rate (m/rad) of the tool below which an offset is neglected: 0.03 mm per degree."""
 
@@ -322,54 +305,36 @@ def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:
     )
 
 
-def with_held(
-    accuracy: HandAccuracy, after_m: FloatArray, found: CalibratedArm, arm: ArmModel, fit: LinearFit
+def tool_accuracy(
+    found: CalibratedArm, arm: ArmModel, as_stated: Collection[str], fit: LinearFit
 ) -> HandAccuracy:
-    """Return the accuracy including the uncertainty of fixed offsets, and the fixed offsets of unknown uncertainty.
+    """Summarise the tool position error before and after calibration over the ranges of all joints.
 
-    `after_m`: one standard deviation of the tool position (m,) at `even_poses` without these offsets. `fit`: the
-    calibration at its last linearisation.
+    It includes the uncertainty of fixed offsets, and names those of unknown uncertainty. `as_stated`: parameters known
+    from the files rather than from the poses. `fit`: the calibration at its last linearisation.
     """
-    model = fit.design.model
-    joints = offsets_not_sought(model, arm)
-    if not joints:
-        return accuracy
-    q = even_poses(arm)
-    names, known, held = [p.name for p in model.parameters], arm.offset_tolerance_rad, []
-    square = after_m**2
-    B = fit.whole.B
-    for j in joints:
-        taken_over = dict(zip(names, fit.moved_by(B[..., [j - 1]])[:, 0].tolist(), strict=True))
-        rate = _rate(found, j, taken_over, q)
+    errors, q = hand_errors(found, arm), even_poses(arm)
+    left = np.sqrt(np.maximum(errors.after_m**2 - found.stated_part_m(q, as_stated) ** 2, 0.0))
+    by_poses = spread_of(left)
+    noteworthy = not by_poses.rms > NOTEWORTHY_SHARE * spread_of(errors.after_m).rms
+    square, held, known = errors.after_m**2, list[HeldOffset](), arm.offset_tolerance_rad
+    model, B = fit.design.model, fit.whole.B
+    for j in offsets_not_sought(model, arm):
+        # The other parameters follow an error of the offset.
+        moved = fit.moved_by(B[..., [j - 1]])[:, 0].tolist()
+        along = dict(zip([p.name for p in model.parameters], moved, strict=True))
+        rate = found.rate_m_per_rad(j, along, q)
         if known is not None:
             square = square + (known * rate) ** 2
         elif (rms := spread_of(rate).rms) > NEGLIGIBLE:
             name = DhEntry(DhKind.THETA_OFF, j).name
             value = float(arm.table.theta_off_rad[j - 1])
             held.append(HeldOffset(name=name, value_rad=value, rate_m_per_rad=rms))
-    return replace(accuracy, after=spread_of(np.sqrt(square)), holds_for=tuple(held))
-
-
-def _rate(
-    found: CalibratedArm, joint: int, taken_over: dict[str, float], q: FloatArray
-) -> FloatArray:
-    """Rate (m/rad) of the tool with an offset at readings `q`, with the other parameters refitted: (m,)."""
-    moved = {name.partition("[")[0]: rate for name, rate in reversed(taken_over.items())}
-    rows = found.hand.stacked()
-    offset = DhEntry(DhKind.THETA_OFF, joint)
-    changes = {offset.name: 1.0} | {e: moved.get(e, 0.0) for e in found.entries}
-    places = []
-    for step in (-DERIVATIVE_STEP_RAD, DERIVATIVE_STEP_RAD):
-        values = {}
-        for name, rate in changes.items():
-            entry = DhEntry.parse(name)
-            values[name] = float(rows[entry.kind, entry.row - 1]) + step * rate
-        tip = [moved.get(name, 0.0) for name in ("tip_x", "tip_y", "tip_z")]
-        there = replace(
-            found,
-            hand=with_entries(found.hand, values),
-            best=None,
-            tip_m=found.tip_m + step * np.array(tip),
-        )
-        places.append(there.T_base(q)[:, :3, 3])
-    return np.asarray(np.linalg.norm(places[1] - places[0], axis=-1) / (2.0 * DERIVATIVE_STEP_RAD))
+    return HandAccuracy(
+        before=spread_of(errors.before_m),
+        after=spread_of(np.sqrt(square)),
+        poses=RANGE_SAMPLES,
+        holds_for=tuple(held),
+        stated=tuple(name for name in found.free if name in as_stated) if noteworthy else (),
+        after_by_poses=by_poses if noteworthy else None,
+    )

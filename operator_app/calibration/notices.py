@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 
-from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
+from fixtures.base import CheckKind, Severity
 from operator_app.calibration.acceptance import Adjudication
 from operator_app.calibration.adjudication import PriorInformation, second_solution
 from operator_app.calibration.calibrated_arm import (
     calibrated_arm,
-    hand_accuracy,
-    hand_errors,
     offsets_not_sought,
-    with_held,
+    tool_accuracy,
 )
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import excluded_poses, out_of_range_besides, range_finding
@@ -24,11 +22,11 @@ from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.chain.arm_model import ArmModel
-from solver.chain.poses import PoseSet
 from solver.diagnostics.identifiability import Identifiability
 from solver.diagnostics.limits import CHI2_NOTICE_PROBABILITY
 from solver.estimators.estimate import Estimate
-from solver.estimators.variance_components import Calibrated, VarianceComponents
+from solver.estimators.linear_fit import LinearFit
+from solver.estimators.variance_components import Calibrated
 
 OWN_NOTICE = {
     FindingKind.OUTLIERS,
@@ -63,42 +61,14 @@ def with_notices(
     `whole` is the fit of all poses, `judged` that of the tested ones; `as_stated` are parameters known from the files
     rather than from the poses.
     """
-    arm, poses = experiment.arm, experiment.poses
-    found_arm = calibrated_arm(solution, arm)
-    errors_there = hand_errors(found_arm, arm)
-    accuracy = with_held(
-        hand_accuracy(errors_there, found_arm, arm, as_stated),
-        errors_there.after_m, found_arm, arm, judged.linear,
-    )  # fmt: skip
-    # Parameters dropped on request have their own notice.
-    not_sought = tuple(
-        j for j in offsets_not_sought(solution.model, arm) if f"theta_off_{j}" not in solution.held
-    )
-    left_out = (solution.dropped_flipped, known.out_of_range, arm, poses)
+    arm = experiment.arm
+    accuracy = tool_accuracy(calibrated_arm(solution, arm), arm, as_stated, judged.linear)
     sound = not adjudication.diverged
     found = (
         *(() if sound else (Finding(kind=K.DIVERGED),)),
-        *_excess_noise(whole.linear.stated.chi2, whole.linear.dof),
-        *(range_finding(f, poses, notice=True) for f in out_of_range_besides(*left_out)),
-        *_unused_endpoints(experiment.fixture, poses),
-        *(_setup_findings(known.checks) if sound else ()),
-        *excluded_poses(*left_out),
-        *_fixed_unseen(solution.held, accuracy),
-        *_fixed_by_choice(not_sought, accuracy, arm),
-        *_known_by_files(as_stated, solution.estimate, solution.shares),
-        *second_solution(solution.search),
-        *(_lengths_exact(solution.components, solution.tolerated) if sound else ()),
-        *(_same_placement(a) for a in same),
-        *(
-            Finding(
-                kind=K.DISTANCE_ABOVE if d.deviation > 0.0 else K.DISTANCE_BELOW,
-                joints=d.between,
-                figures={"sigmas": abs(d.deviation)},
-            )
-            for d in contradicted(solution.distances)
-        ),
-        *(socket_elsewhere(solution.estimate) if sound else ()),
-        *(outliers_still_used(solution.outliers) if sound else ()),
+        *_of_readings(experiment, known, whole.linear.stated, sound=sound),
+        *_of_parameters(solution, accuracy, arm, as_stated),
+        *_of_the_fit(solution, same, sound=sound),
         *(
             Finding(
                 kind=K.RVDT_HARMFUL if v.treat_as_unsensed else K.RVDT_VERDICT,
@@ -126,6 +96,85 @@ def with_notices(
     )
 
 
+def _of_readings(
+    experiment: Experiment, known: PriorInformation, stated: LinearFit, *, sound: bool
+) -> Iterator[Finding]:
+    """Notices about readings and set-up; `stated` is the fit at stated variances."""
+    from scipy.special import chdtrc
+
+    fixture, poses = experiment.fixture, experiment.poses
+    left_out = (known.flipped, known.out_of_range, experiment.arm, poses)
+    if stated.dof > 0 and float(chdtrc(stated.dof, stated.chi2)) < CHI2_NOTICE_PROBABILITY:
+        yield Finding(kind=K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
+    for readings in out_of_range_besides(*left_out):
+        yield range_finding(readings, poses, notice=True)
+    if poses.endpoint is not None and fixture.kind != "measured":
+        yield Finding(kind=K.ENDPOINTS_UNUSED, names=(fixture.kind,))
+    for c in known.checks if sound else ():
+        if c.severity is not Severity.OK and c.kind is not CheckKind.HIDDEN:
+            yield Finding(kind=K.SETUP_CHECK, names=(c.code,), reported=(c.text, c.remedy))
+    yield from excluded_poses(*left_out)
+
+
+def _of_parameters(
+    solution: Solution, accuracy: HandAccuracy, arm: ArmModel, as_stated: tuple[str, ...]
+) -> Iterator[Finding]:
+    """Notices about parameters that the poses do not determine: dropped, fixed by files, or known from files."""
+    rates = {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
+    if solution.held:
+        yield Finding(kind=K.FIXED_UNSEEN, names=solution.held, figures=rates)
+    fixed = {f"theta_off_{j}": j for j in offsets_not_sought(solution.model, arm)}
+    offsets = tuple(
+        NamedSize(name=name, size=float(arm.table.theta_off_rad[j - 1]), unit="rad")
+        for name, j in fixed.items()
+        if name not in solution.held
+    )
+    if offsets:
+        tolerance = arm.offset_tolerance_rad
+        yield Finding(
+            kind=K.FIXED_BY_CHOICE, size=tolerance, unit="rad", sizes=offsets, figures=rates
+        )
+    estimate = solution.estimate
+    sd = dict(zip(estimate.parameters, estimate.standard_deviation.tolist(), strict=True))
+    known = {p.name: (size, p.unit) for p, size in sd.items()}
+    sizes = []
+    for name in as_stated:
+        size, unit = known.get(name, (0.0, ""))
+        share = solution.shares.get(name, 0.0)
+        sizes.append(NamedSize(name=name, size=size, unit=unit, share=share))
+    if sizes:
+        yield Finding(kind=K.KNOWN_BY_FILES, sizes=tuple(sizes))
+    yield from second_solution(solution.search)
+
+
+def _of_the_fit(
+    solution: Solution, same: tuple[IndistinguishablePlacements, ...], *, sound: bool
+) -> Iterator[Finding]:
+    """Notices about compliance, placements, distances and outliers; only the second and third of a diverged fit."""
+    compliance = None if solution.components is None else solution.components.compliance
+    if sound and compliance is not None and compliance.gives and not solution.tolerated:
+        # An apparent compliance may be errors of link lengths.
+        yield Finding(kind=K.LENGTHS_EXACT)
+    for a in same:
+        yield Finding(
+            kind=K.SAME_PLACEMENT,
+            joints=a.numbers,
+            names=(a.parameter.name,),
+            size=a.difference,
+            unit=a.parameter.unit,
+            figures={"sigmas": a.sigmas},
+        )
+    for d in contradicted(solution.distances):
+        yield Finding(
+            kind=K.DISTANCE_ABOVE if d.deviation > 0.0 else K.DISTANCE_BELOW,
+            joints=d.between,
+            figures={"sigmas": abs(d.deviation)},
+        )
+    if sound:
+        yield from socket_elsewhere(solution.estimate)
+        yield from outliers_still_used(solution.outliers)
+
+
 def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Finding, ...]:
     """Return which of the procedure's own limits a calibration exceeds."""
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
@@ -143,100 +192,6 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
 def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
     """Return the finding that some used poses do not fit the others."""
     return (Finding(kind=K.OUTLIERS_COUNT, poses=labels),) if labels else ()
-
-
-def _setup_findings(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Warnings of the fixture's set-up checks at the identified parameters."""
-    return tuple(
-        Finding(kind=K.SETUP_CHECK, names=(c.code,), reported=(c.text, c.remedy))
-        for c in checks
-        if c.severity is not Severity.OK and c.kind is not CheckKind.HIDDEN
-    )
-
-
-def _unused_endpoints(fixture: EndpointConstraint, poses: PoseSet) -> tuple[Finding, ...]:
-    if poses.endpoint is None or fixture.kind == "measured":
-        return ()
-    return (Finding(kind=K.ENDPOINTS_UNUSED, names=(fixture.kind,)),)
-
-
-def _excess_noise(chi2: float, dof: int) -> tuple[Finding, ...]:
-    """Return the finding that stated noise does not explain the misfit: `chi2` is at stated variances."""
-    from scipy.special import chdtrc
-
-    if dof <= 0 or float(chdtrc(dof, chi2)) >= CHI2_NOTICE_PROBABILITY:
-        return ()
-    return (Finding(kind=K.CHI2_EXCEEDS, size=chi2 / dof),)
-
-
-def _rates(accuracy: HandAccuracy) -> dict[str, float]:
-    return {h.name: h.rate_m_per_rad for h in accuracy.holds_for}
-
-
-def _fixed_unseen(held: tuple[str, ...], accuracy: HandAccuracy) -> tuple[Finding, ...]:
-    """Return the finding of parameters dropped on request."""
-    if not held:
-        return ()
-    return (Finding(kind=K.FIXED_UNSEEN, names=held, figures=_rates(accuracy)),)
-
-
-def _fixed_by_choice(
-    joints: tuple[int, ...], accuracy: HandAccuracy, arm: ArmModel
-) -> tuple[Finding, ...]:
-    """Return the finding of offsets that the procedure or the arm's file fixes."""
-    if not joints:
-        return ()
-    offsets = arm.table.theta_off_rad
-    sizes = tuple(
-        NamedSize(name=f"theta_off_{j}", size=float(offsets[j - 1]), unit="rad") for j in joints
-    )
-    return (
-        Finding(
-            kind=K.FIXED_BY_CHOICE,
-            size=arm.offset_tolerance_rad,
-            unit="rad",
-            sizes=sizes,
-            figures=_rates(accuracy),
-        ),
-    )
-
-
-def _known_by_files(
-    by_files: tuple[str, ...], estimate: Estimate, shares: Mapping[str, float]
-) -> tuple[Finding, ...]:
-    """Return the parameters determined more by the files than by the poses, with the files' uncertainty."""
-    known = {
-        p.name: (float(sd), p.unit)
-        for p, sd in zip(estimate.parameters, estimate.standard_deviation, strict=True)
-    }
-    sizes = []
-    for name in by_files:
-        size, unit = known.get(name, (0.0, ""))
-        sizes.append(NamedSize(name=name, size=size, unit=unit, share=shares.get(name, 0.0)))
-    return (Finding(kind=K.KNOWN_BY_FILES, sizes=tuple(sizes)),) if sizes else ()
-
-
-def _lengths_exact(
-    components: VarianceComponents | None, tolerated: tuple[str, ...]
-) -> tuple[Finding, ...]:
-    """Return the finding that an apparent compliance may be errors of link lengths."""
-    if components is None or tolerated:
-        return ()
-    if components.compliance is None or not components.compliance.gives:
-        return ()
-    return (Finding(kind=K.LENGTHS_EXACT),)
-
-
-def _same_placement(found: IndistinguishablePlacements) -> Finding:
-    """Return the finding of placements that are identical, and count as one."""
-    return Finding(
-        kind=K.SAME_PLACEMENT,
-        joints=found.numbers,
-        names=(found.parameter.name,),
-        size=found.difference,
-        unit=found.parameter.unit,
-        figures={"sigmas": found.sigmas},
-    )
 
 
 def _ill_conditioned(seen: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:

@@ -14,7 +14,7 @@ from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
 from solver.chain.parameters import Parameter
 from solver.diagnostics import limits
-from solver.diagnostics.diagnosis import PRIORS, Diagnosis
+from solver.diagnostics.diagnosis import PRIORS, Diagnosis, Explanation
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.limits import (
@@ -93,39 +93,31 @@ def causes_of(
     sd = estimate.standard_deviation[here]
     moved = diagnosis.parameter_shift[here].copy()
     found: list[Finding] = []
-    for competing in diagnosis.rounds:
+    for compared in diagnosis.rounds:
         # Every probable cause counts, not only the most likely: each leads to other true values.
         possible = [
             np.abs((moved + x.evidence.moved[here]) / np.where(sd > 0.0, sd, 1.0)).max(initial=0.0)
-            for x in competing
-            if x.evidence is not None and x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
+            for x in compared.known
+            if x.probability >= limits.POSSIBLE_CAUSE_PROBABILITY
         ]
         impact = float(max(possible, default=0.0))
-        best = competing[0]
-        if best.evidence is not None:
-            moved = moved + best.evidence.moved[here]
-        for x in competing:
-            if x.candidate is None or x.evidence is None:
-                continue
-            found.append(
-                replace(
-                    finding_of(x.candidate, x.evidence, diagnosis.scene, labels),
-                    probability=x.probability,
-                    blocking=_refuses(x.candidate, x.evidence, estimate, impact),
-                )
-            )
+        if compared.best is not None:
+            moved = moved + compared.best.evidence.moved[here]
+        for x in compared.known:
+            blocking = _refuses(x.candidate, x.evidence, estimate, impact)
+            found.append(replace(_finding(x, diagnosis, labels), blocking=blocking))
     found.extend(unnamed)
-    found.extend(_suspected_entries(diagnosis, labels))
+    # Entries that may differ from their file, which is not certain enough to block.
+    found.extend(
+        replace(_finding(x, diagnosis, labels), doubted=True) for x in diagnosis.suspected_entries
+    )
     once = each_once(found)
     return tuple(c for k, c in enumerate(once) if k < limits.MOST_CAUSES_REPORTED or c.blocking)
 
 
-def _suspected_entries(diagnosis: Diagnosis, labels: tuple[str, ...]) -> Iterable[Finding]:
-    """Return the entries that may differ from their file, which is not certain enough to block."""
-    for x in diagnosis.suspected_entries:
-        if x.candidate is not None and x.evidence is not None:
-            found = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
-            yield replace(found, probability=x.probability, doubted=True)
+def _finding(x: Explanation, diagnosis: Diagnosis, labels: tuple[str, ...]) -> Finding:
+    found = finding_of(x.candidate, x.evidence, diagnosis.scene, labels)
+    return replace(found, probability=x.probability)
 
 
 def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: float) -> bool:
@@ -149,12 +141,12 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
         return
     ratio, probability = _left(diagnosis), 1.0
     if diagnosis.rounds:
-        last = diagnosis.rounds[-1][0]
-        probability = last.probability
-        if last.evidence is not None:
+        last = diagnosis.rounds[-1]
+        probability = last.unknown
+        if last.best is not None:
             if ratio <= limits.CHI2_PER_DOF_REFUSED:
                 return
-            probability = 1.0 - sum(x.probability for x in diagnosis.rounds[-1] if x.candidate)
+            probability = 1.0 - sum(x.probability for x in last.known)
     kind = FindingKind.UNEXPLAINED_PATTERN
     if ratio > limits.CHI2_PER_DOF_GROSS:
         kind = FindingKind.POSES_DO_NOT_FIT
@@ -171,16 +163,16 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 def _left(diagnosis: Diagnosis) -> float:
     """Return chi2/dof with the best explanation of the last round, if there is one."""
-    last = diagnosis.rounds[-1][0].evidence if diagnosis.rounds else None
+    last = diagnosis.rounds[-1].best if diagnosis.rounds else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof
-    return last.chi2 / max(last.dof, 1)
+    return last.chi2_per_dof
 
 
 def _impossible_compliance(diagnosis: Diagnosis) -> bool:
     """Whether the best explanation is a fixture more compliant than any metal, which would fit anything."""
-    best = diagnosis.rounds[0][0]
-    if best.candidate is None or best.evidence is None or best.candidate.cause is not Cause.GIVES:
+    best = diagnosis.best
+    if best is None or best.candidate.cause is not Cause.GIVES:
         return False
     size = rms_displacement(best.candidate, best.evidence, diagnosis.scene)
     return (

@@ -124,7 +124,14 @@ class _Case:
     @property
     def gross(self) -> bool:
         """Whether no single linear explanation reaches the misfit."""
-        return _unexplained_chi2_per_dof(self.diagnosis) > limits.CHI2_PER_DOF_REFUSED
+        best = self.diagnosis.best
+        left = self.chi2_per_dof if best is None else best.chi2_per_dof
+        return left > limits.CHI2_PER_DOF_REFUSED
+
+    def suspects(self, *causes: Cause) -> str:
+        """Subject of the best single explanation if it is one of these causes, otherwise empty."""
+        best = self.diagnosis.best
+        return best.candidate.subject if best is not None and best.candidate.cause in causes else ""
 
     def alternatives(self, *, near: bool = False, of_files: bool = False) -> tuple[Finding, ...]:
         """Alternative models that explain the misfit."""
@@ -216,12 +223,15 @@ def _misfit_causes(case: _Case, labels: tuple[str, ...]) -> _Misfit:
         # Linear explanations are invalid far from the truth.
         alternatives = case.alternatives()
         by_tests = alternatives or by_tests
-    elif scale > limits.CHI2_PER_DOF_REFUSED and _geometry_suspected(diagnosis):
+    elif scale > limits.CHI2_PER_DOF_REFUSED and case.suspects(
+        Cause.GIVES, Cause.LENGTH, Cause.TWIST
+    ):
         # A fixture this compliant, or a length error this large, may also be a wrong file.
         alternatives = case.alternatives(of_files=True)
         by_tests = alternatives or by_tests
-    elif joint := _suspected_reading(diagnosis):
-        by_tests = step_alternative(case.stated, joint, scale) or by_tests
+    elif joint := case.suspects(Cause.READING):
+        # Its readings may be independently wrong in every pose, or from one pose on.
+        by_tests = step_alternative(case.stated, int(joint), scale) or by_tests
     elif not by_tests:
         by_tests = rvdt_causes(case.known.rvdt, case.stated.arm)
     unexplained = (
@@ -304,26 +314,10 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
     """Whether one cause is more likely than all others together."""
-    if not diagnosis.rounds:
-        return True
-    best = diagnosis.rounds[0][0]
-    if best.candidate is None or best.evidence is None:
-        return False
-    return best.probability > 0.5 and best.evidence.chi2 <= limits.CHI2_PER_DOF_EXPLAINED * max(
-        best.evidence.dof, 1
-    )
-
-
-def _suspected_reading(diagnosis: Diagnosis) -> int:
-    """Joint (1-based) whose reading, if independently wrong in every pose, explains the misfit best; 0 if none."""
-    best = diagnosis.rounds[0][0].candidate if diagnosis.rounds else None
-    return 0 if best is None or best.cause is not Cause.READING else int(best.subject)
-
-
-def _geometry_suspected(diagnosis: Diagnosis) -> bool:
-    """Whether a compliant fixture, or an entry of the arm's table, explains the misfit best."""
-    best = diagnosis.rounds[0][0].candidate if diagnosis.rounds else None
-    return best is not None and best.cause in (Cause.GIVES, Cause.LENGTH, Cause.TWIST)
+    best = diagnosis.best
+    if best is None:
+        return not diagnosis.rounds
+    return best.probability > 0.5 and best.chi2_per_dof <= limits.CHI2_PER_DOF_EXPLAINED
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
@@ -346,14 +340,6 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
         chance = 1.0 - float(np.exp(larger.log_chance))
         found.setdefault(finding.code, replace(finding, probability=chance))
     return tuple(found.values())[: limits.MOST_SOURCES_REPORTED]
-
-
-def _unexplained_chi2_per_dof(diagnosis: Diagnosis) -> float:
-    """chi2/dof that the best single explanation leaves."""
-    if not diagnosis.rounds or diagnosis.rounds[0][0].evidence is None:
-        return diagnosis.stated_chi2_per_dof
-    found = diagnosis.rounds[0][0].evidence
-    return found.chi2 / max(found.dof, 1)
 
 
 def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:

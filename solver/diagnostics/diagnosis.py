@@ -67,11 +67,29 @@ UNNAMED = 0.002
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Explanation:
-    """A cause with its evidence; `candidate` is None for an unknown cause."""
+    """A cause with its evidence."""
 
-    candidate: Candidate | None
-    evidence: Evidence | None
+    candidate: Candidate
+    evidence: Evidence
     probability: float
+
+    @property
+    def chi2_per_dof(self) -> float:
+        """chi2/dof that it leaves at stated variances."""
+        return self.evidence.chi2 / max(self.evidence.dof, 1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Comparison:
+    """Explanations that were compared, the most probable first, and the probability of an unknown cause."""
+
+    known: tuple[Explanation, ...]
+    unknown: float
+
+    @property
+    def best(self) -> Explanation | None:
+        """The most probable explanation; None if an unknown cause is more probable than any."""
+        return next((x for x in self.known if x.probability >= self.unknown), None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,7 +101,7 @@ class Diagnosis:
     tests
         All of them.
     rounds
-        For each accepted cause, the explanations that were compared, the most probable first.
+        For each accepted cause, the explanations that were compared.
     suspected_entries
         Lengths and twists that may differ from the arm file although no test fires, the most probable first.
     odd
@@ -101,7 +119,7 @@ class Diagnosis:
     """
 
     tests: tuple[HypothesisTest, ...]
-    rounds: tuple[tuple[Explanation, ...], ...]
+    rounds: tuple[Comparison, ...]
     suspected_entries: tuple[Explanation, ...]
     odd: Outliers
     step: ChangePoint | None
@@ -114,6 +132,11 @@ class Diagnosis:
     def fires(self) -> bool:
         """Whether any test fires."""
         return any(test.fires for test in self.tests)
+
+    @property
+    def best(self) -> Explanation | None:
+        """The most probable single explanation; None where no test fires, or an unknown cause is more probable."""
+        return self.rounds[0].best if self.rounds else None
 
 
 def diagnose(
@@ -188,16 +211,14 @@ def _explanations(
     left: WhitenedResiduals,
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
-) -> Iterable[tuple[Explanation, ...]]:
+) -> Iterable[Comparison]:
     """Fit the best explanation of the residuals, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults(measured))
     for _ in range(limits.MOST_CAUSES_FITTED):
         found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))
         yield found
-        best = found[0]
-        if best.candidate is None or best.evidence is None:
-            return
-        if best.evidence.chi2 > limits.CHI2_PER_DOF_GROSS * max(best.evidence.dof, 1):
+        best = found.best
+        if best is None or best.chi2_per_dof > limits.CHI2_PER_DOF_GROSS:
             # No linear cause explains this.
             return
         size = best.evidence.size * best.candidate.natural
@@ -226,9 +247,7 @@ def _suspected_entries(
 ) -> tuple[Explanation, ...]:
     """Toleranced entries that may differ from the arm file although no test fires."""
     found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))
-    return tuple(
-        x for x in found if x.candidate and x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
-    )
+    return tuple(x for x in found.known if x.candidate.cause in (Cause.LENGTH, Cause.TWIST))
 
 
 def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
@@ -260,8 +279,8 @@ def _evidence(left: WhitenedResiduals, c: Candidate) -> Evidence | None:
     return evidence_of_own(left, c.own, c.columns, c.natural, most=c.most)
 
 
-def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[Explanation, ...]:
-    """Probabilities of all candidates, of no fault and of an unknown fault, the most probable first."""
+def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> Comparison:
+    """Compare all candidates with each other, with no fault and with an unknown one."""
     listed = [
         (c, e)
         for c in candidates
@@ -289,12 +308,16 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> tuple[E
         Explanation(candidate=c, evidence=e, probability=float(p))
         for (c, e), p in zip(listed, chance[:-2], strict=True)
     ]
-    found.append(Explanation(candidate=None, evidence=None, probability=float(chance[-1])))
     found.sort(key=lambda explanation: -explanation.probability)
-    return tuple(
-        x
-        for k, x in enumerate(found)
-        if k == 0 or x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
+    unknown = float(chance[-1])
+    return Comparison(
+        known=tuple(
+            x
+            for k, x in enumerate(found)
+            if x.probability >= limits.LEAST_REPORTED_CAUSE_PROBABILITY
+            or (k == 0 and x.probability >= unknown)
+        ),
+        unknown=unknown,
     )
 
 

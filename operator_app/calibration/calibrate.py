@@ -79,7 +79,6 @@ from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import (
     Estimate,
     closure_at_readings,
-    closure_sigmas,
     require_enough_poses,
 )
 from solver.estimators.least_squares import Progress
@@ -390,13 +389,12 @@ def decide(diagnosed: Diagnosed) -> Solution:
     task, loops, whole = prepared.task, prepared.loops, fitted.whole
     model, estimate, q, experiment = fitted.model, fitted.estimate, loops.q, task.experiment
     arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
-    at_nominal = closure_at_readings(model, nominal_vector(model.parameters), q)
     solution = Solution(
         model=model,
         estimate=estimate,
         paper=loops.paper,
         seen=diagnosed.seen,
-        before=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
+        before=closure_at_readings(model, nominal_vector(model.parameters), q).sigmas,
         poses=len(q),
         dropped_flipped=loops.flipped,
         held=prepared.dropped,

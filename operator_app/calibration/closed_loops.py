@@ -146,11 +146,12 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
     if int(keep.sum()) * model.equations_per_pose <= len(model.parameters):
         return everything
     paper = estimate_paper(part, q[keep])
-    flipped = closure_at_readings(model, paper.x, q).flipped
+    found = closure_at_readings(model, paper.x, q)
+    kept = ~found.flipped
     return Branches(
-        kept=~flipped,
-        flipped=tuple(int(k) for k in np.flatnonzero(flipped)),
-        paper=paper if np.array_equal(keep, ~flipped) else None,
+        kept=kept,
+        flipped=found.flipped_poses,
+        paper=paper if np.array_equal(keep, kept) else None,
     )
 
 

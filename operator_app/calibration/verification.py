@@ -35,7 +35,7 @@ from solver.diagnostics.limits import (
 from solver.diagnostics.statistics import Chi2Test, chi2_test
 from solver.estimators.component_report import Component
 from solver.estimators.error_model import SD_OF_PEAK
-from solver.estimators.estimate import ClosureSigmas, closure_at_readings, closure_sigmas
+from solver.estimators.estimate import ClosureSigmas, closure_at_readings
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
 from solver.loops.placements import Placements
@@ -181,7 +181,7 @@ def verify_poses(
         chi2 = found.chi2
         left = chi2.dof - len(unknown)
         found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
-    at_nominal = closure_at_readings(model, nominal_vector(model.parameters), poses.q_rad)
+    nominal = nominal_vector(model.parameters)
     improbable = (found.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~found.closed
     odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
     shift: CommonShift | None = None
@@ -193,7 +193,7 @@ def verify_poses(
         found, odd, shift, stated = _with_prediction(new, made, start, found, odd)
     return VerificationResult(
         verification=found,
-        nominal=closure_sigmas(at_nominal.residual, at_nominal.rotation_rows),
+        nominal=closure_at_readings(model, nominal, poses.q_rad).sigmas,
         odd_poses=odd,
         poses=len(poses),
         shift=shift,

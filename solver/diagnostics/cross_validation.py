@@ -119,9 +119,9 @@ def verify(
         chi2=chi2_test(together, m * r),
         pose_chi2=pose_chi2,
         pose_probability=np.asarray(chdtrc(r, pose_chi2)),
-        sigmas=closure_sigmas(error.residual, error.rotation_rows),
+        sigmas=error.sigmas,
         closed=adjusted.converged,
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
+        flipped=error.flipped_poses,
     )
 
 

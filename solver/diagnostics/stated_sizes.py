@@ -52,8 +52,7 @@ def sensor_noise_with_found_motion(fit: LinearFit) -> tuple[FloatArray, FloatArr
     design, v = fit.design, fit.v.copy()
     noise = design.noise_components
     least = design.floors.copy()
-    moving = [*design.fixture_components.values()]
-    moving += [] if design.play_component is None else [design.play_component]
+    moving = design.motion_components
     least[moving] = MOTION_NOISE_LEAST_SHARE**2 * design.stated_variances()[moving]
     for _ in range(ROUNDS):
         slope = LinearFit(design, fit.system, v).derivatives

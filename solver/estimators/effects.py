@@ -147,8 +147,12 @@ class LinearModel(Layout):
         """Variance of the fixture's noise along the closure components (m, k)."""
         F = self._stated_fixture[poses].copy()
         for key, c in self.fixture_components.items():
-            F[:, slice(0, 3) if key == "fixture_rad" else slice(self.rows - 3, self.rows)] += v[c]
+            F[:, self._rows_of(key)] += v[c]
         return F
+
+    def _rows_of(self, component: str) -> slice:
+        """Closure components along which a component of the fixture's noise acts."""
+        return slice(0, 3) if component == "fixture_rad" else slice(self.rows - 3, self.rows)
 
     def _fixture(self) -> FloatArray:
         """Part of the variance that no component scales."""
@@ -182,8 +186,7 @@ class LinearModel(Layout):
             factors.append(part.Bw[..., a.joint - 1, None] * share[:, None, None])
             component.append(k)
         for key, c in self.fixture_components.items():
-            rows = slice(0, 3) if key == "fixture_rad" else slice(self.rows - 3, self.rows)
-            factors.append(part.Ew[..., rows])
+            factors.append(part.Ew[..., self._rows_of(key)])
             component += [c] * 3
         if self.play_component is not None:
             factors.append(part.Bw * self.backlash)

@@ -176,8 +176,17 @@ class ClosureAtReadings:
 
     residual: FloatArray
     rotation_rows: int
-    unsensed: FloatArray
     flipped: BoolArray
+
+    @property
+    def sigmas(self) -> ClosureSigmas:
+        """sigma_pos and sigma_ori of all poses."""
+        return closure_sigmas(self.residual, self.rotation_rows)
+
+    @property
+    def flipped_poses(self) -> tuple[int, ...]:
+        """Indices of poses on the flipped branch."""
+        return tuple(np.flatnonzero(self.flipped).tolist())
 
 
 def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> ClosureAtReadings:
@@ -185,16 +194,11 @@ def closure_at_readings(model: ClosureModel, x: FloatArray, q: FloatArray) -> Cl
 
     Unsensed joints take the angles that close each loop best; their readings are not used.
     """
-    found = [
-        (error.residual, error.unsensed, error.flipped, error.rotation_rows)
-        for error in (_at_readings(part, x, here) for part, here in pose_blocks(model, q))
-    ]
-    residual, unsensed, flipped, rotation_rows = zip(*found, strict=True)
+    found = [_at_readings(part, x, here) for part, here in pose_blocks(model, q)]
     return ClosureAtReadings(
-        residual=np.concatenate(residual),
-        rotation_rows=rotation_rows[0],
-        unsensed=np.concatenate(unsensed),
-        flipped=np.concatenate(flipped),
+        residual=np.concatenate([error.residual for error in found]),
+        rotation_rows=found[0].rotation_rows,
+        flipped=np.concatenate([error.flipped for error in found]),
     )
 
 

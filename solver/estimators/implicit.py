@@ -27,12 +27,7 @@ from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import back_to_caller, canonical_order
 from solver.closing import Rates, close_loops, reduced_equations
 from solver.errors import PosesDoNotFitError
-from solver.estimators.estimate import (
-    Estimate,
-    closure_at_readings,
-    closure_sigmas,
-    require_enough_poses,
-)
+from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress, Triangle, triangle_of
 from solver.estimators.paper import SAME_DESCRIPTION, estimate_paper
 from solver.loops.closure import (
@@ -200,7 +195,6 @@ def estimate_implicit(
     Raises `TooFewPosesError` if no degree of freedom would be left.
     """
     order = canonical_order(q)
-    back = back_to_caller(order)
     model, q = model.at_poses(order), q[order]
     noise = NoiseModel(
         joint_variance=np.broadcast_to(noise.joint_variance, q.shape)[order],
@@ -228,17 +222,17 @@ def estimate_implicit(
         parameters=model.parameters,
         x=fit.x,
         covariance=fit.covariance,
-        residual=error.residual[back],
+        residual=error.residual,
         rotation_rows=error.rotation_rows,
-        sigmas=closure_sigmas(error.residual, error.rotation_rows),
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
+        sigmas=error.sigmas,
+        flipped=error.flipped_poses,
         dof=fit.dof,
         chi2=fit.chi2,
-        pose_chi2=fit.pose_chi2[back],
-        corrections=fit.corrections[back],
+        pose_chi2=fit.pose_chi2,
+        corrections=fit.corrections,
         iterations=fit.iterations,
         converged=fit.converged,
-    )
+    ).at_poses(back_to_caller(order))
 
 
 def linearise(

@@ -245,7 +245,8 @@ class Layout:
                 self.groups.append(Group(source=source, names=listed, fixed=1.0))
             elif listed and source == PLACEMENT:
                 # The fixture's distance from its nominal placement implies nothing about the arm.
-                self._group(source, listed, self._placement_scale())
+                far = LARGEST_PLACEMENT_SCALE**2
+                self._group(source, listed, self._scale(PLACEMENT, floor=1.0, wall=far, leap=far))
             elif listed:
                 self._group(source, listed, self._scale(source))
         turning = np.flatnonzero(self.accuracy)
@@ -361,33 +362,31 @@ class Layout:
     def _group(self, source: str, names: Iterable[str], component: int) -> None:
         self.groups.append(Group(source=source, names=tuple(names), rates=((component, 1.0),)))
 
-    def _scale(self, name: str) -> int:
-        """Return the variance component of a source whose size is the stated one unless the poses show otherwise."""
+    def _scale(
+        self,
+        name: str,
+        *,
+        floor: float = SMALLEST_SCALE**2,
+        wall: float = LARGEST_SCALE**2,
+        leap: float = 0.0,
+    ) -> int:
+        """Return the component of a source that is as large as stated unless the poses show otherwise."""
         return self._component(
             VarianceComponent(
-                name=name,
-                start=1.0,
-                floor=SMALLEST_SCALE**2,
-                stated=1.0,
-                scaled=True,
-                wall=LARGEST_SCALE**2,
-            )
-        )
-
-    def _placement_scale(self) -> int:
-        """Return the component of the fixture's placement, which is never smaller than stated."""
-        far = LARGEST_PLACEMENT_SCALE**2
-        return self._component(
-            VarianceComponent(
-                name=PLACEMENT, start=1.0, floor=1.0, stated=1.0, scaled=True, wall=far, leap=far
+                name=name, start=1.0, floor=floor, stated=1.0, scaled=True, wall=wall, leap=leap
             )
         )
 
     @property
+    def motion_components(self) -> list[int]:
+        """Components of the noise of fixture and joints."""
+        play = [] if self.play_component is None else [self.play_component]
+        return [*self.fixture_components.values(), *play]
+
+    @property
     def noise_components(self) -> list[int]:
         """Components of noise, which is new in every pose."""
-        play = [] if self.play_component is None else [self.play_component]
-        return [*range(len(self.errors.analogue)), *self.fixture_components.values(), *play]
+        return [*range(len(self.errors.analogue)), *self.motion_components]
 
     def start_variances(self) -> FloatArray:
         """Start values of the components (K,)."""

@@ -77,8 +77,8 @@ class MixedFit:
         Parameters (P,).
     corrections, unsensed
         Joint corrections e (m, n) and unsensed angles (m, U), rad.
-    shift, give
-        Parts that the effects predict: of the corrections (m, n), rad, and of the fixture's displacement (m, k).
+    shift
+        Part of the corrections that the effects predict (m, n), rad.
     fit
         The linear fit at the solution.
     found
@@ -89,7 +89,6 @@ class MixedFit:
     corrections: FloatArray
     unsensed: FloatArray
     shift: FloatArray
-    give: FloatArray
     fit: LinearFit
     found: Derivatives | None
     iterations: int
@@ -217,10 +216,10 @@ def _iterate(
             break
     if variances is None and found is not None:
         fit, state = _at_mean_scales(design, fit, found, state)
-    shift, give = design.effects_at(fit.b, design.q + state.e)
+    shift, _ = design.effects_at(fit.b, design.q + state.e)
     return MixedFit(
-        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, give=give, fit=fit,
-        found=found, iterations=rounds, converged=converged,
+        x=state.x, corrections=state.e, unsensed=state.u, shift=shift, fit=fit, found=found,
+        iterations=rounds, converged=converged,
     )  # fmt: skip
 
 

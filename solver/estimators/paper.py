@@ -11,12 +11,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.poses import canonical_order
-from solver.estimators.estimate import (
-    Estimate,
-    closure_at_readings,
-    closure_sigmas,
-    require_enough_poses,
-)
+from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import (
     Problem,
     Progress,
@@ -59,8 +54,8 @@ def estimate_paper(
         covariance=triangle.covariance() * (2.0 * fit.cost / dof),
         residual=error.residual,
         rotation_rows=error.rotation_rows,
-        sigmas=closure_sigmas(error.residual, error.rotation_rows),
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped)),
+        sigmas=error.sigmas,
+        flipped=error.flipped_poses,
         dof=dof,
         iterations=fit.iterations,
         converged=fit.converged,

@@ -24,12 +24,7 @@ from solver.estimators.component_report import (
     standard_errors,
 )
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.estimate import (
-    Estimate,
-    closure_at_readings,
-    closure_sigmas,
-    require_enough_poses,
-)
+from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.layout import Layout
 from solver.estimators.least_squares import Progress
@@ -182,24 +177,24 @@ def estimate_with_errors(
 
 def estimate_of(ended: Settled, model: ClosureModel, q: FloatArray) -> Estimate:
     """Return the estimate from a fit to joint angles `q` (m, n), rad, with poses in the same order."""
-    found, back = ended.fit, back_to_caller(ended.order)
+    found = ended.fit
     error = closure_at_readings(model.at_poses(ended.order), found.x, q[ended.order])
     return Estimate(
         estimator="implicit",
         parameters=model.parameters,
         x=found.x,
         covariance=found.fit.covariance,
-        residual=error.residual[back],
+        residual=error.residual,
         rotation_rows=error.rotation_rows,
-        sigmas=closure_sigmas(error.residual, error.rotation_rows),
-        flipped=tuple(int(i) for i in np.flatnonzero(error.flipped[back])),
+        sigmas=error.sigmas,
+        flipped=error.flipped_poses,
         dof=ended.dof,
         chi2=found.fit.chi2,
-        pose_chi2=_pose_chi2(found.fit)[back],
-        corrections=found.corrections[back],
+        pose_chi2=_pose_chi2(found.fit),
+        corrections=found.corrections,
         iterations=found.iterations,
         converged=found.converged,
-    )
+    ).at_poses(back_to_caller(ended.order))
 
 
 def _by_name(variances: Mapping[str, float], layout: Layout) -> FloatArray:

@@ -292,7 +292,7 @@ def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
     design, model = case.found.linear.design, case.model
     nominal = nominal_vector(model.parameters)
     stated = case.stated
-    if _geometry_causes(placement_checks(stated.fixture, stated.arm, model, nominal)):
+    if _geometry_causes(placement_checks(stated, model, nominal)):
         return ()
     group = stated.poses.placement[case.found.order]
     expected = expected_fit(model, design.q, design.errors, nominal, group=group)

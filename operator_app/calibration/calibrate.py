@@ -45,7 +45,6 @@ from operator_app.calibration.multistart import (
 )
 from operator_app.calibration.notices import with_notices
 from operator_app.calibration.placements import (
-    IndistinguishablePlacements,
     compared,
     distances,
     indistinguishable_placements,
@@ -73,7 +72,7 @@ from solver.diagnostics.limits import (
     OUTLIER_NOTICE_PROBABILITY,
 )
 from solver.diagnostics.range_checks import RangeFinding, range_findings
-from solver.diagnostics.stated_sizes import Scale, learned_scales, shares_of_poses
+from solver.diagnostics.stated_sizes import learned_scales, shares_of_poses
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.estimate import (
@@ -213,6 +212,11 @@ class Fitted:
     components: VarianceComponents | None
     implicit: Estimate | None
 
+    @property
+    def closes(self) -> bool:
+        """Whether the loops close well enough for a closer look at sensors and placements."""
+        return gross_misfit(self.whole) < CHI2_PER_DOF_GROSS
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Diagnosed:
@@ -222,24 +226,20 @@ class Diagnosed:
     part: Calibrated
     seen: Identifiability
     shares: Mapping[str, float]
-    scales: tuple[Scale, ...]
     known: PriorInformation
-    indistinguishable: tuple[IndistinguishablePlacements, ...]
     adjudication: Adjudication
 
 
 def prepare(task: Task) -> Prepared:
     """Build the loops; refuse too few poses, readings out of range, and placements without unique parameters."""
     experiment, model = task.experiment, task.experiment.loop()
-    arm, poses, unsensed = experiment.arm, experiment.poses, experiment.unsensed
+    poses, unsensed = experiment.poses, experiment.unsensed
     require_enough_poses(model, len(poses))
-    out_of_range = range_findings(arm, poses, unsensed_joints=unsensed)
-    refuse_placement(experiment.fixture, arm, model)
+    out_of_range = range_findings(experiment.arm, poses, unsensed_joints=unsensed)
+    refuse_placement(experiment, model)
     loops = identifiable_loops(
+        experiment,
         model,
-        arm,
-        poses,
-        sensed=not unsensed,
         search=task.search,
         drop=task.drop,
         progress=task.progress,
@@ -332,14 +332,12 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     used = screened.distinct[some]
     unknowns = tuple(p.name for p in prepared.hard.parameters)
     shares = {} if task.by_paper else shares_of_poses(whole.linear)
-    scales = () if task.by_paper else learned_scales(whole.linear, whole.found)
     seen = _seen(fitted, part)
-    closes = gross_misfit(whole) < CHI2_PER_DOF_GROSS
     there = np.flatnonzero(loops.kept)
     known = PriorInformation(
         out_of_range=prepared.out_of_range,
         flipped=loops.flipped,
-        checks=placement_checks(fixture, arm, model, fitted.estimate.x),
+        checks=placement_checks(experiment, model, fitted.estimate.x),
         search=loops.search,
         rvdt=check_rvdts(
             experiment,
@@ -349,7 +347,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
             fixed=prepared.dropped,
             length_tolerance_m=task.length_tolerance_m,
         )
-        if closes
+        if fitted.closes
         else (),
         returned=repeats_of(
             task.rereads,
@@ -366,11 +364,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         part=part,
         seen=seen,
         shares=shares,
-        scales=scales,
         known=known,
-        indistinguishable=indistinguishable_placements(screened.model, whole.estimate)
-        if closes
-        else (),
         adjudication=adjudicate(
             part,
             experiment,
@@ -407,7 +401,7 @@ def decide(diagnosed: Diagnosed) -> Solution:
         hand=tip_sigma(model, estimate, q),
         implicit=fitted.implicit,
         length_tolerance_m=task.length_tolerance_m,
-        scales=diagnosed.scales,
+        scales=() if task.by_paper else learned_scales(whole.linear, whole.found),
         shares=diagnosed.shares,
         distances=distances(
             model,
@@ -430,7 +424,9 @@ def decide(diagnosed: Diagnosed) -> Solution:
         whole=whole,
         judged=diagnosed.part,
         known=known,
-        same=diagnosed.indistinguishable,
+        same=indistinguishable_placements(fitted.before.model, whole.estimate)
+        if fitted.closes
+        else (),
         as_stated=unidentifiable if task.by_paper else known.by_files,
         adjudication=diagnosed.adjudication,
         limits=task.limits,

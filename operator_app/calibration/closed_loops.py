@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from fixtures.base import EndpointConstraint, SetupCheck, Severity
+from fixtures.base import SetupCheck, Severity
 from fixtures.errors import FixtureError
+from operator_app.calibration.experiment import Experiment
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
@@ -34,8 +34,8 @@ class IdentifiableLoops(NamedTuple):
         The loops with all unknowns, or with those of `identifiable` if the others are dropped on request.
     identifiable, unidentifiable
         The loops with the unknowns that the poses identify, and the names of the others.
-    q, kept, flipped
-        Readings (k, n), rad, of the poses on the main branch, a mask (m,) of these, and indices of the others.
+    q, kept
+        Readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
     search
         The global start, if requested.
     x0, paper
@@ -46,32 +46,33 @@ class IdentifiableLoops(NamedTuple):
     identifiable: ClosureModel
     q: FloatArray
     kept: BoolArray
-    flipped: tuple[int, ...]
     unidentifiable: tuple[str, ...]
     search: GlobalStart | None
     x0: FloatArray | None
     paper: Estimate | None
 
+    @property
+    def flipped(self) -> tuple[int, ...]:
+        """Indices of the poses that are not on the main branch."""
+        return tuple(np.flatnonzero(~self.kept).tolist())
+
 
 def identifiable_loops(
+    experiment: Experiment,
     model: ClosureModel,
-    arm: ArmModel,
-    poses: PoseSet,
     *,
-    sensed: bool,
     search: bool,
     drop: bool,
     progress: Progress | None,
 ) -> IdentifiableLoops:
-    """Choose the poses of one branch and the parameters they identify; estimate these where all joints are `sensed`."""
-    found = global_start(model, poses.q_rad, progress=progress) if search else None
-    branches = (
-        on_main_branch(model, poses.q_rad)
-        if found is None
-        else Branches.without(found.set_aside, len(poses))
-    )
-    kept, flipped = branches.kept, branches.flipped
-    model, q = model.at_poses(np.flatnonzero(kept)), poses.q_rad[kept]
+    """Choose the poses of one branch and the parameters they identify; estimate these where all joints are sensed."""
+    q, arm, found, made = experiment.poses.q_rad, experiment.arm, None, None
+    if search:
+        found = global_start(model, q, progress=progress)
+        kept = ~np.isin(np.arange(len(q)), found.set_aside)
+    else:
+        kept, made = on_main_branch(model, q)
+    model, q = model.at_poses(np.flatnonzero(kept)), q[kept]
     require_enough_poses(model, len(q))
     x0 = None if found is None else found.x
     every_unknown = model
@@ -83,11 +84,11 @@ def identifiable_loops(
             found = global_start(model, q, progress=progress)
         x0 = None if found is None else found.x
     paper = None
-    if sensed:
-        made = branches.paper if x0 is None and not unidentifiable else None
-        paper = made or estimate_paper(model, q, x0=x0)
+    if not experiment.unsensed:
+        paper = None if unidentifiable else made
+        paper = paper or estimate_paper(model, q, x0=x0)
     return IdentifiableLoops(
-        model if drop else every_unknown, model, q, kept, flipped, unidentifiable, found, x0, paper
+        model if drop else every_unknown, model, q, kept, unidentifiable, found, x0, paper
     )
 
 
@@ -103,33 +104,18 @@ def _without_unidentifiable(
     return (smaller, unidentifiable) if drop or known else (model, ())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Branches:
-    """Poses by the branch of the hinge on which they close.
-
-    `kept` (m,): whether each is on the main branch. `flipped`: indices of the others. `paper`: the paper's estimate
-    from the kept poses with all joints sensed, if it was computed.
-    """
-
-    kept: BoolArray
-    flipped: tuple[int, ...]
-    paper: Estimate | None = None
-
-    @classmethod
-    def without(cls, flipped: tuple[int, ...], poses: int) -> Branches:
-        """Return all poses but the flipped ones."""
-        kept = np.ones(poses, dtype=np.bool_)
-        kept[list(flipped)] = False
-        return cls(kept=kept, flipped=flipped)
-
-
-def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
+def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
     """Separate poses (m, n), rad, on the main branch of the hinge from those on the other.
 
     This uses the nominal placement, where the tool of a flipped pose is upside down even with inaccurate nominal
     values; a fit through poses of both branches would lie between them.
+
+    Returns
+    -------
+    A mask (m,) of the poses on the main branch; and the paper's estimate from these with all joints sensed, if it was
+    computed.
     """
-    everything = Branches.without((), len(q))
+    everything = np.ones(len(q), dtype=np.bool_), None
     # Readings with errors of a degree still distinguish the two branches.
     model = model.with_all_joints_sensed()
     if len(q) * model.equations_per_pose <= len(model.parameters):
@@ -140,19 +126,14 @@ def on_main_branch(model: ClosureModel, q: FloatArray) -> Branches:
     if bool(keep.all()):
         judged = estimate_paper(model, q)
         if not judged.flipped:
-            return Branches(kept=keep, flipped=(), paper=judged)
+            return keep, judged
         keep[list(judged.flipped)] = False
     part = model.at_poses(np.flatnonzero(keep))
     if int(keep.sum()) * model.equations_per_pose <= len(model.parameters):
         return everything
     paper = estimate_paper(part, q[keep])
-    found = closure_at_readings(model, paper.x, q)
-    kept = ~found.flipped
-    return Branches(
-        kept=kept,
-        flipped=found.flipped_poses,
-        paper=paper if np.array_equal(keep, kept) else None,
-    )
+    kept = ~closure_at_readings(model, paper.x, q).flipped
+    return kept, paper if np.array_equal(keep, kept) else None
 
 
 def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
@@ -198,21 +179,22 @@ def require_identifiable(
         raise UnidentifiableError(blind)
 
 
-def refuse_placement(fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel) -> None:
+def refuse_placement(experiment: Experiment, model: ClosureModel) -> None:
     """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
     part, *_ = model.parts()[0]
-    checks = fixture.placement_checks(arm, part, nominal_vector(part.parameters))
+    nominal = nominal_vector(part.parameters)
+    checks = experiment.fixture.placement_checks(experiment.arm, part, nominal)
     refused = tuple(c for c in checks if c.severity is Severity.REFUSED)
     if refused and model.parameters:
         raise FixtureRefusedError(refused)
 
 
 def placement_checks(
-    fixture: EndpointConstraint, arm: ArmModel, model: ClosureModel, x: FloatArray
+    experiment: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[SetupCheck, ...]:
     """Check the geometry of every placement at the identified parameters `x` of `model`."""
     found: dict[tuple[str, str], SetupCheck] = {}
     for part, columns, _ in model.parts():
-        for check in fixture.placement_checks(arm, part, x[columns]):
+        for check in experiment.fixture.placement_checks(experiment.arm, part, x[columns]):
             found.setdefault((check.code, check.text), check)
     return tuple(found.values())

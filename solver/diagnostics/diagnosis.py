@@ -253,9 +253,9 @@ def _suspected_entries(
 def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:
     """Candidates found in the residuals: steps, and outliers (`odd`: the outliers at the noise of the fit)."""
     scale = noise_scale(left.chi2, left.dof)
-    suspects = {s.name: s for s in scene.suspects()}
-    for step in steps(left, tuple(suspects.values()), scale=scale):
-        yield scene.of_suspect(suspects[step.suspect], step.pose)
+    changes = scene.changes()
+    for step in steps(left, scene.suspects(), scale=scale):
+        yield changes[step.suspect].from_pose(step.pose)
     found = odd if scale == 1.0 else find_outliers(left, scale=scale)
     poses = tuple(pose.pose for pose in found.odd)
     m = len(left.white)

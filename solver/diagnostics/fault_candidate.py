@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
 
@@ -96,6 +96,12 @@ class Candidate:
     measured: PeakDeviation | None = None
     lines: FloatArray | None = None
     entries: tuple[str, ...] = ()
+
+    def from_pose(self, first: int) -> Candidate:
+        """Return the candidate of a step at pose `first`, an index in time order."""
+        columns = self.columns.copy()
+        columns[:first] = 0.0
+        return replace(self, columns=columns, places=len(columns), poses=(first,))
 
     def within_specification(self, b: FloatArray, covariance: FloatArray) -> bool:
         """Whether coefficients b (c,) are within what the files state."""

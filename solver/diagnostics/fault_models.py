@@ -84,46 +84,48 @@ class FaultModels:
         natural = np.full(shapes.shape[1], size)
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
 
-    def suspects(self) -> tuple[Suspect, ...]:
-        """Quantities that may have changed during the session."""
-        names = [p.name for p in self.design.model.parameters]
-        found = [
-            Suspect(name=f"joint {j}", columns=self.joint(j), of_reading=True) for j in self.sensed
-        ]
-        found += [
-            Suspect(name=side, columns=self.system.A[:, :, here]) for side, here in self.sides()
-        ]
-        found += [
-            Suspect(name=names[k], columns=self.system.A[:, :, k, None], share=LENGTHS_SHARE)
-            for k in self.design.soft_index
-            if names[k] in self.design.errors.tolerance
-            and not self.design.model.parameters[k].is_angle
-        ]
-        return tuple(found)
+    def changes(self) -> dict[str, Candidate]:
+        """Candidates of a change in mid-session, by the name of what changed, as if in all poses."""
+        design, parameters = self.design, self.design.model.parameters
+        found = {
+            f"joint {j}": Candidate(
+                cause=Cause.LOST_COUNTS,
+                subject=str(j),
+                columns=self.joint(j),
+                natural=np.array([ANGLE_RAD]),
+            )
+            for j in self.sensed
+        }
+        for side, here in self.sides():
+            own = [parameters[k] for k in here]
+            found[side] = Candidate(
+                cause=Cause.SLIPPED,
+                subject=side,
+                columns=self.system.A[:, :, here],
+                natural=np.array([ANGLE_RAD if p.is_angle else LENGTH_M for p in own]),
+                entries=tuple(p.name for p in own),
+            )
+        for k in design.soft_index:
+            name = parameters[k].name
+            if name in design.errors.tolerance and not parameters[k].is_angle:
+                found[name] = Candidate(
+                    cause=Cause.LENGTH_CHANGED,
+                    subject=name,
+                    columns=self.system.A[:, :, k, None],
+                    natural=np.array([LENGTH_M]),
+                )
+        return found
 
-    def of_suspect(self, suspect: Suspect, first: int) -> Candidate:
-        """Return the candidate of a step at pose `first`."""
-        columns = suspect.columns.copy()
-        columns[:first] = 0.0
-        parameters = self.design.model.parameters
-        entries: tuple[str, ...] = ()
-        if suspect.name.startswith("joint "):
-            cause, subject, natural = Cause.LOST_COUNTS, suspect.name[6:], np.array([ANGLE_RAD])
-        elif suspect.name in ("table", "hand"):
-            here = dict(self.sides())[suspect.name]
-            cause, subject = Cause.SLIPPED, suspect.name
-            natural = np.array([ANGLE_RAD if parameters[k].is_angle else LENGTH_M for k in here])
-            entries = tuple(parameters[k].name for k in here)
-        else:
-            cause, subject, natural = Cause.LENGTH_CHANGED, suspect.name, np.array([LENGTH_M])
-        return Candidate(
-            cause=cause,
-            subject=subject,
-            columns=columns,
-            natural=natural,
-            places=len(columns),
-            poses=(first,),
-            entries=entries,
+    def suspects(self) -> tuple[Suspect, ...]:
+        """Suspects of a change in mid-session."""
+        return tuple(
+            Suspect(
+                name=name,
+                columns=c.columns,
+                share=LENGTHS_SHARE if c.cause is Cause.LENGTH_CHANGED else 1.0,
+                of_reading=c.cause is Cause.LOST_COUNTS,
+            )
+            for name, c in self.changes().items()
         )
 
     def persistent_faults(

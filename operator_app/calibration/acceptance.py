@@ -12,7 +12,7 @@ from operator_app.calibration.findings import finding_of, rms_displacement
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
 from solver.arrays import FloatArray
-from solver.chain.parameters import Parameter
+from solver.chain.parameters import Parameter, wrap_angles
 from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import PRIORS, Diagnosis, Explanation
 from solver.diagnostics.fault_candidate import Candidate, Cause
@@ -293,13 +293,9 @@ def distance_in_sigmas(one: Estimate, two: Estimate) -> FloatArray:
     """Distance of every parameter of `one` from `two`, in sigmas of the difference (P,)."""
     names = [p.name for p in two.parameters]
     here = [names.index(p.name) for p in one.parameters]
-    parameter_shift = one.x - two.x[here]
-    angles = np.array([p.is_angle for p in one.parameters])
-    parameter_shift = np.where(
-        angles, np.arctan2(np.sin(parameter_shift), np.cos(parameter_shift)), parameter_shift
-    )
+    apart = wrap_angles(one.parameters, one.x - two.x[here])
     sd = np.hypot(one.standard_deviation, two.standard_deviation[here])
-    return np.asarray(np.abs(parameter_shift) / np.where(sd > 0.0, sd, 1e-300))
+    return np.asarray(np.abs(apart) / np.where(sd > 0.0, sd, 1e-300))
 
 
 READING_KINDS = {

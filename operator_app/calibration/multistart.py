@@ -10,7 +10,7 @@ import numpy as np
 from operator_app.calibration.closed_loops import in_order
 from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray, IntArray
-from solver.chain.parameters import Parameter, nominal_vector, wrap_angle
+from solver.chain.parameters import Parameter, nominal_vector, wrap_angles
 from solver.diagnostics import limits
 from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
@@ -115,13 +115,10 @@ def far_from_nominal(
     ones may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
-    changes = [
-        (p, float(wrap_angle(value - p.nominal)) if p.is_angle else float(value - p.nominal))
-        for p, value in zip(parameters, x, strict=True)
-    ]
+    changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
     return [
         (p, change)
-        for (p, change), more in zip(changes, spread, strict=True)
+        for p, change, more in zip(parameters, changes, spread, strict=True)
         if abs(change)
         > (limits.FAR_FROM_NOMINAL_RAD if p.is_angle else limits.FAR_FROM_NOMINAL_M) + more
     ]

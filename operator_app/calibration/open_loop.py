@@ -15,7 +15,7 @@ from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.instrument_registration import placed_by_poses
 from operator_app.calibration.result import Solution
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import wrap_angle
+from solver.chain.parameters import wrap_angles
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from solver.diagnostics.statistics import Chi2Test, chi2_test, sigmas_at
@@ -92,15 +92,8 @@ def check_open_loop(
     here = {p.name: k for k, p in enumerate(closed.estimate.parameters)}
     shared = [name for name in here if name in there and name not in own]
     a, b = [here[name] for name in shared], [there[name] for name in shared]
-    angle = [estimate.parameters[k].is_angle for k in b]
-    change = np.array(
-        [
-            wrap_angle(float(estimate.x[j] - closed.estimate.x[i]))
-            if turns
-            else estimate.x[j] - closed.estimate.x[i]
-            for i, j, turns in zip(a, b, angle, strict=True)
-        ]
-    )
+    parameters = [estimate.parameters[k] for k in b]
+    change = wrap_angles(parameters, estimate.x[b] - closed.estimate.x[a])
     covariance = closed.estimate.covariance[np.ix_(a, a)] + estimate.covariance[np.ix_(b, b)]
     sigma = np.sqrt(np.diagonal(covariance))
     threshold = sigmas_at(DRIFT_FALSE_ALARM_PROBABILITY, len(shared))
@@ -110,15 +103,15 @@ def check_open_loop(
         solution=found,
         differences=tuple(
             ParameterDifference(
-                name=name,
-                is_angle=turns,
+                name=p.name,
+                is_angle=p.is_angle,
                 closed=float(closed.estimate.x[i]),
                 open=float(estimate.x[j]),
                 change=float(c),
                 sigma=float(s),
                 significant=bool(abs(c) > threshold * s),
             )
-            for name, turns, i, j, c, s in zip(shared, angle, a, b, change, sigma, strict=True)
+            for p, i, j, c, s in zip(parameters, a, b, change, sigma, strict=True)
         ),
         chi2=chi2_test(float(z @ np.linalg.pinv(scaled) @ z), len(shared)),
         left_out=tuple(name for name in here if name not in shared and name.startswith("theta")),

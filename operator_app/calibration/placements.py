@@ -17,7 +17,7 @@ from fixtures.ball import KnownDistance
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import stated_distances
 from solver.arrays import FloatArray
-from solver.chain.parameters import Parameter, wrap_angle
+from solver.chain.parameters import Parameter, wrap_angles
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY, REMOUNT_FALSE_ALARM_PROBABILITY
 from solver.estimators.error_model import distance_and_rates
@@ -74,9 +74,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[IndistinguishableP
         if not len(a):
             continue
         parameters = [estimate.parameters[k] for k in a]
-        difference = estimate.x[b] - estimate.x[a]
-        angle = np.array([p.is_angle for p in parameters])
-        difference[angle] = wrap_angle(difference[angle])
+        difference = wrap_angles(parameters, estimate.x[b] - estimate.x[a])
         C = estimate.covariance
         there = C[np.ix_(a, a)] + C[np.ix_(b, b)] - C[np.ix_(a, b)] - C[np.ix_(b, a)]
         sigmas, chi2 = _in_sigmas(difference, there)

@@ -69,11 +69,6 @@ class ChangePoint:
     dof: int
     threshold: float
 
-    @property
-    def significant(self) -> bool:
-        """Whether the step exceeds the threshold."""
-        return self.chi2 > self.threshold
-
 
 def steps(
     left: WhitenedResiduals,

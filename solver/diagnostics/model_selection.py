@@ -59,11 +59,6 @@ class Evidence:
     covariance: FloatArray
     moved: FloatArray
 
-    @property
-    def scale(self) -> float:
-        """Scale of the remaining variances."""
-        return noise_scale(self.chi2, self.dof)
-
 
 def noise_scale(chi2: float, dof: int) -> float:
     """Scale of the variances relative to the stated ones, at most 1."""

@@ -53,7 +53,7 @@ class ReadingsOutOfRangeError(SolverError):
     """The readings cannot be from this arm.
 
     `findings`: joints and poses outside their range. `causes`: simple mistakes that would explain the readings, as
-    text; empty when none does. `in_radians`: whether radians are one of these.
+    text; empty when none does.
     """
 
     def __init__(
@@ -61,7 +61,6 @@ class ReadingsOutOfRangeError(SolverError):
     ) -> None:
         self.findings = findings
         self.causes = causes
-        self.in_radians = any(mistake.code == "RADIANS" for mistake in causes)
         worst = max(findings, key=lambda f: len(f.poses))
         self.code = causes[0].code if causes else f"RANGE_{worst.joint}"
         lower, upper = np.rad2deg((worst.lower_rad, worst.upper_rad))

@@ -125,14 +125,13 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
     if cause.cause is Cause.FROZEN or impact > limits.REFUSING_SHIFT_SIGMAS:
         return True
     # A value that changed: both values have to be within the stated uncertainty.
-    names = [p.name for p in estimate.parameters]
     of_reading = cause.cause in (Cause.LOST_COUNTS, Cause.DRIFT)
     changed = (f"theta_off_{cause.subject}",) if of_reading else cause.entries
-    sd = [
-        float(estimate.standard_deviation[names.index(n)]) if n in names else np.inf
-        for n in changed
-    ]
-    return any(abs(b) > limits.REFUSING_SHIFT_SIGMAS * s for b, s in zip(found.b, sd, strict=False))
+    sd = estimate.sd_by_name
+    return any(
+        abs(b) > limits.REFUSING_SHIFT_SIGMAS * sd.get(name, np.inf)
+        for b, name in zip(found.b, changed, strict=False)
+    )
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
@@ -377,9 +376,7 @@ def _slipped_since(read: Reread, found: Repeat, estimate: Estimate) -> Finding:
             probability=1.0 - share,
             blocking=True,
         )
-    names = [p.name for p in estimate.parameters]
-    name = f"theta_off_{found.joint}"
-    sd = float(estimate.standard_deviation[names.index(name)]) if name in names else 0.0
+    sd = estimate.sd_by_name.get(f"theta_off_{found.joint}", 0.0)
     return Finding(
         kind=FindingKind.REPEAT_READING_STEP,
         joint=found.joint,

@@ -215,11 +215,11 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Return the calibrated arm of a calibration."""
     estimate, model = solution.estimate, solution.model
-    x = {p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)}
+    x = estimate.values_by_name
     # A fixture that was remounted for every placement has a tool side in each: the first is used.
     part, columns, _ = model.parts()[0]
     plain = [p.name for p in part.parameters]
-    names = [p.name for p in estimate.parameters]
+    names = list(x)
     given = dict(zip(plain, [names[k] for k in np.arange(len(names))[columns]], strict=True))
     ground, hand = set(part.ground_side), set(part.hand_side)
     entries = [name for name in plain if is_entry(name) and name not in ground]

@@ -79,11 +79,7 @@ def check_open_loop(
     calibration.
     """
     own = {*closed.model.ground_side, *closed.model.hand_side}
-    values = {
-        p.name: float(v)
-        for p, v in zip(closed.estimate.parameters, closed.estimate.x, strict=True)
-        if p.name not in own
-    }
+    values = {n: v for n, v in closed.estimate.values_by_name.items() if n not in own}
     unknown = replace(instrument, full_pose=True, base_known=False, tip_known=False)
     placed = placed_by_poses(arm, unknown, poses, values)
     found = calibrate(arm, placed, poses, drop=True)

@@ -109,7 +109,7 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
     estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     own = whole.unsensed.shape[-1] - len(had)
-    known = {p.name: float(x) for p, x in zip(estimate.parameters, estimate.x, strict=True)}
+    known = estimate.values_by_name
     nominal = model.arm_rows()[DhKind.THETA_OFF].tolist()
     angles = [whole.unsensed[:, :own]]
     for j in model.unsensed_joints:

@@ -70,6 +70,17 @@ class Estimate:
         return np.sqrt(np.diagonal(self.covariance))
 
     @property
+    def values_by_name(self) -> dict[str, float]:
+        """Value of every parameter, rad or m."""
+        return {p.name: v for p, v in zip(self.parameters, self.x.tolist(), strict=True)}
+
+    @property
+    def sd_by_name(self) -> dict[str, float]:
+        """Standard deviation of every parameter, rad or m."""
+        sd = self.standard_deviation.tolist()
+        return {p.name: s for p, s in zip(self.parameters, sd, strict=True)}
+
+    @property
     def chi2_per_dof(self) -> float | None:
         """chi2 over degrees of freedom, near 1 when the noise model is right."""
         return None if self.chi2 is None else self.chi2 / self.dof

@@ -308,9 +308,8 @@ def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | 
         return None
     if not found.converged or not np.isfinite(found.covariance).all():
         return None
-    values = {p.name: float(v) for p, v in zip(found.parameters, found.x, strict=True)}
     return Fixed(
-        values=values,
+        values=found.values_by_name,
         covariance=found.covariance,
         rvdt_sd_rad={},
         fixture_variance=None,

@@ -137,9 +137,7 @@ def solution_data(
         "length_tolerance_m": length_tolerance_m,
         "poses": [p.number for p in state.used_poses],
         "rereads": len(state.rereads),
-        "parameters": {
-            p.name: float(v) for p, v in zip(estimate.parameters, estimate.x, strict=True)
-        },
+        "parameters": estimate.values_by_name,
         # Infinite where the poses do not determine a parameter known from the files; JSON has no such number.
         **({"scaled_condition_number": condition} if math.isfinite(condition) else {}),
         "accepted": solution.accepted,

@@ -80,7 +80,7 @@ class Explanation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Comparison:
+class CauseRanking:
     """Explanations that were compared, the most probable first, and the probability of an unknown cause."""
 
     known: tuple[Explanation, ...]
@@ -119,7 +119,7 @@ class Diagnosis:
     """
 
     tests: tuple[HypothesisTest, ...]
-    rounds: tuple[Comparison, ...]
+    rounds: tuple[CauseRanking, ...]
     suspected_entries: tuple[Explanation, ...]
     odd: Outliers
     step: ChangePoint | None
@@ -211,7 +211,7 @@ def _explanations(
     left: WhitenedResiduals,
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
-) -> Iterable[Comparison]:
+) -> Iterable[CauseRanking]:
     """Fit the best explanation of the residuals, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults(measured))
     for _ in range(limits.MOST_CAUSES_FITTED):
@@ -279,7 +279,7 @@ def _evidence(left: WhitenedResiduals, c: Candidate) -> Evidence | None:
     return evidence_of_own(left, c.own, c.columns, c.natural, most=c.most)
 
 
-def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> Comparison:
+def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> CauseRanking:
     """Compare all candidates with each other, with no fault and with an unknown one."""
     listed = [
         (c, e)
@@ -310,7 +310,7 @@ def _ranked(left: WhitenedResiduals, candidates: Iterable[Candidate]) -> Compari
     ]
     found.sort(key=lambda explanation: -explanation.probability)
     unknown = float(chance[-1])
-    return Comparison(
+    return CauseRanking(
         known=tuple(
             x
             for k, x in enumerate(found)

@@ -18,8 +18,8 @@ import sys
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from solver.estimators.variance_components import estimate_with_errors
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import RVDTS, Sizes, session
@@ -37,12 +37,13 @@ def sigmas(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations of the best estimates of each length, m (2,), and of a shift at each place, rad (7, k)."""
     taken = session(seed)
     poses = poses_of(taken)
-    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
-    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
+    errors = error_model(experiment, tolerance=tolerance)
     stated = estimate_with_errors(model, poses.q_rad, errors).linear.stated
     names = [p.name for p in model.parameters]
     rates = stated.system.part(slice(0, len(poses))).A[:, :, [names.index(n) for n in LENGTHS]]
-    lengths = 1.0 / np.sqrt(np.diagonal(stated.score(rates).information))
+    lengths = 1.0 / np.sqrt(np.diagonal(stated.score(rates)[1]))
     return lengths, step_sigma(taken, Sizes())[:, PLACES]
 
 

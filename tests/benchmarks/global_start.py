@@ -16,7 +16,7 @@ import numpy as np
 from solver.chain.parameters import wrap_angle, wrap_angles
 from solver.diagnostics.identifiability import identifiability
 from solver.estimators.least_squares import solve_damped
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.paper import closure_problem
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.search.global_start import GlobalStart, global_start
@@ -32,7 +32,7 @@ def right(found: GlobalStart, offsets: np.ndarray) -> bool:
 
 
 def same_minimum(model: DhLoop, found: GlobalStart, exact: np.ndarray, q: np.ndarray) -> bool:
-    x = nearest_equivalent(model, solve_damped(ClosureProblem.of(model, q), exact).x, found.x)
+    x = nearest_equivalent(model, solve_damped(closure_problem(model, q), exact).x, found.x)
     return bool(np.abs(wrap_angles(model.parameters, x - found.x)).max() < 1e-4)
 
 

@@ -10,6 +10,7 @@ import pytest
 from fixtures.base import Tolerance
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.result import Solution
 from operator_app.config.poses_file import parse_poses
@@ -192,7 +193,8 @@ def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_un
         (UnidentifiableDirection(parameters=("theta_off_1",), weights=(1.0,)),)
     )
     paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
-    why = explain_unidentifiable(blind, ARM, HINGE, poses, (), paper, None)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    why = explain_unidentifiable(blind, experiment, paper, None)
     assert isinstance(why, PosesDoNotFitError)
     assert "no parameters close the loops better than 10.53 mm and" in str(why)
 

@@ -7,8 +7,8 @@ import pytest
 
 from fixtures.base import RIGID
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.error_model import approach_of, error_model
+from operator_app.calibration.experiment import Experiment
 from solver.chain.poses import PoseSet
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import session
@@ -48,7 +48,7 @@ def test_sides_are_those_of_the_motion_between_poses(poses):
 def test_the_order_of_the_file_does_not_matter_and_a_left_out_pose_was_there(poses):
     side = approach_of(ARM, poses, everything(poses))
     shuffle = np.random.default_rng(0).permutation(len(poses))
-    shuffled = pick(poses, shuffle)
+    shuffled = poses.at_poses(shuffle)
     np.testing.assert_array_equal(approach_of(ARM, shuffled, everything(poses)), side[shuffle])
     some = np.array([3, 4, 9])
     np.testing.assert_array_equal(approach_of(ARM, poses, some), side[some])
@@ -77,21 +77,21 @@ def test_another_placement_starts_anew(poses):
 
 
 def test_loads_are_there_where_the_arm_weighs_something(poses):
-    kept = np.ones(len(poses), dtype=bool)
-    loaded = error_model(ARM, HINGE, poses, kept)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    loaded = error_model(experiment)
     assert loaded.loads is not None
     assert loaded.loads.give.any()
     # Sag follows gravity all the same; what pulls at the fixture nobody knows.
-    unstated = error_model(replace(ARM, masses=None), HINGE, poses, kept).loads
+    unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
     assert unstated is not None
     assert unstated.sag.any()
     assert not unstated.give.any()
     rigid = replace(HINGE, compliance=RIGID)
-    assert not error_model(ARM, rigid, poses, kept).loads.give.any()
+    assert not error_model(replace(experiment, fixture=rigid)).loads.give.any()
 
 
 def test_the_order_of_the_poses_changes_nothing(poses):
     shuffle = np.random.default_rng(1).permutation(len(poses))
-    one, other = (calibrate(ARM, HINGE, p).estimate for p in (poses, pick(poses, shuffle)))
+    one, other = (calibrate(ARM, HINGE, p).estimate for p in (poses, poses.at_poses(shuffle)))
     np.testing.assert_allclose(other.x, one.x, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-6, atol=1e-18)

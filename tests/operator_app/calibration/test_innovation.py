@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import innovation
 from operator_app.config.procedure_file import load_procedure
 from solver.chain.poses import PoseSet
@@ -25,10 +26,14 @@ def poses(taken: Session, first: int, last: int) -> PoseSet:
     )
 
 
+def experiment(poses: PoseSet) -> Experiment:
+    return Experiment(arm=ARM, fixture=FIXTURE, poses=poses)
+
+
 @pytest.mark.parametrize("times", [1.0, 3.0])
 def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times: float) -> None:
     taken = session(3, Sizes.everything(times=times), poses=13)
-    found = innovation(ARM, FIXTURE, poses(taken, 0, 12), poses(taken, 12, 13))
+    found = innovation(experiment(poses(taken, 0, 12)), poses(taken, 12, 13))
     assert found is not None
     assert found.chi2 < max(25.0, 2.0 * found.usual)
     assert found.dof == 5
@@ -40,10 +45,10 @@ def test_a_shift_of_two_degrees_is_named_with_its_size(joint: int) -> None:
     taken = session(3, poses=13)
     reading = poses(taken, 12, 13)
     before = poses(taken, 0, 12)
-    sound = innovation(ARM, FIXTURE, before, reading)
+    sound = innovation(experiment(before), reading)
     q = reading.q_rad.copy()
     q[0, joint - 1] -= np.deg2rad(2.0)
-    found = innovation(ARM, FIXTURE, before, replace(reading, q_rad=q))
+    found = innovation(experiment(before), replace(reading, q_rad=q))
     assert sound is not None
     assert found is not None
     assert joint not in sound.unseen(np.deg2rad(2.0), 50.0)
@@ -58,4 +63,4 @@ def test_a_shift_of_two_degrees_is_named_with_its_size(joint: int) -> None:
 
 def test_two_poses_say_nothing() -> None:
     taken = session(3, poses=3)
-    assert innovation(ARM, FIXTURE, poses(taken, 0, 2), poses(taken, 2, 3)) is None
+    assert innovation(experiment(poses(taken, 0, 2)), poses(taken, 2, 3)) is None

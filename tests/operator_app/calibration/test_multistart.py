@@ -9,8 +9,8 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict, fit_causes
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
 from operator_app.calibration.result import Solution
@@ -96,7 +96,8 @@ def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -
         (UnidentifiableDirection(parameters=("s_0", "s_7"), weights=(0.7, 0.7)),)
     )
     paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
-    why = explain_unidentifiable(blind, ARM, HINGE, poses, (), paper, None)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    why = explain_unidentifiable(blind, experiment, paper, None)
     assert isinstance(why, PosesDoNotFitError)
     assert "the reading of joint 6 does not follow" in str(why)
 
@@ -120,8 +121,9 @@ def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_p
 ) -> None:
     """Of a parameter, were it one that its file states better than any pose can tell."""
     poses = poses_of(found)
-    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
-    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
+    errors = error_model(experiment, tolerance=tolerance)
     fit = estimate_with_errors(model, poses.q_rad, errors)
     (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(exceeded_source, fit))
     assert cause.code == "LITTLE_MOTION"

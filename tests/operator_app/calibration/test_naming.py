@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.acceptance import causes_of, each_once
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.messages.finding import Finding, FindingKind
-from solver.diagnostics.diagnosis import Diagnosis, Explanation, diagnose
+from solver.diagnostics.diagnosis import CauseRanking, Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
@@ -30,8 +30,9 @@ def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
 def tried(found: Session) -> tuple[Diagnosis, Estimate]:
     """What the tests say of a session, and the estimate they judge."""
     poses = poses_of(found)
-    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
-    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
+    errors = error_model(experiment, tolerance=tolerance)
     made = estimate_with_errors(model, poses.q_rad, errors)
     return diagnose(made.linear, ARM, taken=made.order), made.estimate
 
@@ -62,7 +63,13 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Soluti
     )
 
     def named(first: list[Explanation]) -> list[tuple[str, bool]]:
-        both = replace(trial, rounds=(tuple(first), (gross,)))
+        both = replace(
+            trial,
+            rounds=(
+                CauseRanking(known=tuple(first), unknown=0.0),
+                CauseRanking(known=(gross,), unknown=0.0),
+            ),
+        )
         labels = tuple(str(k) for k in range(40))
         found = causes_of(both, sound.estimate, ("theta_off_2",), labels)
         return [(cause.code, cause.blocking) for cause in found]
@@ -109,7 +116,10 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
         )
         labels = tuple(str(k) for k in range(40))
         (cause,) = causes_of(
-            replace(trial, rounds=((one,),)), sound.estimate, ("theta_off_2",), labels
+            replace(trial, rounds=(CauseRanking(known=(one,), unknown=0.0),)),
+            sound.estimate,
+            ("theta_off_2",),
+            labels,
         )
         assert words in cause.text, cause.text
         assert denied not in cause.text, cause.text

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from fixtures.measured import Measured
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.cross_validation import Checks, check
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
 from operator_app.config.poses_file import load_poses
@@ -98,9 +98,9 @@ def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(
     three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
     measured = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
     for model in (
-        loop_of_poses(ARM, BALL, hinge_poses),
-        loop_of_poses(ARM, BALL, three, unsensed_joints=(7,)),
-        loop_of_poses(ARM, Measured.example(ARM), measured),
+        Experiment(arm=ARM, fixture=BALL, poses=hinge_poses).loop(),
+        Experiment(arm=ARM, fixture=BALL, poses=three, unsensed=(7,)).loop(),
+        Experiment(arm=ARM, fixture=Measured.example(ARM), poses=measured).loop(),
     ):
         assert same(OfLoop(model), there_and_back(OfLoop(model)))
 

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from operator_app.calibration.closed_loops import pick
 from operator_app.calibration.history import PastVerification, history_of
 from operator_app.cli import main
 from operator_app.config.poses_file import load_poses
@@ -121,7 +120,7 @@ def test_two_sessions_of_one_day_are_no_interval(
 ) -> None:
     poses = load_poses(HINGE).poses
     for k, chosen in enumerate((np.arange(40), np.arange(10, 50))):
-        calibrated_on(tmp_path, BEGAN + k * timedelta(hours=1), pick(poses, chosen))
+        calibrated_on(tmp_path, BEGAN + k * timedelta(hours=1), poses.at_poses(chosen))
     _, out, _ = asked([], tmp_path, capsys)
     assert "2 accepted calibrations" in out
     assert f"due {BEGAN + timedelta(days=365):%Y-%m-%d}" in out

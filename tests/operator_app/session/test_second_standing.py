@@ -10,6 +10,7 @@ from hardware.arm import Reading
 from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
@@ -112,7 +113,7 @@ def test_a_sound_arm_goes_on_in_its_second_placement(
 def _known(case: Remounted) -> KnownArm:
     procedure = load_procedure("hinge")
     poses = parse_poses(case.first.csv().encode(), "first.csv").poses
-    found = known_arm(procedure.arm, procedure.fixture.fixture, poses)
+    found = known_arm(Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses))
     assert found is not None
     return found
 
@@ -181,7 +182,8 @@ def test_poses_that_fit_badly_tell_less() -> None:
     wrong = poses.q_rad.copy()
     wrong[6:, 2] += np.deg2rad(2.0)
     sound = _known(case)
-    worse = known_arm(procedure.arm, procedure.fixture.fixture, replace(poses, q_rad=wrong))
+    poses = replace(poses, q_rad=wrong)
+    worse = known_arm(Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses))
     assert worse is not None
     assert np.all(np.diag(worse.covariance)[:5] > 2.0 * np.diag(sound.covariance)[:5])
 
@@ -190,4 +192,7 @@ def test_too_few_poses_tell_nothing() -> None:
     procedure = load_procedure("hinge")
     case = remounted("stated", 0, poses=POSES, standings=1)
     poses = parse_poses(case.first.picked(slice(0, 2)).csv().encode(), "first.csv").poses
-    assert known_arm(procedure.arm, procedure.fixture.fixture, poses) is None
+    assert (
+        known_arm(Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses))
+        is None
+    )

@@ -8,6 +8,7 @@ import pytest
 
 from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import LEAST, is_unpredicted
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
@@ -52,7 +53,9 @@ def first(poses: PoseSet, count: int, joint: int = 1, counts: int = 0) -> PoseSe
 
 def seen(poses: PoseSet) -> bool:
     procedure = load_procedure("hinge")
-    return is_unpredicted(procedure.arm, procedure.fixture.fixture, poses)
+    return is_unpredicted(
+        Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses)
+    )
 
 
 @pytest.mark.sample(1)

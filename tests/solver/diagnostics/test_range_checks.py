@@ -47,14 +47,14 @@ def test_just_outside_is_noise_and_a_little_further_is_named(q: np.ndarray, side
 def test_radians_are_refused_with_the_unit(q: np.ndarray) -> None:
     with pytest.raises(ReadingsOutOfRangeError, match="taken as radians") as error:
         found_in(np.deg2rad(q))
-    assert error.value.in_radians
+    assert "RADIANS" in [mistake.code for mistake in error.value.causes]
 
 
 def test_readings_of_another_arm_are_refused_by_joint_and_pose(q: np.ndarray) -> None:
     q[:, 5] += np.deg2rad(100.0)
     with pytest.raises(ReadingsOutOfRangeError, match=r"joint 6 reads .* deg in pose") as error:
         found_in(q)
-    assert not error.value.in_radians
+    assert "RADIANS" not in [mistake.code for mistake in error.value.causes]
     assert [f.joint for f in error.value.findings] == [6]
 
 

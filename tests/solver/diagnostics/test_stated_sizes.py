@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.calibration.closed_loops import loop_of_poses
 from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from solver.diagnostics.diagnosis import Diagnosis, diagnose
 from solver.diagnostics.stated_sizes import with_found_motion_noise
 from solver.estimators.variance_components import Calibrated, estimate_with_errors
@@ -18,8 +18,9 @@ from tests.oracles.shop_floor_misread import slipped_joint
 
 def fitted(taken: Session) -> Calibrated:
     poses = poses_of(taken)
-    model, tolerance = free_within_tolerance(loop_of_poses(ARM, HINGE, poses), ARM)
-    errors = error_model(ARM, HINGE, poses, np.arange(len(poses)), tolerance=tolerance)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
+    errors = error_model(experiment, tolerance=tolerance)
     return estimate_with_errors(model, poses.q_rad, errors)
 
 

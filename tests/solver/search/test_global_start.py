@@ -9,7 +9,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import entries, wrap_angle, wrap_angles
 from solver.errors import TooFewPosesError
 from solver.estimators.least_squares import solve_damped
-from solver.estimators.paper import ClosureProblem
+from solver.estimators.paper import closure_problem
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.loops.open_arm import BASE, TIP_POINT, MeasuredClosure
@@ -60,7 +60,7 @@ def test_real_sensors_do_not_mislead_the_search(seed):
     exact = global_start(model, problem.q, starts=300).x
     # The same minimum as from the true parameters.
     from_truth = nearest_equivalent(
-        model, solve_damped(ClosureProblem.of(model, q), exact).x, found.x
+        model, solve_damped(closure_problem(model, q), exact).x, found.x
     )
     assert np.abs(wrap_angles(model.parameters, from_truth - found.x)).max() < 1e-6
 

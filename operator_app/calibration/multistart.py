@@ -40,20 +40,14 @@ def fit_from_starts(
     """
     starts, several = iter(starts), len(q) > 2 * SCREENING_POSES
     first = islice(starts, 1) if several else starts
-    found, least = _best_fit(model, q, errors, first, group=group, progress=progress)
+    whole = (model, q, errors, group)
+    found, least = _best_fit(first, *whole, progress)
     if several and not least < limits.CHI2_PER_DOF_SECOND_START:
         some = evenly(len(q), SCREENING_POSES)
-        few, misfit = _best_fit(
-            model.at_poses(some),
-            q[some],
-            errors.at_poses(some),
-            starts,
-            group=group[some],
-            progress=None,
-        )
+        part = (model.at_poses(some), q[some], errors.at_poses(some), group[some])
+        few, misfit = _best_fit(starts, *part)
         if few is not None and misfit < limits.OTHER_START_MISFIT_SHARE * least:
-            again = (few.estimate.x,)
-            other, left = _best_fit(model, q, errors, again, group=group, progress=progress)
+            other, left = _best_fit((few.estimate.x,), *whole, progress)
             found = other if left < least else found
     if found is None:
         raise PosesDoNotFitError
@@ -66,13 +60,12 @@ def evenly(poses: int, most: int) -> IntArray:
 
 
 def _best_fit(
+    starts: Iterable[FloatArray | None],
     model: ClosureModel,
     q: FloatArray,
     errors: ErrorModel,
-    starts: Iterable[FloatArray | None],
-    *,
     group: IntArray,
-    progress: Progress | None,
+    progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
     """Return the best fit of some starts, or the first that is good enough, and its misfit; None if all fail."""
     best: Calibrated | None = None

@@ -12,13 +12,13 @@ from operator_app.calibration.error_model import (
     distinct_poses,
     error_model,
     free_within_tolerance,
+    freed,
     stated_priors,
 )
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.units import SLIP_SIGMA
 from solver.arrays import FloatArray
-from solver.chain.parameters import DhEntry, is_entry
 from solver.chain.poses import PoseSet, canonical_order
 from solver.diagnostics.cross_validation import (
     NOT_KNOWN,
@@ -224,10 +224,7 @@ def _model(
         (number,) = old.placements
         here = {name: f"{name}[{number}]" for name in known}
         known = {(here[name] if here[name] in numbered else name): k for name, k in known.items()}
-    names = [p.name for p in model.parameters]
-    model = model.freed(
-        [DhEntry.parse(name) for name in known if name not in names and is_entry(name)]
-    )
+    model = freed(model, known)
     values = dict(start) | {name: float(estimate.x[k]) for name, k in known.items()}
     held = [p.name for p in model.parameters if p.name not in values]
     model = model.without(tuple(held)) if held else model

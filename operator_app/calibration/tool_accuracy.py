@@ -9,10 +9,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.closing import close_loops
 from solver.estimators.estimate import Estimate
-from solver.loops.closure import ClosureModel
-
-POSES_AT_ONCE = 2000
-"""Poses computed at a time, to bound memory."""
+from solver.loops.closure import ClosureModel, pose_blocks
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,15 +114,13 @@ def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigm
     ground = set(model.ground_side)
     base = [p.name in ground for p in model.parameters]
     squares = []
-    for start in range(0, len(q), POSES_AT_ONCE):
-        here = np.arange(start, min(start + POSES_AT_ONCE, len(q)))
-        part, at = model.at_poses(here), q[here]
+    for part, at in pose_blocks(model, q):
         if model.unsensed_joints:
             closed = close_loops(part, x, at)
-            at, u = closed.q, closed.u
+            error = part.loop(x, closed.q, closed.u)
         else:
-            u = part.initial_unsensed(x, at)
-        J = np.array(part.loop(x, at, u).jac_x[..., -3:, :])
+            error = part.loop(x, at, part.initial_unsensed(x, at))
+        J = np.array(error.jac_x[..., -3:, :])
         J[..., base] = 0.0
         squares.append(spread_along(J, C))
     square = np.concatenate(squares)

@@ -45,32 +45,23 @@ FAST_SHARE = 0.3
 
 def with_priors(fit: LinearFit) -> Derivatives:
     """Add the prior information about the variances: specifications, spreads within poses, the prior of each scale."""
-    v, found = fit.v, _with_readings(fit)
-    scaled = fit.design.scaled
+    v, found, scaled = fit.v, fit.derivatives, fit.design.scaled
+    dof, spread, soft = np.array(
+        [(c.spread_dof, c.spread_variance, c.soft) for c in fit.design.components]
+    ).T.reshape(3, -1)
+    ratio = spread / v
     # t = log(v / start) / 2 ~ N(0, SCALE_SD^2), differentiated by v.
     log, pull = np.log(v / fit.design.start_variances()), 4.0 * (SCALE_SD * v) ** 2
     return replace(
         found,
-        score=found.score - np.where(scaled, log * v / pull, 0.0),
-        information=found.information + np.diag(np.where(scaled, 1.0 / pull, 0.0)),
-        curvature=found.curvature + np.diag(np.where(scaled, (1.0 - log) / pull, 0.0)),
+        score=found.score
+        + 0.5 * (dof * (ratio - 1.0) / v - 1.0 / soft)
+        - np.where(scaled, log * v / pull, 0.0),
+        information=found.information
+        + np.diag(0.5 * dof / v**2 + np.where(scaled, 1.0 / pull, 0.0)),
+        curvature=found.curvature
+        + np.diag(dof * (ratio - 0.5) / v**2 + np.where(scaled, (1.0 - log) / pull, 0.0)),
     )
-
-
-def _with_readings(fit: LinearFit) -> Derivatives:
-    """Add the information of specifications about amplitudes, and of spreads recorded within poses."""
-    v, bare = fit.v, fit.derivatives
-    score, information, curvature = (
-        bare.score.copy(), bare.information.copy(), bare.curvature.copy(),
-    )  # fmt: skip
-    for k, component in enumerate(fit.design.components):
-        if component.spread_dof:
-            ratio = component.spread_variance / v[k]
-            score[k] += 0.5 * component.spread_dof * (ratio - 1.0) / v[k]
-            information[k, k] += 0.5 * component.spread_dof / v[k] ** 2
-            curvature[k, k] += component.spread_dof * (ratio - 0.5) / v[k] ** 2
-        score[k] -= 0.5 / component.soft
-    return replace(bare, score=score, information=information, curvature=curvature)
 
 
 def scale_spread(fit: LinearFit, found: Derivatives) -> FloatArray:

@@ -135,7 +135,8 @@ def _open_loop(
 
     if solution.model.dh_table(solution.estimate.x) is None:
         raise UsageError(
-            "--open-loop verifies a calibration of one placement of a hinge or rigid fixture"
+            "--open-loop verifies a calibration of one placement of a hinge or rigid fixture; "
+            f"for this one take new poses in the fixture: sarcal verify {args.session} [POSES.csv]"
         )
     arm = effective_procedure(opening).arm
     if args.csv:

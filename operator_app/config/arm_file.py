@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from operator_app.config.error_model import (
     ACCURACY_DEG,
@@ -50,7 +50,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class RowModel(StrictModel):
     """One D-H row. ``fixture`` stands for an entry that the fixture determines (Table 1's asterisk).
 
-    ``beta_deg`` is Hayati's: it is identified in place of s where the row joins parallel axes.
+    ``beta_deg`` is Hayati's: it is identified in place of s where the row joins parallel axes, and may replace it.
     """
 
     row: Count
@@ -60,6 +60,13 @@ class RowModel(StrictModel):
     alpha_deg: TwistDeg | Literal["fixture"]
     beta_deg: TwistDeg | None = None
     tolerance: RowToleranceModel = RowToleranceModel()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _beta_in_place_of_s(cls, value: Any) -> Any:
+        if isinstance(value, dict) and "beta_deg" in value:
+            return {"s_m": 0.0} | value
+        return value
 
 
 class SensorFields(StrictModel):

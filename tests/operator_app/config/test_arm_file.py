@@ -271,6 +271,8 @@ class TestHayati:
     def test_a_stated_beta_makes_one_of_any_row_but_the_last(self) -> None:
         text = PARALLEL.replace("ROW", "-90, beta_deg: 0.25")
         arm = parse_arm(text.encode(), "arm.yaml")
+        without_s = parse_arm(text.replace("s_m: 0,", "", 1).encode(), "arm.yaml")
+        np.testing.assert_array_equal(without_s.table.stacked(), arm.table.stacked())
         assert arm.hayati_rows == (2,)
         assert np.rad2deg(arm.table.beta_rad).tolist() == [0.0, 0.25] + [0.0] * 5
         last = GOOD.replace("{row: 7,", "{beta_deg: 0.1, row: 7,")

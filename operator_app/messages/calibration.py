@@ -62,6 +62,7 @@ SOURCE_REMEDIES = {
     "placement": "measure the fixture's placement twice as accurately and state its tolerance",
     "encoder_accuracy": "centre the encoders twice as accurately and state their accuracy_deg",
     "fixture_give": "mount a fixture twice as stiff, or load it less, and state its give",
+    "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
     "joint_play": "halve the joints' play and state it",
     "sag": "state the links' masses, or by how much less the joints sag",
     "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",

@@ -105,7 +105,9 @@ class LinearModel(Layout):
     ) -> None:
         super().__init__(model, q, errors, group=group, like=like)
         self.along_joints = JointShapes(self)
-        self._stated_joints, self._stated_fixture = self._joints(), self._fixture()
+        nothing = np.zeros((len(q), self.rows))
+        self._stated_joints: FloatArray = np.sum([*self.fixed_joint_noise().values()], axis=0)
+        self._stated_fixture: FloatArray = sum(self.fixed_fixture_noise().values(), nothing)
 
     def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses; smooth functions are fitted to these only."""
@@ -132,16 +134,16 @@ class LinearModel(Layout):
             S += v[self.play_component] * self.backlash**2
         return S
 
-    def _joints(self) -> FloatArray:
-        """Part of the variance that no component scales."""
+    def fixed_joint_noise(self) -> dict[str, FloatArray]:
+        """Variances (m, n), rad^2, of the joints' noise that no component scales, by source."""
         used = np.ones(self.model.joint_count)
         used[[j - 1 for j in self.model.unsensed_joints]] = 0.0
-        S = self.errors.joint_variance * used
+        found = {"counts": self.errors.joint_variance * used}
         if len(self.play_joints):
-            S = S + self.play.missed * self.backlash**2
+            found["joint_play"] = self.play.missed * self.backlash**2
         if len(self.sag_joints):
-            S = S + self.sags.missed * self.sag**2
-        return np.broadcast_to(S, self.q.shape)
+            found["sag"] = self.sags.missed * self.sag**2
+        return {s: np.broadcast_to(variance, self.q.shape) for s, variance in found.items()}
 
     def fixture_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
         """Variance of the fixture's noise along the closure components (m, k)."""
@@ -150,18 +152,15 @@ class LinearModel(Layout):
             F[:, self._rows_of(key)] += v[c]
         return F
 
-    def _rows_of(self, component: str) -> slice:
-        """Closure components along which a component of the fixture's noise acts."""
-        return slice(0, 3) if component == "fixture_rad" else slice(self.rows - 3, self.rows)
-
-    def _fixture(self) -> FloatArray:
-        """Part of the variance that no component scales."""
-        F = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))
+    def fixed_fixture_noise(self) -> dict[str, FloatArray]:
+        """Variances (m, k) of the noise along the closure components that no component scales, by source."""
+        measured = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))
+        gives = np.zeros_like(measured)
         for rows, stated in self.gives:
-            F[:, rows] += (self.give_basis.missed * self.free_give * stated**2)[:, None]
+            gives[:, rows] += (self.give_basis.missed * self.free_give * stated**2)[:, None]
         if self.loaded is not None:
-            F += self.loaded.missed(slice(None))
-        return F
+            gives += self.loaded.missed(slice(None))
+        return {s: F for s, F in (("instrument", measured), ("fixture_give", gives)) if F.any()}
 
     def smooth_give_variance(self, v: FloatArray) -> FloatArray:
         """Variance (6,) of the deflection that repeats at the same pose."""

@@ -25,6 +25,7 @@ def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
     errors = stated_errors(replace(arm, joints=joints), samples=np.full(poses, 4))
     return replace(
         errors,
+        endpoint_variance=np.repeat([1e-8, 4e-9], 3),
         accuracy_rad=np.array([2e-4] * 5 + [0.0] * 2),
         give_rad=3e-4,
         give_m=2e-4,
@@ -128,11 +129,19 @@ def test_repeatability_and_budget_add_up(design: LinearModel, system: System) ->
     assert set(budget) == {
         *("rvdt_noise_6", "rvdt_noise_7", "rvdt_curve_6", "rvdt_curve_7", "encoder_accuracy"),
         *("lengths", "twists", "fixture_give", "joint_play", "sag", "discrepancy", "counts"),
+        "instrument",
     }
     assert all((share >= 0.0).all() for share in budget.values())
     assert sum(budget.values()) == pytest.approx(np.diagonal(fit.covariance), rel=1e-6)
     lengths = dense.Z[:, :3] * np.sqrt(dense.size[:3])
     assert budget["lengths"][hard] == pytest.approx(((gain @ lengths) ** 2).sum(-1), rel=1e-4)
+    by_pose = gain.reshape(len(hard), POSES, 5).swapaxes(0, 1)
+    counts = np.einsum("mj,mpj->p", design.errors.joint_variance, (by_pose @ system.B) ** 2)
+    assert budget["counts"][hard] == pytest.approx(counts, rel=1e-4)
+    measured = ((by_pose @ np.swapaxes(system.E, -1, -2)) ** 2).sum(
+        0
+    ) @ design.errors.endpoint_variance
+    assert budget["instrument"][hard] == pytest.approx(measured, rel=1e-4)
 
 
 def test_score_of_further_columns(design: LinearModel, system: System) -> None:

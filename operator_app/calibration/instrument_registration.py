@@ -26,6 +26,10 @@ from solver.loops.open_arm import MeasuredClosure
 REGISTRATION_STEPS, LARGEST_STEP_RAD, NO_STEP = 25, 0.5, 1e-6
 """Gauss-Newton steps to the placements of base and target: most steps, largest rotation of one, and tolerance."""
 
+POINT_ERROR_M, PRIOR_SIGMAS = 1e-3, 3.0
+"""Error of a point at the arm file's entries, and standard deviations in a tolerance: weights of the target's stated
+place, from which poses with one orientation of the tool would move it by any distance."""
+
 DIGITS = 4
 """Decimals (m, rad) of a registered placement: it is only a nominal value, the start of the calibration."""
 
@@ -52,6 +56,9 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
     if not found.converged or not isinstance(model, MeasuredClosure):
         return fixture
     own = model.own_values(found.x)[0]
+    if np.abs(own[6:9] - fixture.tip_m).max() > fixture.tolerance.position_m:
+        # These poses do not determine it.
+        return fixture
     return with_calibrated_places(
         fixture,
         replace(
@@ -128,8 +135,10 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
     """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton.
 
     For a given rotation of the base the rest is linear; that rotation is unknown, so that all 24 quarter turns are
-    starts.
+    starts. The target has a weak prior about its stated place.
     """
+    stated = np.array(instrument.tip_m)
+    prior = POINT_ERROR_M * PRIOR_SIGMAS / instrument.tolerance.position_m
     known = rotation_matrix(np.array(instrument.base_turn_rad))
     turns = (known,) if instrument.base_known else _quarter_turns()
     free = np.repeat(
@@ -149,7 +158,9 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
             used = free & (np.arange(9) >= 3) if step == 0 else free
             left = measured - base - swung
             d = np.zeros(9)
-            d[used] = np.linalg.lstsq(J[..., used].reshape(-1, used.sum()), left.reshape(-1))[0]
+            A = np.concatenate((J.reshape(-1, 9), prior * np.eye(9)[6:]))
+            b = np.concatenate((left.reshape(-1), prior * (stated - tip)))
+            d[used] = np.linalg.lstsq(A[:, used], b)[0]
             turn = d[:3] * min(1.0, LARGEST_STEP_RAD / max(float(np.linalg.norm(d[:3])), 1e-12))
             R_base = rotation_matrix(turn) @ R_base
             base, tip = base + d[3:6], tip + d[6:]

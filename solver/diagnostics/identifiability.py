@@ -83,7 +83,7 @@ def identifiability(
     Poses that cannot be closed with these parameters are used as they are.
     """
     A = np.concatenate(
-        [_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
+        [jacobian_at_closed(part, x, here, sigma_rad) for part, here in pose_blocks(model, q)]
     )
     names = tuple(p.name for p in model.parameters)
     return identifiability_of_jacobian(
@@ -139,10 +139,10 @@ def well_conditioned_at_readings(paper: Estimate, q: FloatArray) -> bool:
     return bool(most < WELL_CONDITIONED**2 * least)
 
 
-def _at_closed(
+def jacobian_at_closed(
     model: ClosureModel, x: FloatArray, q: FloatArray, sigma_rad: FloatArray | None
 ) -> FloatArray:
-    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n)."""
+    """Reduced Jacobian (m, r, P) on the closed loops nearest to `q` (m, n), or at `q` where none is found."""
     poses = close_loops(model, x, q, sigma_rad=sigma_rad, tolerance=CLOSED)
     judged, u = poses.q, poses.u
     if not poses.closed.all():

@@ -17,8 +17,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.parameters import nominal_vector
-from solver.closing import close_loops, reduced_jacobian
-from solver.diagnostics.identifiability import identifiability_of_jacobian
+from solver.diagnostics.identifiability import identifiability_of_jacobian, jacobian_at_closed
 from solver.diagnostics.limits import SMALLEST_NOISE_SCALE
 from solver.diagnostics.whitened_residuals import OwnColumns, SolvedColumns, WhitenedResiduals
 from solver.errors import UnidentifiableDirection
@@ -194,10 +193,9 @@ def drop_unidentifiable(
     estimated again: `x` belongs to other values of the fixed ones.
     """
     x = nearly_closing_parameters(model, q) if x is None else x
-    poses = close_loops(model, x, q, sigma_rad=sigma_rad)
-    A, _ = reduced_jacobian(model, x, poses.q, poses.u)
+    A = jacobian_at_closed(model, x, q, sigma_rad)
     J = A.reshape(-1, A.shape[-1])
-    spans = np.ptp(poses.q, axis=0)
+    spans = np.ptp(q, axis=0)
     names = [p.name for p in model.parameters]
     fixture = {*model.ground_side, *model.hand_side}
     left = list(range(len(names)))

@@ -1,0 +1,61 @@
+"""Registration of a tracker by poses that say little about the place of its target."""
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from fixtures.measured import Measured
+from operator_app.calibration.instrument_registration import with_registered_instrument
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
+from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import forward
+from solver.chain.poses import PoseSet
+from solver.chain.rotations import rotation_matrix, rotation_vector
+
+BASE_M, TURN_RAD, TIP_M = np.array([0.8, -4.0, -0.3]), np.array([0.0, 0.0, 1.8]), [0.05, 0.02, 0.2]
+
+
+def along_a_curve(arm: ArmModel, count: int = 30) -> np.ndarray:
+    """Joint angles (m, n) with which the tool keeps its orientation to 1e-4 deg."""
+
+    def tool(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        frames = forward(q[None] + arm.table.theta_off_rad, *arm.table.stacked()[1:])
+        return frames.p_end[0], frames.R_end[0]
+
+    rng, q = np.random.default_rng(0), np.array(arm.home_rad)
+    p0, R0 = tool(q)
+    found = []
+    for t in np.linspace(0.0, 2.0 * np.pi, count):
+        p = p0 + 0.12 * np.array([np.sin(t), np.cos(t) - 1.0, np.sin(2.0 * t)])
+        R = R0 @ rotation_matrix(rng.normal(0.0, np.deg2rad(1e-4), 3))
+
+        def off(q: np.ndarray, p: np.ndarray = p, R: np.ndarray = R) -> np.ndarray:
+            at, turned = tool(q)
+            return np.concatenate((at - p, rotation_vector(turned.T @ R)))
+
+        q = least_squares(off, q, xtol=1e-12).x
+        found.append(q)
+    return np.array(found)
+
+
+def test_with_one_orientation_of_the_tool_its_target_stays_near_its_stated_place() -> None:
+    arm, tracker = load_arm("ur5e"), load_fixture("tracker").fixture
+    q = along_a_curve(arm)
+    slipped = np.deg2rad([0.0, 0.05, -0.04, 0.06, -0.05, 0.0])
+    frames = forward(q + arm.table.theta_off_rad + slipped, *arm.table.stacked()[1:])
+    turn, rng = rotation_matrix(TURN_RAD), np.random.default_rng(1)
+    p = BASE_M + (frames.p_end + frames.R_end @ TIP_M) @ turn.T + rng.normal(0.0, 5e-5, (len(q), 3))
+    endpoint = np.column_stack((p, rotation_vector(turn @ frames.R_end)))
+    poses = PoseSet(
+        placement=np.ones(len(q), dtype=np.int64), label=tuple(map(str, range(len(q)))), q_rad=q,
+        endpoint=endpoint,
+    )  # fmt: skip
+    found = with_registered_instrument(arm, tracker, poses)
+    assert isinstance(tracker, Measured)
+    assert isinstance(found, Measured)
+    assert np.abs(np.subtract(found.tip_m, tracker.tip_m)).max() < tracker.tolerance.position_m
+    assert np.abs(found.base_m - BASE_M).max() < tracker.tolerance.position_m
+    assert (
+        np.abs(rotation_vector(turn.T @ rotation_matrix(np.array(found.base_turn_rad)))).max()
+        < 0.01
+    )

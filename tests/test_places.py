@@ -11,9 +11,7 @@ fixtures/test_parallel_axes.py
 hardware/virtual/test_any_drive.py
 hardware/virtual/test_bus_faults.py
 hardware/virtual/test_control_and_heartbeat.py
-hardware/virtual/test_forced_modes.py
 hardware/virtual/test_objects.py
-hardware/virtual/test_tshark.py
 operator_app/calibration/test_all_readings.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py

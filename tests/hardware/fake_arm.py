@@ -79,7 +79,8 @@ class FakeArmBus(can.BusABC):
     """The bus. `stop_handle` gives the second handle that STOP uses."""
 
     def __init__(self) -> None:
-        self.drives = {j: FakeDrive(node=j, counts=1000 * j) for j in range(1, JOINTS + 1)}
+        self.drives = {j: FakeDrive(node=j, counts=1000 * j) for j in range(1, JOINTS)}
+        self.drives[JOINTS] = FakeDrive(node=JOINTS, counts=100)
         self.syncs = 0
         self.sent: list[tuple[int, bytes]] = []
         self.heartbeat_ms = 100
@@ -149,6 +150,16 @@ class FakeArmBus(can.BusABC):
         return _StopHandle(self)
 
     # ---- nodes -------------------------------------------------------------------------------------
+
+    @property
+    def statuses(self) -> set[int]:
+        """Status of the drives, whosever it is."""
+        return {drive.status for drive in self.drives.values()}
+
+    def words(self, joint: int, since: int = 0) -> list[int]:
+        """Controlwords that a joint was sent, from a number of sent frames on."""
+        sent = [data for i, data in self.sent[since:] if i == 0x200 + joint]
+        return [struct.unpack("<Hib", data)[0] for data in sent]
 
     def say(self, identifier: int, data: bytes) -> None:
         """Put a frame on the bus as some node would."""
@@ -377,11 +388,10 @@ class _StopHandle(can.BusABC):
 
     def __init__(self, bus: FakeArmBus) -> None:
         self._bus = bus
-        self.refuses = False
         super().__init__(channel="fake")
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self._bus.send(msg, timeout)
+        FakeArmBus.send(self._bus, msg, timeout)
 
     def shutdown(self) -> None:
         self._bus.on_closing()

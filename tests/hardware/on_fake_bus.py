@@ -52,13 +52,25 @@ def make(
 ) -> CanopenArm:
     options.setdefault("pace", Pace.FAST_FORWARD)
     options.setdefault("timing", hasty(heartbeat_timeout_s=0.35))
+    opener = options.pop("opener", lambda _settings: bus)
+    stop_opener = options.pop("stop_opener", lambda _settings: bus.stop_handle())
     return CanopenArm(
         description or describe(),
         BusSettings(channel="fake"),
         options.pop("profile", sarcos()),
-        openers=BusOpeners(main=lambda _settings: bus, stop=lambda _settings: bus.stop_handle()),
+        openers=BusOpeners(main=opener, stop=stop_opener),
         **options,
     )
+
+
+Connect = Callable[..., CanopenArm]
+
+
+def drive(arm: CanopenArm) -> CanopenArm:
+    """Let the two joints of a closed loop be driven."""
+    arm.take_control()
+    arm.set_modes(TWO_DRIVEN)
+    return arm
 
 
 def frames(bus: FakeArmBus, base: int) -> list[tuple[int, bytes]]:

@@ -7,9 +7,9 @@ import pytest
 from hardware.arm import ArmSnapshot, DriveState
 from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import BusError, DriveFault, DuplicateNodeId, ModeNotReached, SensorFault
+from hardware.errors import BusError, DriveFault, DuplicateNodeId, SensorFault
 from hardware.virtual.controller import VirtualController
-from tests.contracts.arm.bench import FREE, POSITION, TWO_DRIVEN, controller_on, operator_on
+from tests.contracts.arm.bench import FREE, POSITION, controller_on, operator_on
 
 
 def test_a_third_driven_joint_trips_the_torque_limit(arm: CanopenArm) -> None:
@@ -25,16 +25,6 @@ def test_a_third_driven_joint_trips_the_torque_limit(arm: CanopenArm) -> None:
     arm.reset_stop()
     arm.take_control()
     assert {joint.drive for joint in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
-
-
-def test_a_drive_that_refuses_a_mode_is_named(
-    arm: CanopenArm, controller: VirtualController
-) -> None:
-    arm.take_control()
-    controller.faults.refuse_modes(6)
-    with pytest.raises(ModeNotReached) as late:
-        arm.set_modes(TWO_DRIVEN)
-    assert late.value.joint == 6
 
 
 @pytest.mark.sample(2)

@@ -1,11 +1,9 @@
 """PDOs of a bus profile are written into drives that have others, where it asks for it; else they are refused."""
 
-import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -21,15 +19,9 @@ from hardware.errors import (
     ZeroingFailed,
 )
 from operator_app.config.profile_file import parse_profile
-from tests.hardware.commissioning.test_profile_draft import (
-    JOINTS,
-    PER_RAD,
-    connected,
-    on,
-    unconnected,
-)
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make
+from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, Connect, unconnected
 from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 
@@ -47,7 +39,6 @@ answers:
 compared: [60C2h]
 """
 NOT_VALID = 1 << 31
-_channels = itertools.count()
 
 
 def comes(condition: Callable[[], bool], within_s: float = 20.0) -> bool:
@@ -68,34 +59,15 @@ def profile(text: str = PROFILE) -> BusProfile:
     return parse_profile(text.encode(), "acme.yaml", joints=JOINTS)
 
 
-@pytest.fixture
-def settings() -> BusSettings:
-    return BusSettings(channel=f"configured-{next(_channels)}")
-
-
-@pytest.fixture
-def foreign(settings: BusSettings) -> Iterator[ForeignArm]:
-    yield from on(settings, 1, 2, 3, 4)
-
-
-@pytest.fixture
-def arms() -> Iterator[list[Any]]:
-    opened: list[Any] = []
-    yield opened
-    for arm in opened:
-        arm.close()
-
-
 def test_another_map_is_refused_or_written_as_the_profile_says(
-    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
+    connect: Connect, foreign: ForeignArm
 ) -> None:
     with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
-        connected(settings, profile(PROFILE.replace("configured", "compared")))
+        connect(profile(PROFILE.replace("configured", "compared")))
     assert len(refused.value.differences) == JOINTS * 6
     assert not any(node.written for node in foreign.nodes)
 
-    arm = connected(settings, profile())
-    arms.append(arm)
+    arm = connect(profile())
     first = foreign.nodes[0]
     # Invalid, empty, filled, counted; and valid only when all of it stands.
     assert [w for w in first.written if w[0] in (0x1401, 0x1601)] == [
@@ -117,13 +89,12 @@ def test_another_map_is_refused_or_written_as_the_profile_says(
 
 
 def test_what_was_written_is_said_and_forgotten_by_a_reset(
-    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
+    connect: Connect, foreign: ForeignArm
 ) -> None:
-    arm = connected(settings, profile())
+    arm = connect(profile())
     arm.close()
     written = [len(node.written) for node in foreign.nodes]
     again = arm.connect()  # resets their communication: they have their own maps again
-    arms.append(arm)
     assert [len(node.written) for node in foreign.nodes] == [2 * n for n in written]
     assert len(again.configured) == JOINTS * 3
     assert again.configured[0] == (
@@ -133,9 +104,7 @@ def test_what_was_written_is_said_and_forgotten_by_a_reset(
     assert not any(index in (0x1010, 0x1011) for n in foreign.nodes for index, _, _ in n.written)
 
 
-def test_what_is_equal_already_is_not_touched(
-    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
-) -> None:
+def test_what_is_equal_already_is_not_touched(connect: Connect, foreign: ForeignArm) -> None:
     as_it_is = PROFILE[: PROFILE.index("commands:")] + (
         "commands:\n"
         "  - {pdo: 2, cob_id: 300h + node, map: [607Ah(32), 6040h(16)]}\n"
@@ -145,7 +114,7 @@ def test_what_is_equal_already_is_not_touched(
         "  - {pdo: 4, cob_id: 480h + node, map: [6061h(16), 6041h(16)]}\n"
     )
     foreign.nodes[2].set_data(0x1803, 2, b"\xff")
-    arms.append(connected(settings, profile(as_it_is)))
+    connect(profile(as_it_is))
     assert [node.written for node in foreign.nodes] == [
         [],
         [],
@@ -154,10 +123,8 @@ def test_what_is_equal_already_is_not_touched(
     ]
 
 
-def test_a_pdo_that_is_in_the_way_is_switched_off(
-    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
-) -> None:
-    arms.append(connected(settings, profile(PROFILE.replace("200h + node", "400h + node"))))
+def test_a_pdo_that_is_in_the_way_is_switched_off(connect: Connect, foreign: ForeignArm) -> None:
+    connect(profile(PROFILE.replace("200h + node", "400h + node")))
     node = foreign.nodes[1]
     assert node.held(0x1402, 1) == NOT_VALID | 0x402
     assert node.held(0x1401, 1) == 0x402
@@ -166,11 +133,11 @@ def test_a_pdo_that_is_in_the_way_is_switched_off(
 
 
 def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, foreign: ForeignArm
 ) -> None:
     foreign.nodes[2].fixed.add(0x1A02)
     with pytest.raises(PdoSetupFailed) as refused:
-        connected(settings, profile())
+        connect(profile())
     (told,) = refused.value.refusals
     assert told.startswith("joint 3 (node 3): node 3 refused 1A02h sub 0: ")
     assert "(06010002h); required map: 6041h(16) + 6064h(32)" in told
@@ -182,10 +149,10 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
 
 
 def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, foreign: ForeignArm
 ) -> None:
     with pytest.raises(PdoSetupFailed) as refused:
-        connected(settings, profile(PROFILE.replace("pdo: 4", "pdo: 1")))
+        connect(profile(PROFILE.replace("pdo: 4", "pdo: 1")))
     assert refused.value.refusals[0] == (
         "node 1, 1800h: expected a PDO to set up, found no such object"
     )
@@ -193,19 +160,18 @@ def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_nothing_is_written_into_another_arm(settings: BusSettings, foreign: ForeignArm) -> None:
+def test_nothing_is_written_into_another_arm(connect: Connect, foreign: ForeignArm) -> None:
     foreign.nodes[3].set_data(0x60C2, 1, b"\x04")
     with pytest.raises(WrongArm, match="joint 4 has a control period"):
-        connected(settings, profile())
+        connect(profile())
     with pytest.raises(NodeMissing, match="node 9"):
-        connected(settings, profile(PROFILE + "joints: [{joint: 2, node: 9}]\n"))
+        connect(profile(PROFILE + "joints: [{joint: 2, node: 9}]\n"))
     assert not any(node.written for node in foreign.nodes)
 
 
 def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all() -> None:
     """The fake refuses every write: equal maps are none, another is refused."""
     bus = FakeArmBus()
-    bus.drives[7].counts = 100
     arm = make(bus, profile=replace(sarcos(), configures_pdos=True))
     assert arm.connect().configured == ()
     arm.close()
@@ -215,11 +181,10 @@ def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all() -> None:
 
 
 def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(
-    settings: BusSettings, foreign: ForeignArm, arms: list[Any]
+    connect: Connect, foreign: ForeignArm
 ) -> None:
     foreign.nodes[1].set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
-    arm = connected(settings, profile())
-    arms.append(arm)
+    arm = connect(profile())
     assert foreign.nodes[1].held(0x6071, 0) == 0
     arm.close()
     foreign.nodes[1].set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
@@ -229,7 +194,6 @@ def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(
 def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
     """The fake refuses every write; its maps are equal already."""
     bus = FakeArmBus()
-    bus.drives[7].counts = 100
     bus.objects[3, 0x6071, 0] = (-50 & 0xFFFF).to_bytes(2, "little")
     with pytest.raises(ZeroingFailed) as refused:
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
@@ -243,7 +207,7 @@ def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
 
 @pytest.mark.parametrize("cause", ["heartbeat", "torque"])
 def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
-    settings: BusSettings, foreign: ForeignArm, cause: str
+    connect: Connect, foreign: ForeignArm, cause: str
 ) -> None:
     refusal: type[Exception] = WrongArm
     if cause == "heartbeat":
@@ -252,7 +216,7 @@ def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
     else:
         del foreign.nodes[1].object_dictionary[0x6076]
     with pytest.raises(refusal):
-        connected(settings, profile())
+        connect(profile())
     assert not any(node.written for node in foreign.nodes)
 
 
@@ -287,7 +251,6 @@ def test_nothing_is_written_into_drives_that_are_refused_for_what_no_profile_say
     index: int, sub: int, value: bytes
 ) -> None:
     bus = FakeArmBus()
-    bus.drives[7].counts = 100
     bus.objects[5, 0x1800, 2] = b"\xff"
     bus.objects[6, index, sub] = value
     with pytest.raises(MappingMismatch, match=f"node 6, {index:04X}h"):

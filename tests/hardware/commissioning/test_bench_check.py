@@ -29,9 +29,9 @@ from hardware.commissioning.stages import BENCH, CheckFinding, Stage
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
-from tests.hardware.commissioning.test_profile_draft import DESCRIPTION as ACME
-from tests.hardware.commissioning.test_profile_draft import JOINTS, drafted
-from tests.oracles.foreign_arm import Axis, foreign_arm
+from tests.hardware.on_foreign_arm import DESCRIPTION as ACME
+from tests.hardware.on_foreign_arm import JOINTS, drafted
+from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
 
@@ -140,10 +140,8 @@ def failed(findings: list[CheckFinding]) -> list[tuple[str, int | None]]:
 
 @pytest.mark.campaign
 def test_a_sound_arm_passes_every_stage_and_is_asked_before_each_motion(bench: Bench) -> None:
-    tried_joints, others = (
-        [1, 6],
-        [2, 3, 4, 5, 7],
-    )  # an encoder, an RVDT; nobody wants the others moved
+    # An encoder, an RVDT; nobody wants the others moved.
+    tried_joints, others = [1, 6], [2, 3, 4, 5, 7]
     who = Bystander(*(f"Joint {j} will" for j in others))
     home = bench.plant.angles_rad[0]
     findings = tried(bench.arm(), who)
@@ -207,21 +205,16 @@ def test_a_joint_that_does_not_turn_is_named(bench: Bench) -> None:
     assert told[0] in (("moves", 4), ("no error", None)), "it is told, or its drive trips"
 
 
-def test_a_drive_that_does_not_watch_for_the_operator_is_named_before_it_is_enabled() -> None:
-    settings = BusSettings(channel=f"bench-foreign-{next(_channels)}")
-    drives = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
+def test_a_drive_that_does_not_watch_for_the_operator_is_named_before_it_is_enabled(
+    settings: BusSettings, foreign: ForeignArm
+) -> None:
     who = Bystander()
-    with (
-        can.Bus(settings.channel, interface="virtual") as bus,
-        foreign_arm(bus, (1, 2, 3, 4), drives),
-    ):
-        profile = drafted(settings)
-        findings = tried(patient(ACME, settings, profile), who)
-        assert failed(findings) == [("guard", j) for j in range(1, JOINTS + 1)]
-        assert who.asked == []
-        assert {axis.status for axis in drives} == {0x40}
-        # What it says of stops and modes, this drive does not say at all.
-        assert [f.passed for f in findings if f.name in ("modes", "quick stop")] == [None] * 8
+    findings = tried(patient(ACME, settings, drafted(settings)), who)
+    assert failed(findings) == [("guard", j) for j in range(1, JOINTS + 1)]
+    assert who.asked == []
+    assert {axis.status for axis in foreign.axes} == {0x40}
+    # What it says of stops and modes, this drive does not say at all.
+    assert [f.passed for f in findings if f.name in ("modes", "quick stop")] == [None] * 8
 
 
 def test_an_arm_that_cannot_be_reached_is_one_finding(bench: Bench) -> None:
@@ -234,16 +227,6 @@ def test_an_arm_that_cannot_be_reached_is_one_finding(bench: Bench) -> None:
     findings = tried(arm, Bystander())
     assert failed(findings) == [("no error", None)]
     assert "The arm on the bus is not the one in the arm file" in findings[0].text
-
-
-def test_after_the_check_the_arm_is_held_and_free_to_take(bench: Bench) -> None:
-    tried(bench.arm(), Bystander(), Stage.HOLD)
-    again = bench.arm()
-    again.connect()
-    snapshot = again.snapshot()
-    assert snapshot.token == 0
-    assert {joint.drive for joint in snapshot.joints} == {DriveState.SWITCH_ON_DISABLED}
-    again.close()
 
 
 class Deaf(CanopenArm):

@@ -15,7 +15,6 @@ from tests.oracles.profiles import sarcos
 @pytest.fixture
 def bus() -> Iterator[FakeArmBus]:
     fake = FakeArmBus()
-    fake.drives[7].counts = 100
     yield fake
     # Reads only: no NMT, no SYNC, no command.
     assert {identifier & ~0x7F for identifier, _ in fake.sent} <= {0x600}

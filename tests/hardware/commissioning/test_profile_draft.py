@@ -1,64 +1,20 @@
 """An arm that is set up otherwise is refused by name, then driven with the profile that a probe drafts."""
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-import can
 import pytest
 
 from hardware.arm import DriveState, JointMode
-from hardware.arm_description import ArmDescription, EncoderDescription, JointDescription
 from hardware.buses.python_can import BusSettings
-from hardware.canopen.bus_profile import BusProfile
-from hardware.commissioning.probe import probe
-from hardware.commissioning.profile_draft import DraftRefused, draft
-from hardware.control.canopen_arm import CanopenArm
-from hardware.errors import MappingMismatch, UploadRefused, WrongArm
-from hardware.timing import Pace, Timing
-from operator_app.config.profile_file import format_profile, parse_profile
-from tests.oracles.foreign_arm import Axis, ForeignArm, foreign_arm
+from hardware.commissioning.profile_draft import DraftRefused
+from hardware.errors import CommandRefused, MappingMismatch, UploadRefused, WrongArm
+from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, Connect, drafted, on
+from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 
-JOINTS, COUNTS_PER_REV = 4, 36_000
-PER_RAD = COUNTS_PER_REV / math.tau
 POSITION, FREE = JointMode.POSITION, JointMode.FREE
-DESCRIPTION = ArmDescription(
-    model="acme",
-    joints=tuple(
-        JointDescription(
-            name=f"joint {j}",
-            lower_rad=-1.5,
-            upper_rad=1.5,
-            max_speed_rad_per_s=1.0,
-            max_torque_nm=50.0,
-            sensor=EncoderDescription(counts_per_rev=COUNTS_PER_REV),
-        )
-        for j in range(1, JOINTS + 1)
-    ),
-)
-_channels = itertools.count()
-
-
-@pytest.fixture
-def settings() -> BusSettings:
-    return BusSettings(channel=f"foreign-{next(_channels)}")
-
-
-def on(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
-    axes = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
-    with (
-        can.Bus(settings.channel, interface="virtual") as bus,
-        foreign_arm(bus, nodes, axes) as arm,
-    ):
-        yield arm
-
-
-@pytest.fixture
-def foreign(settings: BusSettings) -> Iterator[ForeignArm]:
-    """On the node numbers that ours has, so that nothing differs but how they are set up."""
-    yield from on(settings, 1, 2, 3, 4)
 
 
 @pytest.fixture
@@ -66,36 +22,11 @@ def elsewhere(settings: BusSettings) -> Iterator[ForeignArm]:
     yield from on(settings, 11, 12, 23, 34)
 
 
-def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
-    timing = Timing(
-        listen_s=0.05,
-        boot_timeout_s=1.0,
-        answer_timeouts_s=dict.fromkeys(Pace, 0.5),
-        heartbeat_timeout_s=5.0,
-    )
-    return CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
-
-
-def connected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
-    arm = unconnected(settings, profile)
-    arm.connect()
-    return arm
-
-
-def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
-    """By probe, through the file it writes."""
-    found = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3)
-    made = draft(found.nodes, name="acme", configure=configure)
-    text = format_profile(made, comment="drafted")
-    assert parse_profile(text, "acme.yaml", joints=JOINTS) == made
-    return made
-
-
 def test_it_is_refused_by_name_and_nothing_is_told_to_move(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, foreign: ForeignArm
 ) -> None:
     with pytest.raises(MappingMismatch) as refused:
-        connected(settings, sarcos(JOINTS))
+        connect(sarcos(JOINTS))
     told = refused.value.differences
     for node in range(1, JOINTS + 1):
         assert (
@@ -122,62 +53,57 @@ def test_a_probe_drafts_what_is_there(settings: BusSettings, elsewhere: ForeignA
 
 
 def test_it_is_driven_with_the_drafted_profile(
-    settings: BusSettings, elsewhere: ForeignArm
+    connect: Connect, settings: BusSettings, elsewhere: ForeignArm
 ) -> None:
-    arm = connected(settings, drafted(settings))
-    try:
-        assert arm.snapshot().positions_rad == pytest.approx(
-            [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
-        )
-        arm.take_control()
-        assert {j.drive for j in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
-        arm.set_modes([FREE, POSITION, FREE, POSITION])
-        assert [axis.mode for axis in elsewhere.axes] == [10, 8, 10, 8]
-        assert arm.move({2: 0.5, 4: -0.25}, speed_rad_per_s=0.9).reached
-        reading = arm.capture(10)
-        assert reading.mean_rad == pytest.approx(
-            [1000 / PER_RAD, 0.5, 3000 / PER_RAD, -0.25], abs=1 / PER_RAD
-        )
-        arm.set_modes([POSITION] * JOINTS)  # drives whose bit 12 is set in free mode as well
-        assert [axis.mode for axis in elsewhere.axes] == [8] * JOINTS
-        assert arm.active_parameters() == b""
-        with pytest.raises(UploadRefused, match="no supervisor"):
-            arm.upload_parameters(b"any")
-        arm.stop()
-        assert arm.snapshot().stopped
-    finally:
-        assert arm.close()
+    arm = connect(drafted(settings))
+    assert arm.snapshot().positions_rad == pytest.approx(
+        [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
+    )
+    arm.take_control()
+    assert {j.drive for j in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
+    arm.set_modes([FREE, POSITION, FREE, POSITION])
+    assert [axis.mode for axis in elsewhere.axes] == [10, 8, 10, 8]
+    assert arm.move({2: 0.5, 4: -0.25}, speed_rad_per_s=0.9).reached
+    reading = arm.capture(10)
+    assert reading.mean_rad == pytest.approx(
+        [1000 / PER_RAD, 0.5, 3000 / PER_RAD, -0.25], abs=1 / PER_RAD
+    )
+    arm.set_modes([POSITION] * JOINTS)  # drives whose bit 12 is set in free mode as well
+    assert [axis.mode for axis in elsewhere.axes] == [8] * JOINTS
+    assert arm.active_parameters() == b""
+    with pytest.raises(UploadRefused, match="no supervisor"):
+        arm.upload_parameters(b"any")
+    arm.stop()
+    assert arm.snapshot().stopped
+    assert arm.close()
     assert {axis.status for axis in elsewhere.axes} == {0x07}
 
 
 def test_a_drive_that_counts_backwards_from_elsewhere(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, settings: BusSettings, foreign: ForeignArm
 ) -> None:
     profile = drafted(settings)
     own = replace(profile.joints[1], direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
     profile = replace(profile, joints=(profile.joints[0], own, *profile.joints[2:]))
-    arm = connected(settings, profile)
-    try:
-        per_rad = 72_000 / math.tau
-        assert arm.snapshot().positions_rad[1] == pytest.approx((2500 - 2000) / per_rad)
-        arm.take_control()
-        assert arm.move({2: 0.3}, speed_rad_per_s=0.9).reached
-        assert foreign.axes[1].counts == pytest.approx(2500 - 0.3 * per_rad, abs=1)
-        reading = arm.capture(5)
-        assert reading.mean_rad[1] == pytest.approx(0.3, abs=1 / per_rad)
-        assert reading.sd_rad[1] == 0.0
-        with pytest.raises(Exception, match="outside"):
-            arm.move({2: 1.6}, speed_rad_per_s=0.9)
-    finally:
-        arm.close()
+    arm = connect(profile)
+    per_rad = 72_000 / math.tau
+    assert arm.snapshot().positions_rad[1] == pytest.approx((2500 - 2000) / per_rad)
+    arm.take_control()
+    assert arm.move({2: 0.3}, speed_rad_per_s=0.9).reached
+    assert foreign.axes[1].counts == pytest.approx(2500 - 0.3 * per_rad, abs=1)
+    reading = arm.capture(5)
+    assert reading.mean_rad[1] == pytest.approx(0.3, abs=1 / per_rad)
+    assert reading.sd_rad[1] == 0.0
+    with pytest.raises(CommandRefused, match="outside"):
+        arm.move({2: 1.6}, speed_rad_per_s=0.9)
 
 
 def test_what_the_profile_has_compared_must_be_there(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, settings: BusSettings, foreign: ForeignArm
 ) -> None:
     profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
     with pytest.raises(WrongArm, match="joint 1 has no object 2100h"):
-        connected(settings, profile)
+        connect(profile)
 
 
 def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
@@ -194,7 +120,7 @@ def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
 
 
 def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, settings: BusSettings, foreign: ForeignArm
 ) -> None:
     for node in foreign.nodes:
         node.set_data(0x1803, 2, b"\xff")
@@ -210,36 +136,24 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
         (3, 0x182, ((0x6041, 0, 16), (0x6064, 0, 32))),
         (4, 0x282, ((0x6077, 0, 32),)),
     ]
-    arm = connected(settings, profile)
-    try:
-        arm.take_control()
-        assert arm.move({2: 0.5}, speed_rad_per_s=0.9).reached
-        assert arm.capture(5).mean_rad[1] == pytest.approx(0.5, abs=1 / PER_RAD)
-    finally:
-        arm.close()
+    arm = connect(profile)
+    arm.take_control()
+    assert arm.move({2: 0.5}, speed_rad_per_s=0.9).reached
+    assert arm.capture(5).mean_rad[1] == pytest.approx(0.5, abs=1 / PER_RAD)
 
 
-def test_drives_without_room_for_what_is_needed_are_named(
-    settings: BusSettings, foreign: ForeignArm
+@pytest.mark.parametrize("index", [0x6040, 0x6041, 0x6077])
+def test_drives_without_room_or_an_object_that_is_needed_are_named(
+    settings: BusSettings, foreign: ForeignArm, index: int
 ) -> None:
     del foreign.nodes[1].object_dictionary[0x1803]
-    del foreign.nodes[2].object_dictionary[0x6077]
+    del foreign.nodes[2].object_dictionary[index]
     with pytest.raises(DraftRefused) as none:
         drafted(settings, configure=True)
     assert none.value.reasons == (
         "node 2: 2 TPDOs are needed, but it has 1",
-        "node 3: 6077h cannot be read",
+        f"node 3: {index:04X}h cannot be read",
     )
-
-
-@pytest.mark.parametrize("index", [0x6040, 0x6041])
-def test_a_drive_whose_first_object_cannot_be_read_is_named(
-    settings: BusSettings, foreign: ForeignArm, index: int
-) -> None:
-    del foreign.nodes[2].object_dictionary[index]
-    with pytest.raises(DraftRefused) as none:
-        drafted(settings, configure=True)
-    assert none.value.reasons == (f"node 3: {index:04X}h cannot be read",)
 
 
 @pytest.mark.campaign
@@ -262,12 +176,12 @@ def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(
 
 
 def test_a_map_changed_behind_the_profiles_back_is_refused(
-    settings: BusSettings, foreign: ForeignArm
+    connect: Connect, settings: BusSettings, foreign: ForeignArm
 ) -> None:
     profile = drafted(settings)
     foreign.nodes[1].set_data(0x1A02, 2, (0x606C0020).to_bytes(4, "little"))
     with pytest.raises(MappingMismatch) as refused:
-        connected(settings, profile)
+        connect(profile)
     assert refused.value.differences == (
         "node 2, 1A02h: expected TPDO3 = 6077h(32) + 6064h(32), found 6077h(32) + 606Ch(32)",
     )

@@ -159,23 +159,6 @@ def test_rpdo1_is_acted_on_without_waiting_for_a_sync(arm: Rig) -> None:
         assert arm.peer.unsigned(4, 0x6041) & STATE == state
 
 
-def test_position_mode_follows_and_free_mode_drifts(arm: Rig) -> None:
-    states = arm.operational([8, 10, 10, 10, 8, 10, 10])
-    assert [word & STATE for word, _, _ in states] == [0x27] * 7
-    assert [arm.peer.signed(j, 0x6061) for j in range(1, 8)] == [8, 10, 10, 10, 8, 10, 10]
-    start, drift = states[0][1], states[1][1]
-
-    def let_drift() -> None:
-        arm.plant.drift_rad[1] = 10 / 36000 * 6.283185307179586
-
-    arm.settled(let_drift)
-    for step in range(1, 11):
-        arm.peer.command(1, 0x0F, start + 50 * step, 8)
-        states = arm.peer.sync()
-    assert states[0][1] == start + 500
-    assert states[1][1] == drift + 100
-
-
 @pytest.mark.parametrize("data", [b"", bytes(6), bytes(8)])
 def test_rpdo1_of_a_wrong_length_is_not_obeyed(arm: Rig, data: bytes) -> None:
     arm.operational()

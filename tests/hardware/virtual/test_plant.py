@@ -72,14 +72,6 @@ def test_two_drives_move_the_chain_and_bring_it_back(drive: Commands) -> None:
     assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
 
 
-def test_the_prototypes_pair_returns_from_thirty_degrees(drive: Commands) -> None:
-    plant = make_plant()
-    start, h2, h5 = plant.true_angles_rad, home(plant, 2), home(plant, 5)
-    for x in np.deg2rad(there_and_back_deg(30.0)).tolist():
-        plant.step(drive({2: h2 + x, 5: h5 + x}))
-    assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
-
-
 def test_a_stiff_fixture_keeps_the_loop_closed_while_moving(drive: Commands) -> None:
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8, payload_kg=ELBOW_AND_WRIST_KG)
     h1, h5 = home(plant, 1), home(plant, 5)

@@ -1,32 +1,48 @@
 """The arm on its fake bus, connected, and driven."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
+from typing import Any
 
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
+from hardware.timing import Pace
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import TWO_DRIVEN, make
+from tests.hardware.on_fake_bus import Connect, drive, hasty, make
 
 
 @pytest.fixture
 def bus() -> FakeArmBus:
-    fake = FakeArmBus()
-    fake.drives[7].counts = 100
-    return fake
+    return FakeArmBus()
 
 
 @pytest.fixture
-def arm(bus: FakeArmBus) -> Iterator[CanopenArm]:
-    made = make(bus)
-    made.connect()
-    yield made
-    bus.broken = None
-    made.close()
+def connected(bus: FakeArmBus) -> Iterator[Connect]:
+    """Connect an arm of these options, on the fixture's bus or another; it is closed in the end."""
+    with ExitStack() as stack:
+
+        def connect(on: FakeArmBus = bus, **options: Any) -> CanopenArm:
+            made = make(on, **options)
+            made.connect()
+            stack.callback(made.close)
+            stack.callback(setattr, on, "broken", None)
+            return made
+
+        yield connect
+
+
+@pytest.fixture
+def arm(connected: Connect) -> CanopenArm:
+    return connected()
 
 
 @pytest.fixture
 def driven(arm: CanopenArm) -> CanopenArm:
-    arm.take_control()
-    arm.set_modes(TWO_DRIVEN)
-    return arm
+    return drive(arm)
+
+
+@pytest.fixture
+def live(connected: Connect) -> CanopenArm:
+    """A driven arm ten times as fast as one is: nothing is asked of it, and SYNCs go on."""
+    return drive(connected(pace=Pace.REAL_TIME, timing=hasty(speed=10.0)))

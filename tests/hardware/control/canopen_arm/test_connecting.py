@@ -6,40 +6,27 @@ from dataclasses import replace
 import can
 import pytest
 
-from hardware.arm import ArmInterface, DriveState
+from hardware.arm import DriveState
 from hardware.arm_description import EncoderDescription
+from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, ControlDenied, NodeMissing, OtherMaster, WrongArm
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, describe, hasty, make
+from tests.hardware.on_fake_bus import PER_RAD, Connect, describe, hasty, make
 
 
-def test_it_is_an_arm(bus: FakeArmBus) -> None:
-    arm: ArmInterface = make(bus)
-    assert callable(arm.connect)
-
-
-def test_connecting_identifies_every_node(bus: FakeArmBus) -> None:
-    arm = make(bus)
+def test_connecting_identifies_every_node(arm: CanopenArm, bus: FakeArmBus) -> None:
+    arm.close()
     identity = arm.connect()
     assert (identity.model, identity.serial_number) == ("fake", "FAKE-1")
     assert [node.node for node in identity.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
     assert identity.nodes[-1].role == "supervisor"
     assert identity.nodes[2].serial_number == 7003
     snapshot = arm.snapshot()
-    assert [joint.position_counts for joint in snapshot.joints] == [
-        1000,
-        2000,
-        3000,
-        4000,
-        5000,
-        6000,
-        100,
-    ]
+    assert [j.position_counts for j in snapshot.joints] == [d.counts for d in bus.drives.values()]
     assert snapshot.joints[0].position_rad == pytest.approx(1000 / PER_RAD)
     assert snapshot.joints[0].drive is DriveState.SWITCH_ON_DISABLED
     assert snapshot.token == 0
     assert set(snapshot.heartbeat_age_s) == {1, 2, 3, 4, 5, 6, 7, 16}
-    arm.close()
 
 
 def test_nothing_is_sent_before_the_others_were_listened_to(bus: FakeArmBus) -> None:
@@ -71,13 +58,13 @@ def test_nothing_is_sent_where_another_master_works(
     assert bus.sent == []
 
 
-def test_what_a_master_said_before_anybody_listened_bars_nobody(bus: FakeArmBus) -> None:
+def test_what_a_master_said_before_anybody_listened_bars_nobody(
+    connected: Connect, bus: FakeArmBus
+) -> None:
     """Our own predecessor may have been killed a moment ago, and an adapter have kept its last frames."""
     for frame in ((0x080, b""), (0x201, COMMANDS_JOINT_1), (0x000, b"\x82\x00")):
         bus.say(*frame)
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+    connected()
 
 
 def test_a_master_that_comes_while_connecting_is_named() -> None:
@@ -91,10 +78,9 @@ def test_a_master_that_comes_while_connecting_is_named() -> None:
         make(Contested()).connect()
 
 
-def test_other_devices_on_the_bus_are_not_reset_and_not_started(bus: FakeArmBus) -> None:
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+def test_other_devices_on_the_bus_are_not_reset_and_not_started(
+    arm: CanopenArm, bus: FakeArmBus
+) -> None:
     nodes = [*range(1, 8), 16]
     told = [data for identifier, data in bus.sent if identifier == 0x000]
     assert told == [bytes([command, node]) for command in (0x82, 0x01) for node in nodes]
@@ -139,8 +125,3 @@ def test_another_arm_is_named_with_everything_that_differs(bus: FakeArmBus) -> N
     ):
         assert part in text
     assert "joint 1 " not in text
-
-
-def test_calls_before_connecting_say_so(bus: FakeArmBus) -> None:
-    with pytest.raises(BusError, match="not connected"):
-        make(bus).snapshot()

@@ -1,15 +1,13 @@
 """A drive whose enable goes, and no word of it: named, not switched on again, and the others stopped."""
 
-import struct
 from collections.abc import Callable
 
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, DriveDiverged, DriveDropout, DriveFault
-from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, hasty, make, wait_for
+from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, wait_for
 
 SWITCHED_ON, READY, ENABLED, OFF, STOPPED = 0x23, 0x21, 0x27, 0x40, 0x07
 
@@ -23,12 +21,6 @@ def drop(bus: FakeArmBus, joint: int, *, after: int = 30, to: int = SWITCHED_ON)
             bus.drives[joint].status = to
 
     bus.on_sync = happen
-
-
-def hear_words(bus: FakeArmBus, joint: int, since: int) -> list[int]:
-    """Controlwords that a joint was sent since."""
-    sent = [data for i, data in bus.sent[since:] if i == 0x200 + joint]
-    return [struct.unpack("<Hib", data)[0] for data in sent]
 
 
 def settle_for_ever(arm: CanopenArm) -> None:
@@ -59,7 +51,7 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
     assert {j: drive.status for j, drive in bus.drives.items()} == {
         j: OFF if j == joint else STOPPED for j in bus.drives
     }
-    words = hear_words(bus, joint, since)
+    words = bus.words(joint, since)
     assert words == sorted(words, reverse=True), "switched on again"
     assert words[-1] == 0x0000
 
@@ -82,7 +74,7 @@ def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_eith
         go_on()
     assert bus.drives[3].status == (STOPPED if state == STOPPED else OFF)
     assert {bus.drives[j].status for j in (1, 2, 4, 5, 6, 7)} == {STOPPED}
-    words = hear_words(bus, 3, since)
+    words = bus.words(3, since)
     assert words == sorted(words, reverse=True), "switched on again"
 
 
@@ -105,7 +97,7 @@ def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(
     assert heard[: heard.index(0x0F)] == [0x06, 0x07]
     after = heard[heard.index(0x0F) :]
     assert after == sorted(after, reverse=True), "switched on again"
-    assert ENABLED not in {drive.status for drive in bus.drives.values()}
+    assert ENABLED not in bus.statuses
 
 
 def test_an_old_answer_that_comes_late_is_no_leaving(arm: CanopenArm, bus: FakeArmBus) -> None:
@@ -121,7 +113,7 @@ def test_an_old_answer_that_comes_late_is_no_leaving(arm: CanopenArm, bus: FakeA
     bus.on_sync = once
     since = len(bus.sent)
     arm.capture(50)
-    assert set(hear_words(bus, 3, since)) == {0x0F}
+    assert set(bus.words(3, since)) == {0x0F}
     assert bus.drives[3].status == ENABLED
 
 
@@ -133,31 +125,26 @@ def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmB
     for refused in (driven.take_control, lambda: driven.move({5: 0.1}, speed_rad_per_s=0.5)):
         with pytest.raises((DriveDropout, CommandRefused)):
             refused()
-    assert ENABLED not in {drive.status for drive in bus.drives.values()}
+    assert ENABLED not in bus.statuses
     driven.reset_stop()
-    assert {drive.status for drive in bus.drives.values()} == {OFF}
+    assert bus.statuses == {OFF}
     driven.take_control()
     driven.set_modes(TWO_DRIVEN)
     assert driven.move({5: 0.1}, speed_rad_per_s=0.5).reached
     driven.capture(50)
 
 
-def test_it_stays_off_though_nobody_asks_for_anything(bus: FakeArmBus) -> None:
-    timing = hasty(speed=10.0)
-    arm = make(bus, pace=Pace.REAL_TIME, timing=timing)
-    arm.connect()
-    arm.take_control()
-    arm.set_modes(TWO_DRIVEN)
+def test_it_stays_off_though_nobody_asks_for_anything(live: CanopenArm, bus: FakeArmBus) -> None:
     begun = bus.syncs
     wait_for(lambda: bus.syncs > begun + 20)
     drop(bus, 3, after=10)
     wait_for(lambda: bus.drives[3].status == OFF)
     wait_for(lambda: {d.status for j, d in bus.drives.items() if j != 3} == {STOPPED})
-    (fault,) = arm.snapshot().faults
+    (fault,) = live.snapshot().faults
     assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in switched on")
     with pytest.raises(DriveDropout, match="joint 3"):
-        arm.capture(1)
-    assert arm.close()
+        live.capture(1)
+    assert live.close()
     assert bus.drives[3].status == OFF
 
 
@@ -176,6 +163,7 @@ def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code
     bus.on_sync = trip
     with pytest.raises(DriveFault, match="joint 5 tripped: excess torque"):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
+    assert {drive.mode for j, drive in bus.drives.items() if j != 5} == {8}
 
 
 def test_a_drive_that_says_no_more_that_it_follows_is_named(

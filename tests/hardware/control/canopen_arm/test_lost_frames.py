@@ -8,10 +8,9 @@ from collections.abc import Callable
 import pytest
 
 from hardware.canopen.sdo import ObjectAccess
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, FramesLost, NodeMissing
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import hasty, make
+from tests.hardware.on_fake_bus import Connect, hasty, make
 
 HASTY = hasty(sdo_timeout_s=0.05)
 
@@ -55,12 +54,12 @@ def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(
     assert asked <= requests(bus) < 60, "of more than 500"
 
 
-def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(bus: FakeArmBus) -> None:
+def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(
+    connected: Connect, bus: FakeArmBus
+) -> None:
     bus.loses = one_in(100)
-    arm = make(bus, timing=HASTY)
-    arm.connect()
+    connected(timing=HASTY)
     assert requests(bus) > 500
-    arm.close()
 
 
 def test_what_was_asked_once_only_says_nothing_of_the_bus() -> None:
@@ -97,14 +96,12 @@ def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus: F
     ],
 )
 def test_a_node_that_is_heard_is_told_once_more(
-    bus: FakeArmBus, lost: Callable[[int, bytes], bool]
+    connected: Connect, bus: FakeArmBus, lost: Callable[[int, bytes], bool]
 ) -> None:
     bus.loses = lost
-    arm: CanopenArm = make(bus)
-    arm.connect()
+    arm = connected()
     arm.take_control()
     assert arm.capture(2).samples == 2, "and what booted twice is no node that restarted"
-    arm.close()
 
 
 def test_a_node_that_is_not_heard_is_absent_and_not_told_again(bus: FakeArmBus) -> None:

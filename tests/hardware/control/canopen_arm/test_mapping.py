@@ -7,7 +7,7 @@ import pytest
 
 from hardware.errors import MappingMismatch
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
+from tests.hardware.on_fake_bus import Connect, make
 from tests.oracles.approved import Approve
 
 ABSENT = 0x06020000
@@ -102,7 +102,7 @@ def test_everything_that_differs_is_named_at_once(bus: FakeArmBus) -> None:
     assert [text[:7] for text in refused.value.differences] == ["node 3,", "node 5,"]
 
 
-def test_a_further_pdo_elsewhere_is_nobodys_business(bus: FakeArmBus) -> None:
+def test_a_further_pdo_elsewhere_is_nobodys_business(connected: Connect, bus: FakeArmBus) -> None:
     bus.objects[4, 0x1401, 1] = u32(0x304)
     bus.objects[4, 0x1404, 1] = u32(0x80000201)
     bus.objects[4, 0x1801, 1] = u32(0x80000181)
@@ -110,9 +110,7 @@ def test_a_further_pdo_elsewhere_is_nobodys_business(bus: FakeArmBus) -> None:
     bus.objects[4, 0x1800, 3] = b"\x0a\0"  # 1 ms: as some makers deliver it
     bus.objects[4, 0x1800, 6] = b"\0"
     bus.objects[4, 0x1019, 0] = b"\0"
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+    connected()
 
 
 def test_a_map_that_reads_well_and_a_frame_that_does_not_agree(bus: FakeArmBus) -> None:

@@ -12,7 +12,7 @@ def test_taking_control_enables_every_drive_where_it_is(arm: CanopenArm, bus: Fa
     before = [drive.counts for drive in bus.drives.values()]
     arm.take_control()
     assert bus.token == 127
-    assert {drive.status for drive in bus.drives.values()} == {0x27}
+    assert bus.statuses == {0x27}
     assert [drive.target for drive in bus.drives.values()] == before
     snapshot = arm.snapshot()
     assert snapshot.token == 127

@@ -5,19 +5,22 @@ from pathlib import Path
 import can
 import pytest
 
+from hardware.errors import BusError
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import make
+from tests.hardware.on_fake_bus import Connect
 
 
 def test_the_recording_has_stop_and_every_frame_before_its_answer(
-    bus: FakeArmBus, tmp_path: Path
+    connected: Connect, bus: FakeArmBus, tmp_path: Path
 ) -> None:
-    arm = make(bus, record_to=tmp_path / "bus.blf")
-    arm.connect()
+    arm = connected(record_to=tmp_path / "bus.blf")
     arm.take_control()
     arm.stop()
     arm.close()
+    assert arm.recording_failure is None
     frames = list(can.LogReader(tmp_path / "bus.blf"))
+    both_ways = [(frame.arbitration_id, frame.is_rx) for frame in frames]
+    assert both_ways.count((0x080, False)) == both_ways.count((0x183, True)) == bus.syncs
     stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
     assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
     assert not any(f.is_rx for f in stops)
@@ -31,7 +34,9 @@ def test_the_recording_has_stop_and_every_frame_before_its_answer(
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
-def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suffix: str) -> None:
+def test_a_channel_of_any_name_is_recorded(
+    connected: Connect, bus: FakeArmBus, tmp_path: Path, suffix: str
+) -> None:
     """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
     received = bus._recv_internal
 
@@ -42,8 +47,7 @@ def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suff
         return message, filtered
 
     bus._recv_internal = named  # type: ignore[method-assign]
-    arm = make(bus, record_to=tmp_path / f"bus{suffix}")
-    arm.connect()
+    arm = connected(record_to=tmp_path / f"bus{suffix}")
     arm.close()
     assert arm.recording_failure is None
     with can.LogReader(tmp_path / f"bus{suffix}") as recorded:
@@ -51,10 +55,9 @@ def test_a_channel_of_any_name_is_recorded(bus: FakeArmBus, tmp_path: Path, suff
 
 
 def test_connecting_again_leaves_the_recording_before_alone(
-    bus: FakeArmBus, tmp_path: Path
+    connected: Connect, tmp_path: Path
 ) -> None:
-    arm = make(bus, record_to=tmp_path / "bus.blf")
-    arm.connect()
+    arm = connected(record_to=tmp_path / "bus.blf")
     arm.close()
     first = (tmp_path / "bus.blf").read_bytes()
     arm.connect()
@@ -62,3 +65,8 @@ def test_connecting_again_leaves_the_recording_before_alone(
     assert (tmp_path / "bus.blf").read_bytes() == first
     with can.LogReader(tmp_path / "bus-2.blf") as again:
         assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1
+
+
+def test_a_recording_that_cannot_start_is_said(connected: Connect, tmp_path: Path) -> None:
+    with pytest.raises(BusError, match="cannot be recorded"):
+        connected(record_to=tmp_path / "missing" / "bus.blf")

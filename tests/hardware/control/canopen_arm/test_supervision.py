@@ -10,10 +10,12 @@ from hardware.canopen.drive_settings import following_windows_counts
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import MappingMismatch
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
+from tests.hardware.on_fake_bus import Connect, make
 from tests.oracles.profiles import sarcos
 
 OPERATOR = 127
+DEGREE = 400_000 / 360
+"""Of a joint, counts."""
 
 
 def watches(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
@@ -35,9 +37,8 @@ def watches(bus: FakeArmBus, node: int, *entries: tuple[int, int]) -> None:
     ],
 )
 def test_a_drive_that_would_go_on_without_its_operator_is_refused(
-    entries: list[tuple[int, int]],
+    bus: FakeArmBus, entries: list[tuple[int, int]]
 ) -> None:
-    bus = FakeArmBus()
     watches(bus, 6, *entries)
     with pytest.raises(
         MappingMismatch, match="node 6, 1016h: expected a time-out of at most 10000 ms"
@@ -49,16 +50,14 @@ def test_a_drive_that_would_go_on_without_its_operator_is_refused(
 @pytest.mark.parametrize(
     "entries", [[(OPERATOR, 1)], [(OPERATOR, 10_000)], [(5, 0), (OPERATOR, 500)]]
 )
-def test_one_entry_for_the_operator_is_enough(entries: list[tuple[int, int]]) -> None:
-    bus = FakeArmBus()
+def test_one_entry_for_the_operator_is_enough(
+    connected: Connect, bus: FakeArmBus, entries: list[tuple[int, int]]
+) -> None:
     watches(bus, 6, *entries)
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+    connected()
 
 
-def test_drives_that_do_not_say_that_they_watch_are_known_by_joint() -> None:
-    bus = FakeArmBus()
+def test_drives_that_do_not_say_that_they_watch_are_known_by_joint(bus: FakeArmBus) -> None:
     for node in (1, 2, 4, 6, 7):
         watches(bus, node, (OPERATOR, 500))
     arm = make(bus)
@@ -80,28 +79,27 @@ class Windows(ObjectAccess):
 def test_a_joint_may_be_a_third_of_its_drives_window_away_and_a_degree_where_there_is_none() -> (
     None
 ):
-    scales = [JointScale(counts_per_rad=sense * 400_000 / (2 * math.pi)) for sense in (1, -1, 1)]
+    scales = [JointScale(counts_per_rad=sense * 360 * DEGREE / math.tau) for sense in (1, -1, 1)]
     windows = following_windows_counts(Windows(3000, 0, 0xFFFFFFFF), sarcos(3), scales)
-    assert windows == pytest.approx([1000.0, 400_000 / 360, 400_000 / 360])
+    assert windows == pytest.approx([1000.0, DEGREE, DEGREE])
 
 
-@pytest.mark.parametrize("told", [400_000, 0x7FFFFFFF, 0xFFFFFFFE])
-def test_a_drive_that_takes_hundreds_of_degrees_does_not_switch_the_watch_off(told: int) -> None:
-    scale = JointScale(counts_per_rad=400_000 / (2 * math.pi))
-    assert following_windows_counts(Windows(told), sarcos(1), [scale]) == pytest.approx(
-        [400_000 / 360]
-    )
-
-
-@pytest.mark.parametrize("told", [1, 29])
-def test_no_window_is_as_small_as_noise(told: int) -> None:
-    scale = JointScale(counts_per_rad=400_000 / (2 * math.pi))
-    assert following_windows_counts(Windows(told), sarcos(1), [scale]) == (10.0,)
+@pytest.mark.parametrize(
+    ("told", "window"),
+    [(1, 10.0), (29, 10.0), *((told, DEGREE) for told in (400_000, 0x7FFFFFFF, 0xFFFFFFFE))],
+)
+def test_no_window_is_as_small_as_noise_and_none_switches_the_watch_off(
+    told: int, window: float
+) -> None:
+    scale = JointScale(counts_per_rad=360 * DEGREE / (2 * math.pi))
+    found = following_windows_counts(Windows(told), sarcos(1), [scale])
+    assert found == pytest.approx([window])
 
 
 @pytest.mark.parametrize(("period_ms", "sayable"), [(5000, True), (10_001, False), (0, False)])
-def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(period_ms: int, sayable: bool) -> None:
-    bus = FakeArmBus()
+def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(
+    bus: FakeArmBus, period_ms: int, sayable: bool
+) -> None:
     bus.objects[3, 0x1017, 0] = struct.pack("<H", period_ms)
     with pytest.raises(MappingMismatch, match="node 3, 1017h sub 0") as refused:
         make(bus).connect()
@@ -112,8 +110,7 @@ def test_a_slow_heartbeat_may_be_set_or_said_in_a_profile(period_ms: int, sayabl
     assert "probe --draft" not in said
 
 
-def test_every_difference_has_its_own_remedy() -> None:
-    bus = FakeArmBus()
+def test_every_difference_has_its_own_remedy(bus: FakeArmBus) -> None:
     bus.objects[3, 0x1005, 0] = struct.pack("<L", 0x81)
     bus.objects[4, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
     with pytest.raises(MappingMismatch) as refused:

@@ -8,7 +8,7 @@ from contextlib import suppress
 import can
 import pytest
 
-from hardware.buses.python_can import BusOpeners, BusSettings
+from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.control.control_loop import MAX_IDLE_POLL_S
 from hardware.errors import (
@@ -25,11 +25,9 @@ from hardware.errors import (
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import capture_for_ever, describe, hasty, make, wait_for
+from tests.hardware.on_fake_bus import Connect, capture_for_ever, frames, hasty, make, wait_for
 from tests.oracles.approved import Approve
 from tests.oracles.profiles import sarcos
-
-# ---- somebody else -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -60,9 +58,6 @@ def test_whoever_only_asks_or_stops_is_welcome(driven: CanopenArm, bus: FakeArmB
     driven.capture(20)
 
 
-# ---- nodes ---------------------------------------------------------------------------------------------
-
-
 def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
@@ -82,22 +77,6 @@ def test_two_answers_to_every_sync_end_a_capture(
         driven.capture(50)
 
 
-def test_two_answers_to_every_sync_end_a_move(driven: CanopenArm, bus: FakeArmBus) -> None:
-    bus.twice = {2}
-    with pytest.raises(DuplicateNodeId):
-        driven.move({2: 0.3}, speed_rad_per_s=0.5)
-
-
-def test_an_answer_that_comes_twice_now_and_then_is_no_second_device(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
-    def sometimes(sync: int) -> None:
-        bus.twice = {2} if sync % 3 else set()
-
-    bus.on_sync = sometimes
-    assert driven.capture(5).samples == 5
-
-
 @pytest.mark.campaign
 def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
     driven: CanopenArm, bus: FakeArmBus
@@ -110,11 +89,13 @@ def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
         driven.capture(1)
 
 
-def test_two_devices_with_one_number_are_named_when_connecting(bus: FakeArmBus) -> None:
+def test_two_devices_with_one_number_are_named_when_connecting(
+    connected: Connect, bus: FakeArmBus
+) -> None:
     bus.twins = {5}
     with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
-        make(bus).connect()
-    assert not [i for i, _ in bus.sent if 0x200 < i <= 0x207]
+        connected()
+    assert frames(bus, 0x200) == []
 
 
 @pytest.mark.parametrize("node", [1, 7])
@@ -184,36 +165,27 @@ def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
         make(bus).connect()
 
 
-def test_a_slow_heartbeat_is_waited_for(bus: FakeArmBus) -> None:
+def test_a_slow_heartbeat_is_waited_for(connected: Connect, bus: FakeArmBus) -> None:
     bus.heartbeat_ms = 800
-    arm = make(bus)
-    arm.connect()
+    arm = connected()
     bus.mute = {3}
     until_s = time.monotonic() + 0.6
     while time.monotonic() < until_s:  # 0.35 s, if its drives said nothing
         arm.capture(1)
-    arm.close()
 
 
-def test_other_bits_of_the_device_type_are_the_makers(bus: FakeArmBus) -> None:
+def test_other_bits_of_the_device_type_are_the_makers(connected: Connect, bus: FakeArmBus) -> None:
     bus.objects[2, 0x1000, 0] = struct.pack("<L", 0x47020192)
-    arm = make(bus)
-    arm.connect()
-    arm.close()
+    connected()
 
 
-def test_the_patience_for_an_object_is_a_setting(bus: FakeArmBus) -> None:
-    arm = make(bus, timing=hasty(sdo_timeout_s=0.05))
-    arm.connect()
+def test_the_patience_for_an_object_is_a_setting(connected: Connect, bus: FakeArmBus) -> None:
+    arm = connected(timing=hasty(sdo_timeout_s=0.05))
     bus.dead = {3}
     begun = time.monotonic()
     with pytest.raises(BusError, match="Node 3 does not answer"):
         arm.drive_facts()
     assert time.monotonic() - begun < 2.9, "three times the usual second"
-    arm.close()
-
-
-# ---- sensors -------------------------------------------------------------------------------------------
 
 
 def test_a_joint_that_jumps_ends_what_is_under_way(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -228,34 +200,20 @@ def test_a_joint_that_jumps_ends_what_is_under_way(driven: CanopenArm, bus: Fake
     driven.reset_stop()
 
 
-# ---- what a drive in a fault is asked -----------------------------------------------------------------
-
-
-def test_a_trip_from_before_is_known_when_connected(bus: FakeArmBus) -> None:
+def test_a_trip_from_before_is_known_when_connected(connected: Connect, bus: FakeArmBus) -> None:
     bus.drives[4].status = 0x08
-    arm = make(bus)
-    arm.connect()
+    arm = connected()
     (fault,) = arm.snapshot().faults
     assert (fault.node, fault.code) == (4, 0x8611)
     with pytest.raises(DriveFault):
         arm.take_control()
-    arm.close()
 
 
-def test_control_that_is_not_given_is_nobody_elses(bus: FakeArmBus) -> None:
-    arm = make(bus)
-    arm.connect()
+def test_control_that_is_not_given_is_nobody_elses(arm: CanopenArm, bus: FakeArmBus) -> None:
     bus.denies_control, bus.refusal = True, "the heartbeat of node 127 is not heard"
     with pytest.raises(ControlDenied, match="refused: the heartbeat of node 127") as denied:
         arm.take_control()
     assert "node 0" not in str(denied.value)
-    arm.close()
-
-
-# ---- a bus that never falls silent ---------------------------------------------------------------------
-
-
-PATIENT = hasty(heartbeat_timeout_s=5.0, lost_after_s=5.0)
 
 
 class Babbling(FakeArmBus):
@@ -276,11 +234,11 @@ class Babbling(FakeArmBus):
 
 
 @pytest.mark.parametrize("pace", list(Pace))
-def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(pace: Pace) -> None:
+def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(
+    connected: Connect, pace: Pace
+) -> None:
     bus = Babbling()
-    bus.drives[7].counts = 100
-    arm = make(bus, pace=pace, timing=PATIENT)
-    arm.connect()
+    arm = connected(bus, pace=pace, timing=hasty(heartbeat_timeout_s=5.0, lost_after_s=5.0))
     arm.take_control()
     bus.silent = {3}  # so that samples are incomplete, which is when late answers are looked for
     bus.babbles = True
@@ -295,10 +253,11 @@ def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(pace: Pace) -> Non
     assert sends_heartbeat >= int(took / 0.1 * 0.5)
     bus.babbles = False
     bus.silent = set()
-    arm.close()
 
 
-def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_is_one() -> None:
+def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_is_one(
+    connected: Connect,
+) -> None:
     class Noting(FakeArmBus):
         """Notes how long its reader is ready to wait."""
 
@@ -308,8 +267,7 @@ def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_
 
     waits_s: list[float] = []
     timing = Timing()
-    arm = make(Noting(), timing=timing)
-    arm.connect()
+    arm = connected(Noting(), timing=timing)
     arm.take_control()
     waits_s.clear()
     wait_for(lambda: waits_s[-1:] == [MAX_IDLE_POLL_S])
@@ -317,28 +275,16 @@ def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_
     arm.capture(2)
     wait_for(lambda: waits_s[-1:] == [MAX_IDLE_POLL_S])
     assert timing.idle_poll_s in waits_s, "the next task may follow at once"
-    arm.close()
 
 
-# ---- adapters and recordings -----------------------------------------------------------------------------
-
-
-def test_an_adapter_that_opens_once_connects_and_stops(bus: FakeArmBus) -> None:
+def test_an_adapter_that_opens_once_connects_and_stops(connected: Connect, bus: FakeArmBus) -> None:
     def only_once(_: BusSettings) -> can.BusABC:
         raise BusError("the adapter is in use")
 
-    arm = CanopenArm(
-        describe(),
-        BusSettings(channel="fake"),
-        sarcos(),
-        pace=Pace.FAST_FORWARD,
-        openers=BusOpeners(main=lambda _: bus, stop=only_once),
-    )
-    arm.connect()
+    arm = connected(stop_opener=only_once)
     arm.take_control()
     arm.stop()
-    assert {drive.status for drive in bus.drives.values()} == {0x07}
-    arm.close()
+    assert bus.statuses == {0x07}
 
 
 def test_a_drive_that_goes_on_complaining_is_one_fault() -> None:

@@ -1,0 +1,63 @@
+"""An arm of drives that are not ours, as the tests of profiles and of the check on the bench use it."""
+
+import math
+from collections.abc import Callable, Iterator
+
+import can
+
+from hardware.arm_description import ArmDescription, EncoderDescription, JointDescription
+from hardware.buses.python_can import BusSettings
+from hardware.canopen.bus_profile import BusProfile
+from hardware.commissioning.probe import probe
+from hardware.commissioning.profile_draft import draft
+from hardware.control.canopen_arm import CanopenArm
+from hardware.timing import Pace, Timing
+from operator_app.config.profile_file import format_profile, parse_profile
+from tests.oracles.foreign_arm import Axis, ForeignArm, foreign_arm
+from tests.oracles.profiles import sarcos
+
+JOINTS, COUNTS_PER_REV = 4, 36_000
+PER_RAD = COUNTS_PER_REV / math.tau
+DESCRIPTION = ArmDescription(
+    model="acme",
+    joints=tuple(
+        JointDescription(
+            name=f"joint {j}",
+            lower_rad=-1.5,
+            upper_rad=1.5,
+            max_speed_rad_per_s=1.0,
+            max_torque_nm=50.0,
+            sensor=EncoderDescription(counts_per_rev=COUNTS_PER_REV),
+        )
+        for j in range(1, JOINTS + 1)
+    ),
+)
+Connect = Callable[[BusProfile], CanopenArm]
+
+
+def on(settings: BusSettings, *nodes: int) -> Iterator[ForeignArm]:
+    axes = [Axis(counts=1000 * (k + 1)) for k in range(JOINTS)]
+    with (
+        can.Bus(settings.channel, interface="virtual") as bus,
+        foreign_arm(bus, nodes, axes) as arm,
+    ):
+        yield arm
+
+
+def unconnected(settings: BusSettings, profile: BusProfile) -> CanopenArm:
+    timing = Timing(
+        listen_s=0.05,
+        boot_timeout_s=1.0,
+        answer_timeouts_s=dict.fromkeys(Pace, 0.5),
+        heartbeat_timeout_s=5.0,
+    )
+    return CanopenArm(DESCRIPTION, settings, profile, pace=Pace.FAST_FORWARD, timing=timing)
+
+
+def drafted(settings: BusSettings, *, configure: bool = False) -> BusProfile:
+    """By probe, through the file it writes."""
+    found = probe(settings, sarcos(), listen_s=0.5, answers_s=0.3)
+    made = draft(found.nodes, name="acme", configure=configure)
+    text = format_profile(made, comment="drafted")
+    assert parse_profile(text, "acme.yaml", joints=JOINTS) == made
+    return made

@@ -5,8 +5,7 @@ import os
 import signal
 import subprocess
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import pytest
 from hardware.buses.python_can import BusSettings, open_bus
 from operator_app.cli import main
 from operator_app.session.store.journal import read_journal
-from tests.oracles.own_process import start, wait_for_poses
+from tests.oracles.own_process import controller, start, wait_for_poses
 
 pytestmark = pytest.mark.real_time
 
@@ -25,24 +24,13 @@ Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture
-def channel(request: pytest.FixtureRequest) -> str:
-    return f"fault-{os.getpid()}-{request.node.name[:24]}"
+def bus(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    """Options that name a bus of the test's own."""
+    return ("-i", "loopback", "-c", f"fault-{os.getpid()}-{request.node.name[:24]}")
 
 
 PATIENT = ("--heartbeat-timeout", "5")
 """Where nobody's death is the subject: a busy machine's lateness then trips no drive."""
-
-
-@contextmanager
-def controller_on(folder: Path, channel: str, *more: str) -> Iterator[subprocess.Popen[str]]:
-    process = start(folder, "controller", "-i", "loopback", "-c", channel, *more)
-    try:
-        assert process.stderr is not None
-        assert channel in process.stderr.readline()
-        yield process
-    finally:
-        process.kill()
-        process.communicate(timeout=PATIENCE_S)
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str, str]:
@@ -56,30 +44,12 @@ def poses_of(folder: Path) -> list[int]:
 
 
 @pytest.mark.campaign
-def test_after_a_kill_the_same_command_goes_on(tmp_path: Path, channel: str) -> None:
-    bus = ("-i", "loopback", "-c", channel)
-    with controller_on(tmp_path, channel):
-        run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
-        folder = wait_for_poses(tmp_path / "sessions", 2, run)
-        run.kill()
-        run.communicate()
-        before = poses_of(folder)
-        code, out, said = finish(start(tmp_path, "run", "--resume", str(folder), "--json"))
-    assert code in (0, 4), said
-    assert "8130h" in said
-    assert "reset. Nothing has moved." in said
-    assert json.loads(out)["poses"] == 5
-    assert poses_of(folder)[: len(before)] == before
-
-
-@pytest.mark.campaign
-def test_after_a_freeze_the_same_command_goes_on(tmp_path: Path, channel: str) -> None:
+def test_after_a_freeze_the_same_command_goes_on(tmp_path: Path, bus: tuple[str, ...]) -> None:
     """A frozen operator is missed by the drives, wakes up to their trip, and says how to go on."""
-    bus = ("-i", "loopback", "-c", channel)
-    with controller_on(tmp_path, channel):
+    with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        listener = open_bus(BusSettings(interface="loopback", channel=channel))
+        listener = open_bus(BusSettings(interface="loopback", channel=bus[-1]))
         run.send_signal(signal.SIGSTOP)
         while True:  # until the first drive says that it misses the heartbeat
             frame = listener.recv(PATIENCE_S)
@@ -101,13 +71,12 @@ def test_after_a_freeze_the_same_command_goes_on(tmp_path: Path, channel: str) -
 
 
 @pytest.mark.campaign
-def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, channel: str) -> None:
+def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, bus: tuple[str, ...]) -> None:
     """Shorter than the drives' patience: no trip, no word of one, every pose."""
-    bus = ("-i", "loopback", "-c", channel)
-    with controller_on(tmp_path, channel):
+    with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5", "--json")
         folder = wait_for_poses(tmp_path / "sessions", 1, run)
-        listener = open_bus(BusSettings(interface="loopback", channel=channel))
+        listener = open_bus(BusSettings(interface="loopback", channel=bus[-1]))
         run.send_signal(signal.SIGSTOP)
         while listener.recv(0.0) is not None:
             pass  # what was said before
@@ -124,10 +93,9 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, channel: str) -> None:
 
 
 @pytest.mark.campaign
-def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> None:
-    bus = ("-i", "loopback", "-c", channel)
+def test_after_a_trip_what_is_advised_works(tmp_path: Path, bus: tuple[str, ...]) -> None:
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
-    with controller_on(tmp_path, channel, *PATIENT, *fault):
+    with controller(tmp_path, *bus, *PATIENT, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
         (folder,) = (tmp_path / "sessions").iterdir()
         taken = len(poses_of(folder))
@@ -154,10 +122,11 @@ def test_after_a_trip_what_is_advised_works(tmp_path: Path, channel: str) -> Non
 
 
 @pytest.mark.campaign
-def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel: str) -> None:
-    bus = ("-i", "loopback", "-c", channel)
+def test_a_stop_that_is_still_pressed_stays_and_is_said(
+    tmp_path: Path, bus: tuple[str, ...]
+) -> None:
     fault = ("--fault", "external-stop", "--fault-sync", "300")
-    with controller_on(tmp_path, channel, *PATIENT, *fault):
+    with controller(tmp_path, *bus, *PATIENT, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
         assert code == 3, said
         assert "Release the external stop when it is safe" in said
@@ -170,12 +139,11 @@ def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path: Path, channel:
 
 
 @pytest.mark.campaign
-def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> None:
-    bus = ("-i", "loopback", "-c", channel)
-    with controller_on(tmp_path, channel) as controller:
+def test_a_controller_that_died_holds_no_arm(tmp_path: Path, bus: tuple[str, ...]) -> None:
+    with controller(tmp_path, *bus) as (arm, _):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
         wait_for_poses(tmp_path / "sessions", 1, run)
-        controller.kill()
+        arm.kill()
         code, _, said = finish(run)
     assert code == 3, said
     assert "the arm is held" not in said
@@ -190,12 +158,12 @@ def test_a_controller_that_died_holds_no_arm(tmp_path: Path, channel: str) -> No
 @pytest.mark.campaign
 @pytest.mark.parametrize("existing", [False, True])
 def test_a_failed_connection_leaves_the_folders_that_were_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], channel: str, existing: bool
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: tuple[str, ...], existing: bool
 ) -> None:
     sessions = tmp_path / "new" / "s"
     if existing:
         sessions.mkdir(parents=True)
-    assert main(["run", "hinge", "-i", "loopback", "-c", channel, "--sessions", str(sessions)]) == 3
+    assert main(["run", "hinge", *bus, "--sessions", str(sessions)]) == 3
     said = capsys.readouterr().err
     assert "no answer from nodes 1, 2, 3, 4, 5, 6, 7, 16" in said
     assert "held" not in said
@@ -205,9 +173,9 @@ def test_a_failed_connection_leaves_the_folders_that_were_there(
 
 @pytest.mark.campaign
 def test_arm_check_says_nothing_is_held_where_nothing_was_connected(
-    capsys: pytest.CaptureFixture[str], channel: str
+    capsys: pytest.CaptureFixture[str], bus: tuple[str, ...]
 ) -> None:
-    assert main(["arm-check", "-i", "loopback", "-c", channel]) == 3
+    assert main(["arm-check", *bus]) == 3
     told = capsys.readouterr().out
     assert "no answer from nodes" in told
     assert "held" not in told
@@ -216,12 +184,10 @@ def test_arm_check_says_nothing_is_held_where_nothing_was_connected(
 
 @pytest.mark.campaign
 def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
-    tmp_path: Path, channel: str
+    tmp_path: Path, bus: tuple[str, ...]
 ) -> None:
-    bus = ("-i", "loopback", "-c", channel)
-    with controller_on(
-        tmp_path, channel, "--fault", "stray", "--fault-joint", "5", "--fault-sync", "500"
-    ):
+    fault = ("--fault", "stray", "--fault-joint", "5", "--fault-sync", "500")
+    with controller(tmp_path, *bus, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "9"))
     assert code == 3
     why = "oint 5 is +"
@@ -245,11 +211,10 @@ def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
 
 @pytest.mark.campaign
 def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goes_on(
-    tmp_path: Path, channel: str
+    tmp_path: Path, bus: tuple[str, ...]
 ) -> None:
-    bus = ("-i", "loopback", "-c", channel)
     fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
-    with controller_on(tmp_path, channel, *fault):
+    with controller(tmp_path, *bus, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "6"))
         assert code == 3
         assert "joint 3: the drive is in switched on; it was enabled" in said
@@ -270,12 +235,13 @@ def test_nothing_to_reset_on_the_arm_inside_this_program(
 
 
 @pytest.mark.campaign
-def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channel: str) -> None:
-    bus = ("-i", "loopback", "-c", channel)
+def test_probe_and_monitor_look_at_a_bus_and_move_nothing(
+    tmp_path: Path, bus: tuple[str, ...]
+) -> None:
     code, _, said = finish(start(tmp_path, "probe", *bus))
     assert code == 3
     assert "no node answers" in said
-    with controller_on(tmp_path, channel, *PATIENT):
+    with controller(tmp_path, *bus, *PATIENT):
         code, out, said = finish(start(tmp_path, "probe", *bus, "--json"))
         found = json.loads(out)
         assert code == 0, (out, said)
@@ -290,7 +256,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
         assert code == 130, said
         assert "the arm is held" in said
         assert f"sarcal run --resume {Path('sessions') / folder.name}" in said
-        own = open_bus(BusSettings(interface="loopback", channel=channel))
+        own = open_bus(BusSettings(interface="loopback", channel=bus[-1]))
         beat = can.Message(arbitration_id=0x77F, data=b"\x05", is_extended_id=False)
         beating = own.send_periodic(beat, 0.05)
         code, _, said = finish(start(tmp_path, "probe", *bus))
@@ -316,10 +282,9 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path: Path, channe
 
 @pytest.mark.campaign
 def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
-    tmp_path: Path, channel: str
+    tmp_path: Path, bus: tuple[str, ...]
 ) -> None:
-    bus = ["-i", "loopback", "-c", channel]
-    with controller_on(tmp_path, channel, "--record", "all.log") as controller:
+    with controller(tmp_path, *bus, "--record", "all.log") as (arm, _):
         look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")
         code, out, said = finish(start(tmp_path, *look))
         assert code == 0, (out, said)
@@ -338,8 +303,8 @@ def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
         assert "Enable them? [y/N]" in said
         assert "not tried: declined" in out
         # What the controller records is all that both sides said, in the order of time.
-        controller.send_signal(signal.SIGINT)
-        controller.wait(PATIENCE_S)
+        arm.send_signal(signal.SIGINT)
+        arm.wait(PATIENCE_S)
     with can.LogReader(tmp_path / "all.log") as recorded:
         everything = list(recorded)
     assert all(a.timestamp <= b.timestamp for a, b in pairwise(everything))

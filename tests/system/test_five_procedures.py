@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.oracles.own_process import start
+from tests.oracles.own_process import controller, start
 
 POSES = {"hinge": 15, "hinge_planned": 4, "rigid": 24, "ball": 24, "open_loop": 12}
 """As few as are accepted."""
@@ -30,14 +30,10 @@ def finish(process: subprocess.Popen[str]) -> tuple[str, str]:
 def controller_on(folder: Path, procedure: str, channel: str, *more: str) -> Iterator[list[str]]:
     """Run a controller; its bus, and the port of its tracker if it has one, as options."""
     bus = ["-i", "loopback", "-c", channel]
-    process = start(folder, "controller", "--procedure", procedure, *bus, *more)
-    try:
-        assert process.stderr is not None
-        told = process.stderr.readline().split()
-        assert channel in told
+    with controller(folder, "--procedure", procedure, *bus, *more) as (process, line):
+        told = line.split()
         tracker = told.index("--tracker") if "--tracker" in told else len(told)
         yield [*bus, *told[tracker : tracker + 2]]
-    finally:
         process.send_signal(signal.SIGINT)
         _, said = finish(process)
     assert process.returncode == 130, said

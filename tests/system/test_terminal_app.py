@@ -14,6 +14,7 @@ import pytest
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
+from tests.oracles.own_process import controller
 from tests.oracles.pty_program import PtyProgram
 from tests.oracles.terminal import PATIENCE_S, POLL_S, Terminal, select
 
@@ -140,20 +141,6 @@ def test_a_signal_in_mid_capture_ends_it_in_order(terminal, tmp_path, number):
     assert "--resume" in t.screen()
 
 
-@pytest.mark.campaign
-def test_a_closed_terminal_leaves_the_journal_whole_and_closed(terminal, tmp_path):
-    t = terminal()
-    walk_to_capture(t)
-    t.keys("Enter")
-    t.until(lambda screen: re.search(r"Poses +[2-9]/10", screen) is not None)
-    pid = t.pid()
-    t.close_window()
-    wait_for_end(pid)
-    contents = read_journal(the_session(tmp_path))
-    assert not contents.torn
-    assert contents.events[-1].name == "closed"
-
-
 @contextmanager
 def capturing(folder: Path) -> Iterator[PtyProgram]:
     """The program in a pseudo-terminal, in automatic capture; it must end held, its journal closed."""
@@ -192,13 +179,6 @@ def test_a_terminal_that_goes_without_a_signal_ends_the_program(tmp_path, after_
     finally:
         program.process.kill()
         program.close()
-
-
-@pytest.mark.campaign
-def test_a_signal_that_comes_again_does_not_keep_the_arm_from_being_held(tmp_path):
-    with capturing(tmp_path) as program:
-        wait_for_poses(tmp_path, 1)
-        send_again_and_again(program, signal.SIGTERM)
 
 
 @pytest.mark.campaign
@@ -252,18 +232,10 @@ def wait_for_poses(root: Path, wanted: int) -> None:
     raise AssertionError(f"never {wanted} poses")
 
 
-def wait_for_end(pid: int) -> None:
-    for _ in range(int(PATIENCE_S / POLL_S)):
-        if not Path(f"/proc/{pid}").exists():
-            return
-        select(POLL_S)
-    raise AssertionError("the program goes on without a terminal")
-
-
 @pytest.mark.campaign
 def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path):
     bus = ("-i", "loopback", "-c", f"app-{os.getpid()}")
-    with controller(*bus) as node:
+    with controller(tmp_path, *bus, "--seed", "1") as (node, _):
         t = terminal(*bus)
         walk_to_capture(t)
         t.keys("Enter")
@@ -281,7 +253,7 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
     t.until("Enter To Connect")
     t.keys("Enter")
     t.until("Enter Connect again")
-    with controller(*bus):
+    with controller(tmp_path, *bus, "--seed", "1"):
         t.keys("Enter")
         # The quick stop that the silence was answered with is latched still.
         t.until("Enter Reset STOP")
@@ -309,23 +281,6 @@ def apply_modes_again(t: Terminal) -> None:
     apply_modes(t)
 
 
-@contextmanager
-def controller(*bus: str) -> Iterator[subprocess.Popen[str]]:
-    """The virtual controller as a process of its own; it is killed in the end."""
-    with subprocess.Popen(
-        [SARCAL[0], "controller", *bus, "--seed", "1"],
-        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    ) as started:  # fmt: skip
-        try:
-            assert started.stderr is not None
-            for said in started.stderr:
-                if "Ctrl-C" in said:
-                    break
-            yield started
-        finally:
-            started.kill()
-
-
 @pytest.mark.campaign
 def test_no_colour_means_none_and_ascii_means_ascii(terminal):
     t = terminal("--ascii", environment={"NO_COLOR": "1"})
@@ -343,31 +298,3 @@ def test_without_a_terminal_it_says_what_to_do():
     )
     assert done.returncode == 2
     assert "--plain" in done.stderr
-
-
-STUCK = """
-import sys, threading, time
-threading.Thread(target=lambda: [time.sleep(0.01) for _ in range(10**9)]).start()
-from operator_app.cli import main
-sys.argv[1:] = ["--seed", "1"]
-sys.exit(main())
-"""
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("hangs_up", [False, True], ids=["terminal stays", "terminal gone"])
-def test_a_thread_that_never_ends_does_not_keep_the_process(tmp_path, hangs_up):
-    # Textual's reader of keys is such a thread where the terminal goes away while the app quits.
-    program = PtyProgram([sys.executable, "-c", STUCK], size=(120, 36), folder=tmp_path)
-    try:
-        program.seen("Enter", 0)
-        mark = program.mark()
-        program.write(b"q")
-        program.seen("\x1b[?1049l", mark)
-        if hangs_up:
-            program.hang_up()
-        # Whether the hang-up is seen before the app is over is a matter of milliseconds.
-        assert program.process.wait(10) in ({0, 130} if hangs_up else {0})
-    finally:
-        program.process.kill()
-        program.close()

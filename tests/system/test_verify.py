@@ -60,10 +60,14 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     for k, row in enumerate(rows):
         row["theta3_deg"] = repr(float(row["theta3_deg"]) + (0.5 if k < 2 else 0.002))
     changed = tmp_path / "new.csv"
-    with changed.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(rows)
+
+    def write() -> None:
+        with changed.open("w", newline="") as file:
+            writer = csv.DictWriter(file, rows[0].keys())
+            writer.writeheader()
+            writer.writerows(rows)
+
+    write()
     options = ["--sessions", str(sessions), "--json"]
     assert main(["verify", session.name, str(changed), *options]) == 4
     found = json.loads(capsys.readouterr().out)
@@ -75,10 +79,7 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     assert said.err == ""
     for row in rows:
         row |= {f"theta{j}_deg": repr(float(row[f"theta{j}_deg"]) / 57.29578) for j in range(1, 8)}
-    with changed.open("w", newline="") as file:
-        writer = csv.DictWriter(file, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(rows)
+    write()
     assert main(["verify", session.name, str(changed), "--sessions", str(sessions)]) == 4
     assert f"sarcal: {changed}: no joint angle" in capsys.readouterr().err
 

@@ -240,9 +240,6 @@ def test_listening_never_counts_for_more_than_the_time_that_passed() -> None:
     assert clock.now_s - latency.listened_s == pytest.approx(3.0)
 
 
-# ---- how old what we look at is ------------------------------------------------------------------------
-
-
 def test_an_answer_that_waited_for_us_is_as_old_as_its_stamp(bus, loop) -> None:
     ages: list[float] = []
     own: list[float] = []
@@ -334,9 +331,6 @@ def test_this_computer_stamps_by_the_time_of_day(interface: str) -> None:
 @pytest.mark.parametrize("interface", ["slcan", "kvaser", "pcan", "gs_usb", "socketcand", "vector"])
 def test_other_stamps_are_of_other_clocks_or_of_reading(interface: str) -> None:
     assert stamping_clock(BusSettings(interface=interface)) is None
-
-
-# ---- what is told, and what is commanded -----------------------------------------------------------------
 
 
 def test_nobody_is_late_for_an_arm_whose_time_stands_meanwhile() -> None:

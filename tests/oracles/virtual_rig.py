@@ -97,7 +97,7 @@ class Rig:
         self.controller, self.plant, self.clock, self.peer = controller, plant, clock, peer
         self.channel = channel
 
-    def settled(self, reader: Callable[[], Any]) -> Any:
+    def settled(self, reader: Callable[[], Any] = lambda: None) -> Any:
         """Run something in the control loop, after everything sent so far; return its result."""
         done = threading.Event()
         result: list[Any] = []
@@ -118,7 +118,12 @@ class Rig:
         began_s, steps = self.clock.time_s, math.ceil(seconds / 0.09)
         for k in range(1, steps + 1):
             self.clock.time_s = began_s + seconds * k / steps
-            self.settled(lambda: None)
+            self.settled()
+
+    def broken(self, fault: str, *arguments: Any, **options: Any) -> None:
+        """Break something on purpose, or mend it, and wait until it is so."""
+        getattr(self.controller.faults, fault)(*arguments, **options)
+        self.settled()
 
     def operational(self, modes: Sequence[int] = (8,) * 7) -> list[tuple[int, int, int]]:
         self.peer.start()

@@ -227,9 +227,6 @@ def test_every_fault_in_every_phase(tmp_path: Path, kind: str, at_sync: int) -> 
     judge(kind, at_sync, tmp_path / "s")
 
 
-# ---- upload ------------------------------------------------------------------------------------------
-
-
 COUNTS_PER_DEG = 400_000 / 360
 
 

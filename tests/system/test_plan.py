@@ -144,9 +144,6 @@ def test_what_no_pose_brings_to_the_request_is_named_with_advice(
     assert max(len(row) for row in plan.splitlines()) <= 80
 
 
-# -- sarcal plan ------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def plan_output() -> dict[str, str]:
     return printed_plans()

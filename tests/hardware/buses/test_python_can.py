@@ -91,11 +91,6 @@ def test_a_missing_device_or_kernel_support_is_a_bus_error() -> None:
         open_bus(BusSettings(interface="socketcan", channel="vcan97"))
 
 
-def test_a_missing_driver_is_named() -> None:
-    with pytest.raises(BusError, match="pcan"):
-        open_bus(BusSettings(interface="pcan", channel="PCAN_USBBUS1"))
-
-
 def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else() -> None:
     near, *far = (open_bus(BusSettings(channel="shared")) for _ in range(3))
     sent = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)

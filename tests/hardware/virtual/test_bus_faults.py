@@ -2,51 +2,43 @@
 
 import threading
 
-import can
-from can.interfaces.virtual import VirtualBus
-
 from hardware.arm import DriveState, JointMode
 from hardware.canopen.objects import EmergencyCode
-from hardware.virtual.controller import VirtualController
 from hardware.virtual.disturbances import FrameFaults
-from tests.oracles.virtual_rig import ARM, Rig, TrivialPlant, axes
+from tests.oracles.virtual_rig import Rig
 
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
 
 
 def test_a_silent_node_neither_sends_nor_hears(arm: Rig) -> None:
     arm.operational()
-    arm.controller.faults.silence(4)
-    arm.settled(lambda: None)
+    arm.broken("silence", 4)
     arm.peer.log.clear()
     arm.peer.send(0x604, b"\x40\x00\x10\x00\x00\x00\x00\x00")
     arm.peer.command(4, 0x00, 0, 8)
     arm.peer.send(0x080)
-    arm.settled(lambda: None)
+    arm.settled()
     arm.clock.time_s += 0.2
     arm.peer.beat()
     arm.peer.wait_for(lambda number, _: number == 0x710)
     assert [n for n, _ in arm.peer.log if n & 0x7F == 4] == []
     assert len([n for n, _ in arm.peer.log if 0x180 < n < 0x190]) == 6
-    arm.controller.faults.reconnect(4)
-    arm.settled(lambda: None)
+    arm.broken("reconnect", 4)
     assert arm.peer.sync()[3][0] & STATE == 0x27
 
 
 def test_a_cut_off_drive_holds_when_the_heartbeat_cannot_reach_it(arm: Rig) -> None:
     arm.operational([10] * 7)
-    arm.controller.faults.silence(4)
-    arm.settled(lambda: None)
+    arm.broken("silence", 4)
     for _ in range(6):
         arm.clock.time_s += 0.1
         arm.peer.beat()
-        arm.settled(lambda: None)
+        arm.settled()
     arm.peer.send(0x080)
-    arm.settled(lambda: None)
+    arm.settled()
     modes = [command.mode for command in arm.plant.commands]
     assert modes[3] is JointMode.POSITION
-    arm.controller.faults.reconnect(4)
-    arm.settled(lambda: None)
+    arm.broken("reconnect", 4)
     states = arm.peer.sync()
     assert states[3][0] & 0x4F == FAULT
     assert {word & STATE for k, (word, _, _) in enumerate(states) if k != 3} == {QUICK_STOPPED}
@@ -55,26 +47,23 @@ def test_a_cut_off_drive_holds_when_the_heartbeat_cannot_reach_it(arm: Rig) -> N
 
 def test_lost_tpdos_are_lost_and_then_come_again(arm: Rig) -> None:
     arm.peer.start()
-    arm.controller.faults.lose_tpdos(3, 2)
-    arm.settled(lambda: None)
+    arm.broken("lose_tpdos", 3, 2)
     for _ in range(3):
         arm.peer.send(0x080)
-    arm.settled(lambda: None)
+    arm.settled()
     arm.peer.quiet()
     assert [len(arm.peer.seen(0x180 + j)) for j in range(1, 8)] == [3, 3, 1, 3, 3, 3, 3]
 
 
 def test_stopped_heartbeats_of_one_node(arm: Rig) -> None:
-    arm.controller.faults.stop_heartbeat(2)
-    arm.settled(lambda: None)
+    arm.broken("stop_heartbeat", 2)
     arm.peer.log.clear()
     for _ in range(3):
         arm.clock.time_s += 0.1
         arm.peer.wait_for(lambda number, _: number == 0x710)
     assert len(arm.peer.seen(0x701)) == 3
     assert arm.peer.seen(0x702) == []
-    arm.controller.faults.resume_heartbeat(2)
-    arm.settled(lambda: None)
+    arm.broken("resume_heartbeat", 2)
     arm.clock.time_s += 0.1
     arm.peer.wait_for(lambda number, _: number == 0x702)
 
@@ -83,8 +72,7 @@ def test_another_map_is_in_the_frames_and_not_only_read_back(arm: Rig) -> None:
     arm.peer.start()
     where = arm.peer.sync()[2][1]
     arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 0.5))
-    arm.controller.faults.report_speed(3)
-    arm.settled(lambda: None)
+    arm.broken("report_speed", 3)
     states = arm.peer.sync()
     assert states[2][1] == round(0.5 * arm.plant.scales[2]) != where
     assert states[1][1] == round(arm.plant.angles_rad[1] * arm.plant.scales[1])
@@ -92,8 +80,7 @@ def test_another_map_is_in_the_frames_and_not_only_read_back(arm: Rig) -> None:
 
 
 def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> None:
-    arm.controller.faults.slow_heartbeat(3, 5.0)
-    arm.settled(lambda: None)
+    arm.broken("slow_heartbeat", 3, 5.0)
     arm.peer.log.clear()
     for _ in range(100):
         arm.clock.time_s += 0.1
@@ -105,11 +92,10 @@ def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> Non
 
 def test_a_drive_that_answers_as_the_next_one_leaves_its_own_number_silent(arm: Rig) -> None:
     arm.peer.start()
-    arm.controller.faults.swap_tpdo_id(7)
-    arm.settled(lambda: None)
+    arm.broken("swap_tpdo_id", 7)
     arm.peer.log.clear()
     arm.peer.send(0x080)
-    arm.settled(lambda: None)
+    arm.settled()
     arm.peer.quiet()
     assert [len(arm.peer.seen(0x180 + j)) for j in range(1, 8)] == [2, 1, 1, 1, 1, 1, 0]
 
@@ -164,39 +150,6 @@ def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(a
     arm.clock.time_s += 0.06
     taken_in(arm)
     assert {node.drive.state for node in arm.controller.drives} == {DriveState.QUICK_STOP_ACTIVE}
-
-
-class Noting(VirtualBus):
-    """Notes how long its reader is ready to wait."""
-
-    def __init__(self, channel: str) -> None:
-        self.waits_s: list[float] = []
-        super().__init__(channel)
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        assert timeout is not None
-        self.waits_s.append(timeout)
-        return super()._recv_internal(timeout)
-
-
-def test_a_bad_wire_is_looked_at_more_often_only_where_it_keeps_frames_back() -> None:
-    plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
-    with Noting("noting") as bus, VirtualController(bus, plant, axes=axes(), arm=ARM) as controller:
-
-        def waits_with(faults: FrameFaults) -> set[float]:
-            begun, done = threading.Event(), threading.Event()
-            controller.faults.disturb_frames(faults)
-            controller.post(lambda: (bus.waits_s.clear(), begun.set()))
-            assert begun.wait(5.0)
-            while len(bus.waits_s) < 5:
-                controller.post(done.set)
-                assert done.wait(5.0)
-                done.clear()
-            return {*bus.waits_s}
-
-        usual = waits_with(FrameFaults())
-        assert waits_with(FrameFaults(lost=0.5, doubled=0.5, swapped=0.5)) == usual
-        assert max(waits_with(FrameFaults(late=0.5))) < min(usual)
 
 
 def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm: Rig) -> None:

@@ -29,9 +29,6 @@ def words(arm: Rig) -> list[int]:
     return [word for word, _, _ in arm.peer.sync()]
 
 
-# ---- token -----------------------------------------------------------------------------------------------
-
-
 def test_the_token_is_free_taken_kept_and_given_back(arm: Rig) -> None:
     assert arm.peer.read(16, 0x2010) == FREE
     arm.peer.beat()
@@ -60,7 +57,7 @@ def test_a_node_that_is_not_heard_gets_no_token(arm: Rig, node: int) -> None:
 @pytest.mark.parametrize(("age_s", "code"), [(0.5, None), (0.501, 0x08000022)])
 def test_heard_means_within_the_timeout(arm: Rig, age_s: float, code: int | None) -> None:
     arm.peer.beat()
-    arm.settled(lambda: None)
+    arm.settled()
     arm.passes(age_s)
     assert take(arm, 127) == code
 
@@ -82,9 +79,6 @@ def test_giving_it_back_leaves_all_drives_holding_without_a_fault(arm: Rig) -> N
     assert not [n for n, _ in arm.peer.log if 0x80 < n < 0x100]
     arm.peer.command(1, 0x0F, 0, 8)
     assert words(arm)[0] & STATE == 0x07
-
-
-# ---- heartbeat -------------------------------------------------------------------------------------------
 
 
 def lose_operator(arm: Rig) -> None:
@@ -169,7 +163,7 @@ def test_other_nodes_heartbeats_do_not_count_for_the_holder(arm: Rig) -> None:
     for _ in range(4):
         arm.passes(0.2)
         arm.peer.beat(126)
-        arm.settled(lambda: None)
+        arm.settled()
     assert arm.peer.read(16, 0x2010) == FREE
 
 
@@ -182,9 +176,6 @@ def test_the_timeout_can_be_set() -> None:
         arm.passes(0.02)
         arm.peer.wait_for(lambda number, _: number == 0x87)
         assert arm.peer.read(16, 0x2010) == FREE
-
-
-# ---- stop ------------------------------------------------------------------------------------------------
 
 
 def test_quick_stop_to_all_drives_stops_on_the_spot_and_stays(arm: Rig) -> None:

@@ -9,9 +9,8 @@ import pytest
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
-from hardware.virtual.supervisor_node import ArmLabel
 from tests.hardware.on_fake_bus import wait_for
-from tests.oracles.virtual_rig import Rig, TrivialPlant, axes, rig
+from tests.oracles.virtual_rig import ARM, Rig, TrivialPlant, axes, rig
 
 NODES = (*range(1, 8), 16)
 ENABLED, QUICK_STOPPED, DISABLED = 0x0237, 0x0217, 0x0250  # with remote and voltage bits
@@ -24,9 +23,6 @@ def arm() -> Iterator[Rig]:
         for node in NODES:
             made.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
         yield made
-
-
-# ---- boot, NMT, heartbeat ----------------------------------------------------------------------------
 
 
 def test_every_node_boots_once_then_waits_for_nmt() -> None:
@@ -55,7 +51,7 @@ def test_heartbeats_come_every_100_ms_of_the_controllers_own_clock(arm: Rig) -> 
         for node in NODES:
             arm.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
     arm.clock.time_s += 0.09
-    arm.settled(lambda: None)
+    arm.settled()
     arm.peer.quiet()
     assert [len(arm.peer.seen(0x700 + node)) for node in NODES] == [3] * 8
 
@@ -88,7 +84,7 @@ def test_reset_boots_again(arm: Rig, command: int) -> None:
     arm.peer.log.clear()
     arm.peer.nmt(command, 5)
     assert arm.peer.wait_for(lambda number, _: number == 0x705) == (0x705, b"\0")
-    arm.settled(lambda: None)
+    arm.settled()
     assert arm.peer.seen(0x704) == []
 
 
@@ -124,9 +120,6 @@ def test_nmt_frames_that_are_none_change_nothing(arm: Rig, data: bytes) -> None:
     arm.peer.send(0x080)
     arm.peer.read(1, 0x1000)
     assert arm.peer.seen(0x181) == []
-
-
-# ---- SYNC and PDOs -------------------------------------------------------------------------------------
 
 
 def test_one_sync_is_one_plant_step_and_one_tpdo1_of_every_joint(arm: Rig) -> None:
@@ -203,9 +196,6 @@ def test_a_target_beyond_a_limit_raises_8612h_until_a_good_one_comes(arm: Rig) -
     assert arm.peer.unsigned(3, 0x1001) == 0
 
 
-# ---- life ------------------------------------------------------------------------------------------------
-
-
 def test_close_twice_leaves_the_bus_to_its_owner(arm: Rig) -> None:
     arm.controller.close()
     arm.controller.close()
@@ -218,20 +208,13 @@ def test_axes_and_plant_have_to_agree() -> None:
         can.Bus("axes-and-plant", interface="virtual") as bus,
         pytest.raises(ValueError, match="6 axes for a plant of 7"),
     ):
-        VirtualController(
-            bus,
-            TrivialPlant([1.0] * 7),
-            axes=axes()[:6],
-            arm=ArmLabel(model="m", serial_number="1"),
-        )
+        VirtualController(bus, TrivialPlant([1.0] * 7), axes=axes()[:6], arm=ARM)
 
 
 def test_a_bus_that_goes_away_is_remembered_as_the_failure() -> None:
     bus = can.Bus("goes-away", interface="virtual")
-    controller = VirtualController(
-        bus, TrivialPlant([a.scale.counts_per_rad for a in axes()]), axes=axes(),
-        arm=ArmLabel(model="m", serial_number="1"),
-    )  # fmt: skip
+    plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
+    controller = VirtualController(bus, plant, axes=axes(), arm=ARM)
     controller.start()
     bus.shutdown()
     wait_for(lambda: controller.failure is not None)

@@ -4,6 +4,7 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.canopen.cia402 import StatusBit
+from hardware.virtual.drive import Drive
 from tests.hardware.virtual.drive_bench import (
     CSP,
     CST,
@@ -24,8 +25,18 @@ from tests.oracles.virtual_rig import axes
 RVDT = axes()[6]
 
 
-def test_enabling_needs_the_token_and_disabling_does_not() -> None:
-    bench = Bench()
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+@pytest.fixture
+def enabled(bench: Bench) -> Drive:
+    """The bench's drive, enabled in position mode."""
+    return bench.enabled()
+
+
+def test_enabling_needs_the_token_and_disabling_does_not(bench: Bench) -> None:
     bench.drive.in_control = False
     for word in (SHUTDOWN, SWITCH_ON, ENABLE):
         bench.drive.obey(word, bench.counts, CSP)
@@ -38,54 +49,45 @@ def test_enabling_needs_the_token_and_disabling_does_not() -> None:
 
 
 @pytest.mark.parametrize("word", [QUICK_STOP, DISABLE, SHUTDOWN, SWITCH_ON])
-def test_stopping_never_needs_the_token(word: int) -> None:
-    drive = Bench().enabled()
-    drive.in_control = False
-    drive.obey(word, 100, CSP)
-    assert drive.state is not S.OPERATION_ENABLED
+def test_stopping_never_needs_the_token(enabled: Drive, word: int) -> None:
+    enabled.in_control = False
+    enabled.obey(word, 100, CSP)
+    assert enabled.state is not S.OPERATION_ENABLED
 
 
-def test_targets_are_refused_without_the_token() -> None:
-    drive = Bench().enabled()
-    drive.in_control = False
-    drive.obey(ENABLE, 101, CSP)
-    assert drive.target_counts == 100
+def test_targets_are_refused_without_the_token(enabled: Drive) -> None:
+    enabled.in_control = False
+    enabled.obey(ENABLE, 101, CSP)
+    assert enabled.target_counts == 100
 
 
-def test_a_mode_is_reached_after_its_cycles_and_not_before() -> None:
-    bench = Bench()
-    drive = bench.enabled(CSP)
-    drive.obey(ENABLE, 100, CST)
+def test_a_mode_is_reached_after_its_cycles_and_not_before(bench: Bench, enabled: Drive) -> None:
+    enabled.obey(ENABLE, 100, CST)
     bench.run(ENCODER.mode_switch_cycles - 1)
-    assert drive.mode is JointMode.POSITION
-    assert drive.command().mode is JointMode.POSITION
+    assert enabled.mode is JointMode.POSITION
+    assert enabled.command().mode is JointMode.POSITION
     bench.run()
-    assert drive.mode is JointMode.FREE
-    assert drive.command().mode is JointMode.FREE
+    assert enabled.mode is JointMode.FREE
+    assert enabled.command().mode is JointMode.FREE
 
 
-def test_a_change_of_mind_starts_the_switch_again() -> None:
-    bench = Bench()
-    drive = bench.enabled(CSP)
-    drive.obey(ENABLE, 100, CST)
+def test_a_change_of_mind_starts_the_switch_again(bench: Bench, enabled: Drive) -> None:
+    enabled.obey(ENABLE, 100, CST)
     bench.run(ENCODER.mode_switch_cycles - 1)
-    drive.obey(ENABLE, 100, CSP)
-    drive.obey(ENABLE, 100, CST)
+    enabled.obey(ENABLE, 100, CSP)
+    enabled.obey(ENABLE, 100, CST)
     bench.run(ENCODER.mode_switch_cycles - 1)
-    assert drive.mode is JointMode.POSITION
+    assert enabled.mode is JointMode.POSITION
 
 
 @pytest.mark.parametrize("code", [0, 1, 3, 9, -1])
-def test_a_mode_the_drive_has_not_is_never_reached(code: int) -> None:
-    bench = Bench()
-    drive = bench.enabled(CSP)
-    drive.obey(ENABLE, 100, code)
+def test_a_mode_the_drive_has_not_is_never_reached(bench: Bench, enabled: Drive, code: int) -> None:
+    enabled.obey(ENABLE, 100, code)
     bench.run(50)
-    assert drive.mode is JointMode.POSITION
+    assert enabled.mode is JointMode.POSITION
 
 
-def test_entering_position_mode_starts_where_the_joint_is() -> None:
-    bench = Bench()
+def test_entering_position_mode_starts_where_the_joint_is(bench: Bench) -> None:
     drive = bench.enabled(CST)
     bench.counts = 900
     bench.run()
@@ -95,8 +97,7 @@ def test_entering_position_mode_starts_where_the_joint_is() -> None:
     assert drive.target_counts == 900
 
 
-def test_enabling_starts_where_the_joint_is() -> None:
-    bench = Bench()
+def test_enabling_starts_where_the_joint_is(bench: Bench) -> None:
     bench.enabled()
     bench.drive.obey(DISABLE, 100, CSP)
     bench.counts = 700
@@ -108,32 +109,30 @@ def test_enabling_starts_where_the_joint_is() -> None:
     assert bench.said == [E.REFERENCE_LIMIT]
 
 
-def test_targets_up_to_the_largest_step_are_taken() -> None:
-    bench = Bench()
-    drive = bench.enabled()
-    drive.obey(ENABLE, 100 + STEP, CSP)
-    assert drive.target_counts == 100 + STEP
-    assert drive.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
-    drive.obey(ENABLE, 100 + 2 * STEP + 1, CSP)
-    assert drive.target_counts == 100 + STEP
+def test_targets_up_to_the_largest_step_are_taken(bench: Bench, enabled: Drive) -> None:
+    enabled.obey(ENABLE, 100 + STEP, CSP)
+    assert enabled.target_counts == 100 + STEP
+    assert enabled.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
+    enabled.obey(ENABLE, 100 + 2 * STEP + 1, CSP)
+    assert enabled.target_counts == 100 + STEP
     assert bench.said == [E.REFERENCE_LIMIT]
-    assert drive.flags & StatusBit.INTERNAL_LIMIT
-    assert drive.state is S.OPERATION_ENABLED
-    drive.obey(ENABLE, 100 + 2 * STEP, CSP)
-    assert drive.target_counts == 100 + 2 * STEP
+    assert enabled.flags & StatusBit.INTERNAL_LIMIT
+    assert enabled.state is S.OPERATION_ENABLED
+    enabled.obey(ENABLE, 100 + 2 * STEP, CSP)
+    assert enabled.target_counts == 100 + 2 * STEP
     assert bench.said == [E.REFERENCE_LIMIT, E.NONE]
-    assert not drive.flags & StatusBit.INTERNAL_LIMIT
+    assert not enabled.flags & StatusBit.INTERNAL_LIMIT
 
 
 @pytest.mark.parametrize(("word", "target"), [(ENABLE, 100), (DISABLE, 9000), (SWITCH_ON, 9000)])
-def test_a_refused_target_is_forgiven_when_taken_back(word: int, target: int) -> None:
-    bench = Bench()
-    drive = bench.enabled()
-    drive.obey(ENABLE, 9000, CSP)
+def test_a_refused_target_is_forgiven_when_taken_back(
+    bench: Bench, enabled: Drive, word: int, target: int
+) -> None:
+    enabled.obey(ENABLE, 9000, CSP)
     assert bench.said == [E.REFERENCE_LIMIT]
-    drive.obey(word, target, CSP)
+    enabled.obey(word, target, CSP)
     assert bench.said == [E.REFERENCE_LIMIT, E.NONE]
-    assert drive.errors == []
+    assert enabled.errors == []
 
 
 def test_the_range_ends_where_607dh_says() -> None:
@@ -145,66 +144,60 @@ def test_the_range_ends_where_607dh_says() -> None:
     assert drive.target_counts == 6000
 
 
-def test_a_lost_heartbeat_does_not_power_a_drive_that_was_off() -> None:
-    bench = Bench()
+def test_a_lost_heartbeat_does_not_power_a_drive_that_was_off(bench: Bench) -> None:
     bench.drive.lose_heartbeat()
     bench.run(2)
     assert bench.drive.state is S.FAULT
     assert bench.drive.command().mode is None
 
 
-def test_a_lost_heartbeat_does_not_close_the_servo_of_a_tripped_drive() -> None:
-    bench = Bench()
-    drive = bench.enabled()
-    drive.trip(E.EXCESS_TORQUE)
-    drive.lose_heartbeat()
+def test_a_lost_heartbeat_does_not_close_the_servo_of_a_tripped_drive(
+    bench: Bench, enabled: Drive
+) -> None:
+    enabled.trip(E.EXCESS_TORQUE)
+    enabled.lose_heartbeat()
     bench.run(2)
-    assert drive.command().mode is None
+    assert enabled.command().mode is None
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_excess_torque_trips_after_its_cycles_just_above_the_limit(sign: int) -> None:
-    bench = Bench()
-    drive = bench.enabled()
+def test_excess_torque_trips_after_its_cycles_just_above_the_limit(
+    bench: Bench, enabled: Drive, sign: int
+) -> None:
     bench.torque_nm = sign * 100.0
     bench.run(20)
-    assert drive.state is S.OPERATION_ENABLED
+    assert enabled.state is S.OPERATION_ENABLED
     bench.torque_nm = sign * math.nextafter(100.0, math.inf)
     bench.run(ENCODER.trip_cycles - 1)
-    assert drive.state is S.OPERATION_ENABLED
+    assert enabled.state is S.OPERATION_ENABLED
     bench.run()
-    assert drive.state is S.FAULT_REACTION_ACTIVE
-    assert drive.command().mode is None
+    assert enabled.state is S.FAULT_REACTION_ACTIVE
+    assert enabled.command().mode is None
     bench.run()
-    assert drive.state is S.FAULT
+    assert enabled.state is S.FAULT
     assert bench.said == [E.EXCESS_TORQUE]
 
 
-def test_torque_that_comes_and_goes_does_not_trip() -> None:
-    bench = Bench()
-    drive = bench.enabled()
+def test_torque_that_comes_and_goes_does_not_trip(bench: Bench, enabled: Drive) -> None:
     for _ in range(10):
         bench.torque_nm = 150.0
         bench.run(ENCODER.trip_cycles - 1)
         bench.torque_nm = 0.0
         bench.run()
-    assert drive.state is S.OPERATION_ENABLED
+    assert enabled.state is S.OPERATION_ENABLED
 
 
-def test_following_error_trips_just_outside_its_window() -> None:
-    bench = Bench()
-    drive = bench.enabled()
+def test_following_error_trips_just_outside_its_window(bench: Bench, enabled: Drive) -> None:
     bench.counts = 100 + ENCODER.following_window_counts
     bench.run(20)
-    assert drive.state is S.OPERATION_ENABLED
+    assert enabled.state is S.OPERATION_ENABLED
     bench.counts += 1
     bench.run(ENCODER.trip_cycles)
     assert bench.said == [E.FOLLOWING]
-    assert drive.flags & StatusBit.FOLLOWING_ERROR
+    assert enabled.flags & StatusBit.FOLLOWING_ERROR
 
 
-def test_a_free_joint_has_no_following_error() -> None:
-    bench = Bench()
+def test_a_free_joint_has_no_following_error(bench: Bench) -> None:
     drive = bench.enabled(CST)
     for _ in range(50):
         bench.counts += 100
@@ -213,8 +206,7 @@ def test_a_free_joint_has_no_following_error() -> None:
 
 
 @pytest.mark.parametrize("mode", [CSP, CST])
-def test_overspeed_trips_at_once_in_either_mode(mode: int) -> None:
-    bench = Bench()
+def test_overspeed_trips_at_once_in_either_mode(bench: Bench, mode: int) -> None:
     drive = bench.enabled(mode)
     limit = ENCODER.limits.max_speed_rad_per_s
     bench.speed = -limit
@@ -225,8 +217,7 @@ def test_overspeed_trips_at_once_in_either_mode(mode: int) -> None:
     assert bench.said == [E.OVERSPEED]
 
 
-def test_a_drive_that_is_off_minds_neither_torque_nor_speed() -> None:
-    bench = Bench()
+def test_a_drive_that_is_off_minds_neither_torque_nor_speed(bench: Bench) -> None:
     bench.torque_nm, bench.speed = 1e4, 1e4
     bench.run(10)
     assert bench.drive.state is S.SWITCH_ON_DISABLED
@@ -244,8 +235,7 @@ def test_a_converter_at_its_end_is_a_failed_sensor(end: int) -> None:
     assert bench.said == [E.SENSOR]
 
 
-def test_a_reset_word_that_stays_set_resets_once() -> None:
-    bench = Bench()
+def test_a_reset_word_that_stays_set_resets_once(bench: Bench) -> None:
     drive = bench.drive
     drive.trip(E.EXCESS_TORQUE)
     drive.obey(RESET, 0, CSP)

@@ -1,8 +1,9 @@
 import pytest
 
 from hardware.arm import DriveState
-from hardware.canopen.cyclic import Sample, Setpoint
+from hardware.canopen.cyclic import Setpoint
 from hardware.monitors.dropout import CONFIRMED_SYNCS, NOT_FOLLOWING_SYNCS, Dropout, DropoutMonitor
+from tests.hardware.monitors.samples import sample
 
 FOLLOWS, DEAF, LIMITED = 0x1627, 0x0627, 0x0E27
 SWITCHED_ON, READY, OFF, STOPPED, FAULT = 0x1623, 0x1621, 0x1640, 0x1607, 0x1608
@@ -20,15 +21,9 @@ def see(
     stopped: bool = False,
 ) -> None:
     """Let drives say this, some times, while they are told to be enabled."""
-    sample = Sample(
-        sync_count=77,
-        statuswords=statuswords,
-        counts=(0,) * len(statuswords),
-        torques_per_mille=(0,) * len(statuswords),
-        missing=missing,
-    )
+    told = (Setpoint(word, 0, mode),) * len(statuswords)
     for _ in range(times):
-        staying.update(sample, (Setpoint(word, 0, mode),) * len(statuswords), stopped=stopped)
+        staying.update(sample(statuswords, sync=77, missing=missing), told, stopped=stopped)
 
 
 @pytest.fixture
@@ -100,11 +95,7 @@ def test_what_was_told_from_here_is_no_leaving_and_is_sent_as_it_is(
 def test_a_stop_is_no_leaving(staying: DropoutMonitor) -> None:
     see(staying, STOPPED, STOPPED, STOPPED, stopped=True, times=100)
     assert staying.dropouts == ()
-    staying.update(
-        Sample(sync_count=1, statuswords=(OFF,) * 3, counts=(0,) * 3, torques_per_mille=(0,) * 3),
-        None,
-        stopped=False,
-    )
+    staying.update(sample((OFF,) * 3), None, stopped=False)
     assert staying.dropouts == ()
 
 

@@ -1,6 +1,6 @@
 import pytest
 
-from hardware.canopen.cyclic import MAX_LATE_SYNCS, Sample, Setpoint
+from hardware.canopen.cyclic import MAX_LATE_SYNCS, Setpoint
 from hardware.monitors.following import (
     DIVERGED_SYNCS,
     MAX_BRAKING_SYNCS,
@@ -9,6 +9,7 @@ from hardware.monitors.following import (
     FollowingMonitor,
     StandstillMonitor,
 )
+from tests.hardware.monitors.samples import sample
 
 FOLLOWS, NO_ANSWER_BIT, STOPPED, FAULT = 0x1627, 0x0627, 0x1607, 0x1608
 CSP, CST = 8, 10
@@ -23,14 +24,7 @@ def watched(
     commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 1000, mode))
     return [
         following.update(
-            Sample(
-                sync_count=sync,
-                statuswords=(FOLLOWS, status),
-                counts=(7, 1000 + counts),
-                torques_per_mille=(0, 0),
-                missing=missing,
-            ),
-            commands,
+            sample((FOLLOWS, status), (7, 1000 + counts), sync=sync, missing=missing), commands
         )
         for sync, counts in enumerate(away, 50)
     ]
@@ -72,10 +66,7 @@ def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(sho
     told = (Setpoint(0x0F, 0, CSP),)
 
     def see(sync: int, status: int, counts: int) -> Divergence | None:
-        sample = Sample(
-            sync_count=sync, statuswords=(status,), counts=(counts,), torques_per_mille=(0,)
-        )
-        return following.update(sample, told)
+        return following.update(sample((status,), (counts,), sync=sync), told)
 
     for sync in range(shown):
         assert see(sync, FOLLOWS, 0) is None
@@ -90,10 +81,10 @@ def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(sho
 
 
 def test_nobody_is_astray_before_anything_was_commanded_or_without_windows() -> None:
-    sample = Sample(sync_count=1, statuswords=(FOLLOWS,), counts=(9000,), torques_per_mille=(0,))
+    away = sample((FOLLOWS,), (9000,))
     for _ in range(3 * DIVERGED_SYNCS):
-        assert FollowingMonitor([WINDOW]).update(sample, None) is None
-        assert FollowingMonitor().update(sample, (Setpoint(0x0F, 0, CSP),)) is None
+        assert FollowingMonitor([WINDOW]).update(away, None) is None
+        assert FollowingMonitor().update(away, (Setpoint(0x0F, 0, CSP),)) is None
 
 
 def moving(lag: int, *, astray: int = 0) -> list[Divergence | None]:
@@ -102,12 +93,7 @@ def moving(lag: int, *, astray: int = 0) -> list[Divergence | None]:
     way = [*range(0, 6000, 30), *range(6000, 0, -30), *[0] * 200]
     return [
         following.update(
-            Sample(
-                sync_count=sync,
-                statuswords=(FOLLOWS,),
-                counts=(way[max(sync - lag, 0)] + astray,),
-                torques_per_mille=(0,),
-            ),
+            sample((FOLLOWS,), (way[max(sync - lag, 0)] + astray,), sync=sync),
             (Setpoint(0x0F, target, CSP),),
         )
         for sync, target in enumerate(way)
@@ -129,10 +115,7 @@ def test_a_joint_that_was_free_meanwhile_has_been_told_nothing() -> None:
     following = FollowingMonitor([WINDOW])
 
     def see(sync: int, target: int, mode: int) -> Divergence | None:
-        sample = Sample(
-            sync_count=sync, statuswords=(FOLLOWS,), counts=(0,), torques_per_mille=(0,)
-        )
-        return following.update(sample, (Setpoint(0x0F, target, mode),))
+        return following.update(sample((FOLLOWS,), sync=sync), (Setpoint(0x0F, target, mode),))
 
     assert see(1, 0, CSP) is None
     assert see(2, 0, CST) is None
@@ -152,14 +135,7 @@ def watched_after_stop(
     commands = (Setpoint(0x0F, 7, CSP), Setpoint(0x0F, 9000, mode))
     return [
         standing.update(
-            Sample(
-                sync_count=sync,
-                statuswords=(STOPPED, status),
-                counts=(7, position),
-                torques_per_mille=(0, 0),
-                missing=missing,
-            ),
-            commands,
+            sample((STOPPED, status), (7, position), sync=sync, missing=missing), commands
         )
         for sync, position in enumerate(counts, 50)
     ]
@@ -186,9 +162,8 @@ def test_a_drive_with_a_slow_quick_stop_is_let_come_to_rest(
     braking = [90_000 - steepness * k * k for k in range(ramp_syncs, 0, -1)]
     assert set(watched_after_stop(*braking, *[90_000] * 60)) == {None}
     # And what it came to rest at is what it is held to.
-    found = watched_after_stop(*braking, *[90_000] * 40, *[90_000 + WINDOW + 1] * DIVERGED_SYNCS)[
-        -1
-    ]
+    moved = [90_000 + WINDOW + 1] * DIVERGED_SYNCS
+    found = watched_after_stop(*braking, *[90_000] * 40, *moved)[-1]
     assert found is not None
     assert found.counts == WINDOW + 1
 
@@ -224,19 +199,13 @@ def test_only_a_led_joint_whose_drive_says_that_it_holds_is_held_to_it(
 
 
 def test_a_joint_that_was_let_go_and_stopped_again_stands_where_it_is_now() -> None:
-    standing = StandstillMonitor([WINDOW])
-
-    def see(sync: int, status: int, counts: int) -> Divergence | None:
-        sample = Sample(
-            sync_count=sync, statuswords=(status,), counts=(counts,), torques_per_mille=(0,)
-        )
-        return standing.update(sample, (Setpoint(0x0F, 0, CSP),))
-
+    standing, told = StandstillMonitor([WINDOW]), (Setpoint(0x0F, 0, CSP),)
     way = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80]
-    assert {see(sync, *at) for sync, at in enumerate(way)} == {None}
+    for sync, (status, counts) in enumerate(way):
+        assert standing.update(sample((status,), (counts,), sync=sync), told) is None
 
 
 def test_nothing_is_looked_at_before_anything_was_commanded() -> None:
-    sample = Sample(sync_count=1, statuswords=(STOPPED,), counts=(9,), torques_per_mille=(0,))
-    assert StandstillMonitor([WINDOW]).update(sample, None) is None
-    assert StandstillMonitor().update(sample, (Setpoint(0x0F, 0, CSP),)) is None
+    stopped = sample((STOPPED,), (9,))
+    assert StandstillMonitor([WINDOW]).update(stopped, None) is None
+    assert StandstillMonitor().update(stopped, (Setpoint(0x0F, 0, CSP),)) is None

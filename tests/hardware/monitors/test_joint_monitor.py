@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from hardware.canopen.cyclic import Sample, frames_of
+from hardware.canopen.cyclic import frames_of
 from hardware.control.sampling import Sampler
 from hardware.monitors.joint_monitor import (
     JERK_SYNCS,
@@ -16,6 +16,7 @@ from hardware.monitors.joint_monitor import (
     ContinuityMonitor,
     CountJump,
 )
+from tests.hardware.monitors.samples import sample
 from tests.oracles.profiles import sarcos
 
 SYNCS = 200
@@ -23,19 +24,19 @@ AT = 100
 
 
 def watch(
-    positions: list[tuple[float, ...]], missing: frozenset[int] = frozenset()
+    positions: list[tuple[float, ...]],
+    missing: frozenset[int] = frozenset(),
+    expected: int | None = None,
 ) -> list[CountJump]:
+    """Jumps that are seen, where some SYNCs are missed, or a jerk is expected from one on."""
     watcher = ContinuityMonitor([4.0] * len(positions[0]))
     found = []
     for sync, angles in enumerate(positions, 1):
-        sample = Sample(
-            sync_count=sync,
-            statuswords=(0,) * len(angles),
-            counts=tuple(round(a) for a in angles),
-            torques_per_mille=(0,) * len(angles),
-            missing=(1,) if sync in missing else (),
-        )
-        jump = watcher.update(sample)
+        if sync == expected:
+            watcher.expect_jerk()
+        counts = [round(a) for a in angles]
+        lost = (1,) if sync in missing else ()
+        jump = watcher.update(sample((0,) * len(angles), counts, sync=sync, missing=lost))
         if jump is not None:
             found.append(jump)
     return found
@@ -101,23 +102,10 @@ def test_over_a_lost_frame_nothing_is_said() -> None:
 
 
 def test_a_drive_that_takes_its_joint_up_may_jerk_it() -> None:
-    watcher = ContinuityMonitor([4.0, 4.0])
-    found = []
-    for sync in range(1, SYNCS + 1):
-        if sync == AT - 3:
-            watcher.expect_jerk()
-        taken_up = 8 * (sync >= AT)
-        lost = 40 * (sync >= AT + JERK_SYNCS + WINDOW_SAMPLES)
-        sample = Sample(
-            sync_count=sync,
-            statuswords=(0, 0),
-            counts=(taken_up + lost, 0),
-            torques_per_mille=(0, 0),
-        )
-        jump = watcher.update(sample)
-        if jump is not None:
-            found.append(jump)
+    later = AT + JERK_SYNCS + WINDOW_SAMPLES
+    positions = [(8.0 * (k >= AT) + 40.0 * (k >= later), 0.0) for k in range(1, SYNCS + 1)]
     # Counts that are lost after it are seen as ever.
+    found = watch(positions, expected=AT - 3)
     assert [(jump.joint, jump.counts) for jump in found] == [(1, 40)]
 
 

@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import signal
 import subprocess
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from operator_app.cli import main
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
 from tests.oracles.approved import Approve
-from tests.oracles.own_process import SARCAL, environment, start
+from tests.oracles.own_process import SARCAL, environment
 from tests.oracles.recorded import recorded
 
 HINGE = {"theta_off_1": 9.9, "theta_off_5": 27.1, "a_0": 0.202, "alpha_7": 99.8}
@@ -87,44 +86,6 @@ def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixt
     # Errors of stated size; the calibration found smaller ones.
     ratio = found["sigma"]["theta_off_1"] / json.loads(done.stdout)["sigma"]["theta_off_1"]
     assert 1.0 < ratio < 1.7
-
-
-@pytest.mark.campaign
-def test_a_planned_session_is_verified_with_the_drives_it_chose(
-    datasheet, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sessions, _ = datasheet
-    (folder,) = (p for p in sessions.iterdir() if not p.name.endswith("verify"))
-    options = [folder.name, "--sessions", str(sessions), "--poses", "3", "--json"]
-    code, out, err = said(capsys, "verify", *options)
-    assert code == 0, err
-    assert json.loads(out)["poses"] == 3
-
-
-@pytest.mark.campaign
-def test_interrupted_in_the_middle_of_a_plan_it_goes_on(tmp_path: Path) -> None:
-    process = start(
-        tmp_path, "run", "hinge", "--plan", "planned", "--scenario", "exact", "--poses", "3"
-    )
-    assert process.stderr is not None
-    # Said when the plan is made: the first planned move is what the interrupt meets.
-    assert any("Explored" in line for line in process.stderr)
-    process.send_signal(signal.SIGINT)
-    _, words = process.communicate(timeout=60)
-    assert process.returncode == 130, words
-    assert "the arm is held" in words
-    (folder,) = (tmp_path / "sessions").iterdir()
-    before = [e.data for e in read_journal(folder).events if e.name == "pose"]
-
-    process = start(tmp_path, "run", "--resume", "latest", "--json")
-    out, words = process.communicate()
-    assert process.returncode == 0, words
-    found = json.loads(out)
-    assert found["capture"]["complete"]
-    assert found["capture"]["planned"] == 3
-    after = [e.data for e in read_journal(folder).events if e.name == "pose"]
-    assert after[: len(before)] == before
-    assert [e["number"] for e in after] == list(range(1, len(after) + 1))
 
 
 @pytest.mark.campaign

@@ -272,15 +272,6 @@ def test_the_packaged_profile_is_what_our_drives_are(
         assert entries[index, number].default == object_index << 16 | sub << 8 | bits
 
 
-def test_node_numbers_reach_the_cob_ids() -> None:
-    entries = variables(node_dictionary(5))
-    assert entries[objects.TPDO1_COMMUNICATION, 1].default == 0x185
-    assert entries[objects.RPDO1_COMMUNICATION, 1].default == 0x205
-    assert entries[objects.EMCY_COB_ID, 0].default == 0x85
-    assert (objects.TOKEN, 0) in variables(node_dictionary(objects.SUPERVISOR_NODE))
-    assert (objects.TOKEN, 0) not in entries
-
-
 def test_nodes_do_not_share_what_they_are_given() -> None:
     first = node_dictionary(NODE)
     entry = first[objects.MAX_TORQUE]

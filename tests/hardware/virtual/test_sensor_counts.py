@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import legendre
 
-from hardware.virtual.sensor_counts import JointSensor, LinearityDeviation, SensorBank, joint_sensor
+from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.sensors import NoSensor
 
@@ -130,12 +130,3 @@ def test_an_encoder_with_a_curve_or_no_sensor_at_all_is_a_wrong_call(sarcos: Arm
         joint_sensor(blind, with_noise=False, curve=None)
     with pytest.raises(ValueError, match="coefficients"):
         LinearityDeviation(coefficients_rad=np.zeros(3), half_scale_rad=1.0)
-
-
-def test_a_bank_reads_one_angle_per_sensor() -> None:
-    bank = SensorBank(
-        [JointSensor(resolution_rad=1.0, noise_counts=0.0)] * 2, rng=np.random.default_rng(0)
-    )
-    assert bank.read([1.2, -3.9]) == (1, -4)
-    with pytest.raises(ValueError, match="zip"):
-        bank.read([1.0])

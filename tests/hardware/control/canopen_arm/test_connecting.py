@@ -92,6 +92,7 @@ def test_missing_nodes_are_named_and_nothing_runs_after_that(bus: FakeArmBus) ->
     with pytest.raises(NodeMissing) as missing:
         make(bus).connect()
     assert missing.value.nodes == (3, 16)
+    assert bus.sent.count((0x000, b"\x82\x03")) == 1, "who is not heard is not told again"
     assert threading.active_count() == before
 
 

@@ -100,23 +100,6 @@ def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(
     assert ENABLED not in bus.statuses
 
 
-def test_an_old_answer_that_comes_late_is_no_leaving(arm: CanopenArm, bus: FakeArmBus) -> None:
-    arm.take_control()
-    drop(bus, 3, after=2)
-    happen, at = bus.on_sync, bus.syncs + 3
-
-    def once(sync: int) -> None:
-        happen(sync)
-        if sync == at:
-            bus.drives[3].status = ENABLED  # as it was all the while
-
-    bus.on_sync = once
-    since = len(bus.sent)
-    arm.capture(50)
-    assert set(bus.words(3, since)) == {0x0F}
-    assert bus.drives[3].status == ENABLED
-
-
 def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmBus) -> None:
     driven.capture(20)
     drop(bus, 3)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import pytest
 
 from hardware.canopen.sdo import ObjectAccess
-from hardware.errors import BusError, FramesLost, NodeMissing
+from hardware.errors import BusError, FramesLost
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import Connect, hasty, make
 
@@ -102,11 +102,3 @@ def test_a_node_that_is_heard_is_told_once_more(
     arm = connected()
     arm.take_control()
     assert arm.capture(2).samples == 2, "and what booted twice is no node that restarted"
-
-
-def test_a_node_that_is_not_heard_is_absent_and_not_told_again(bus: FakeArmBus) -> None:
-    bus.dead = {4}
-    with pytest.raises(NodeMissing) as missing:
-        make(bus).connect()
-    assert missing.value.nodes == (4,)
-    assert bus.sent.count((0x000, b"\x82\x04")) == 1

@@ -7,7 +7,7 @@ import time
 import can
 import pytest
 
-from hardware.buses.python_can import BusOpeners, BusSettings
+from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
@@ -15,13 +15,11 @@ from tests.hardware.on_fake_bus import (
     PER_RAD,
     TWO_DRIVEN,
     capture_for_ever,
-    describe,
     frames,
     hasty,
     make,
     wait_for,
 )
-from tests.oracles.profiles import sarcos
 
 
 def test_stop_reaches_all_drives_and_latches(driven: CanopenArm, bus: FakeArmBus) -> None:
@@ -54,10 +52,9 @@ def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(
     bus.on_send = strike
     with pytest.raises(Stopped):
         driven.move({2: 1.0}, speed_rad_per_s=0.5)
-    last = {i: struct.unpack("<Hib", data)[0] for i, data in frames(bus, 0x200)}
-    assert last == {0x200 + j: 0x0002 for j in range(1, JOINTS + 1)}
+    assert {bus.words(j)[-1] for j in bus.drives} == {0x0002}
     assert bus.statuses == {0x07}
-    words = [struct.unpack("<Hib", data)[0] for i, data in bus.sent if i == 0x202]
+    words = bus.words(2)
     late = len(words) - 1 - words[::-1].index(0x000F)
     assert words[late - 1] == 0x0002, "the late frame of this test did not come late"
     assert set(words[late + 1 :]) == {0x0002}
@@ -79,16 +76,17 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage: str) -> No
     class Pressed(FakeArmBus):
         pressed = False
 
-        def _handle(self, identifier: int, data: bytes) -> None:
-            super()._handle(identifier, data)
-            if STAGES[stage](identifier, data) and not self.pressed:
+        def press(self, now: bool) -> None:
+            if now and not self.pressed:
                 self.pressed = True
                 arm.stop()
 
+        def _handle(self, identifier: int, data: bytes) -> None:
+            super()._handle(identifier, data)
+            self.press(STAGES[stage](identifier, data))
+
         def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-            if stage == "listening" and not self.pressed:
-                self.pressed = True
-                arm.stop()
+            self.press(stage == "listening")
             return super()._recv_internal(timeout)
 
     bus = Pressed()
@@ -112,19 +110,17 @@ def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus: FakeArm
         arm.stop()
         return bus
 
-    arm = CanopenArm(
-        describe(),
-        BusSettings(channel="fake"),
-        sarcos(),
-        openers=BusOpeners(main=opened, stop=lambda _: bus.stop_handle()),
-    )
+    arm = make(bus, opener=opened)
     with pytest.raises(Stopped, match="STOP was pressed while connecting"):
         arm.connect()
     assert bus.sent == []
 
 
-def test_reset_clears_the_latch_and_moves_nothing(driven: CanopenArm, bus: FakeArmBus) -> None:
-    driven.stop()
+def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(
+    driven: CanopenArm, bus: FakeArmBus
+) -> None:
+    for _ in range(3):
+        driven.stop()
     bus.trip(3, 0x7305)
     positions = [drive.counts for drive in bus.drives.values()]
     driven.reset_stop()
@@ -176,13 +172,6 @@ def test_a_stop_while_being_reset_stays(driven: CanopenArm, bus: FakeArmBus) -> 
     with pytest.raises(Stopped):
         driven.reset_stop()
     assert driven.snapshot().stopped
-
-
-def test_one_reset_lifts_all_stops_before_it(driven: CanopenArm) -> None:
-    for _ in range(3):
-        driven.stop()
-    driven.reset_stop()
-    assert not driven.snapshot().stopped
 
 
 def test_a_stop_outlives_the_connection(driven: CanopenArm, bus: FakeArmBus) -> None:

@@ -1,4 +1,4 @@
-"""Who watches whom, as the nodes are set up: what is refused before anything is enabled."""
+"""Who watches whom as the nodes are set up, and what was left in them: refused before anything is enabled."""
 
 import math
 import struct
@@ -118,3 +118,28 @@ def test_every_difference_has_its_own_remedy(bus: FakeArmBus) -> None:
     said = str(refused.value)
     assert "Set 1005h in these drives as expected, with their maker's tool: no bus profile" in said
     assert "The rest: commission them as expected, or describe them in a bus profile" in said
+
+
+@pytest.mark.parametrize(
+    ("index", "form", "value"), [(0x6071, "<h", -50), (0x60B2, "<h", 200), (0x60B0, "<l", 4000)]
+)
+def test_a_torque_or_an_offset_that_a_drive_would_add_is_refused_by_name(
+    bus: FakeArmBus, index: int, form: str, value: int
+) -> None:
+    bus.objects[3, index, 0] = struct.pack(form, value)
+    with pytest.raises(MappingMismatch) as refused:
+        make(bus).connect()
+    assert refused.value.differences == (f"node 3, {index:04X}h: expected 0, found {value}",)
+    said = str(refused.value)
+    assert f"Set {index:04X}h in these drives as expected, with their maker's tool" in said
+    assert "send it as 0 with the commands, or write 0 (pdo_maps: configured), then connect" in said
+    for wrong in ("probe --draft", "no bus profile can allow for that"):
+        assert wrong not in said
+    assert not [identifier for identifier, _ in bus.sent if 0x200 < identifier <= 0x207]
+
+
+def test_a_torque_of_zero_and_one_that_is_absent_are_fine(
+    connected: Connect, bus: FakeArmBus
+) -> None:
+    bus.objects[3, 0x6071, 0] = bus.objects[3, 0x60B2, 0] = bytes(2)
+    connected()

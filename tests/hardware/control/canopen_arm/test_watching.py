@@ -17,7 +17,6 @@ from hardware.errors import (
     DriveFault,
     DuplicateNodeId,
     MappingChanged,
-    MappingMismatch,
     NodeRestarted,
     OtherMaster,
     SensorFault,
@@ -25,7 +24,7 @@ from hardware.errors import (
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import Connect, capture_for_ever, frames, hasty, make, wait_for
+from tests.hardware.on_fake_bus import Connect, capture_for_ever, frames, hasty, wait_for
 from tests.oracles.approved import Approve
 from tests.oracles.profiles import sarcos
 
@@ -157,12 +156,6 @@ def test_a_pose_does_not_wait_for_an_object_that_is_not_given(
 ) -> None:
     bus.objects[1, 0x6064, 0] = 0x08000000
     assert driven.capture(3).samples == 3
-
-
-def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
-    bus.heartbeat_ms = 0
-    with pytest.raises(MappingMismatch, match=r"node 1, 1017h sub 0: expected .* found 0 ms"):
-        make(bus).connect()
 
 
 def test_a_slow_heartbeat_is_waited_for(connected: Connect, bus: FakeArmBus) -> None:

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 import yaml
 
-from hardware.virtual.true_loop import BallTruth
 from operator_app.cli import main
 from operator_app.config.arm_file import load_arm
 from operator_app.config.procedure_file import load_procedure
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import virtual_arm
 from solver.chain.kinematics import forward
-from solver.chain.parameters import DhEntry
 from tests.oracles import lbr_iiwa
+from tests.oracles.planted_values import planted_values
 
 SEED = 3
 
@@ -112,18 +111,7 @@ def planted() -> dict[str, float]:
     """What the virtual arm really is, by parameter name, deg and m."""
     procedure = load_procedure("go.yaml")
     chosen = Choices(interface="virtual", scenario="datasheet", seed=SEED)
-    truth = virtual_arm(procedure.arm, procedure.fixture, chosen).true_loop()
-    stacked = truth.table.stacked()
-    found = {}
-    for row in range(stacked.shape[1]):
-        for kind in ("theta_off", "s", "a", "alpha"):
-            entry = DhEntry.parse(f"{kind}_{row}")
-            value = float(stacked[entry.kind, entry.row])
-            found[entry.name] = float(np.rad2deg(value)) if entry.kind.is_angle else value
-    if isinstance(truth, BallTruth):
-        for side, point in (("tip", truth.tip_m), ("ground", truth.ground_m)):
-            found |= {f"{side}_{axis}": float(v) for axis, v in zip("xyz", point, strict=True)}
-    return found
+    return planted_values(virtual_arm(procedure.arm, procedure.fixture, chosen).true_loop())
 
 
 @pytest.mark.campaign

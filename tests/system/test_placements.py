@@ -17,8 +17,8 @@ from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.virtual_arms import virtual_arm
-from solver.chain.parameters import DhEntry
 from tests.oracles.own_process import start, wait_for_poses
+from tests.oracles.planted_values import planted_values
 
 POSES = 10
 
@@ -32,16 +32,9 @@ def killed_after(folder: Path, poses: int, *arguments: str) -> None:
 
 
 def truth(placement: int) -> dict[str, float]:
-    """What is planted, by name: deg and m, as JSON has it."""
     procedure = begin("hinge", Choices(), root=Path()).procedure
-    table = virtual_arm(procedure.arm, procedure.fixture, Choices(), placement).true_loop().table
-    found = {}
-    for row in range(8):
-        for kind in ("theta_off", "a", "s", "alpha"):
-            entry = DhEntry.parse(f"{kind}_{row}")
-            value = float(table.stacked()[entry.kind, entry.row])
-            found[entry.name] = float(np.rad2deg(value)) if entry.kind.is_angle else value
-    return found
+    arm = virtual_arm(procedure.arm, procedure.fixture, Choices(), placement)
+    return planted_values(arm.true_loop())
 
 
 @pytest.mark.campaign

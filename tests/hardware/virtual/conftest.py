@@ -7,7 +7,10 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
+from hardware.virtual.specimens import SpecimenFiles
 from hardware.virtual.true_loop import PAPER_HOME_RAD
+from operator_app.config.arm_file import load_arm
+from operator_app.config.fixture_file import load_fixture
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
 from solver.chain.sensors import Encoder, Rvdt
@@ -24,6 +27,16 @@ RANGES_DEG = (
     (-275.625, -155.625),
     (-15.0, 105.0),
 )
+
+
+def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
+    """What the files of a fixture and an arm, the packaged one, state."""
+    spec = load_fixture(fixture)
+    return SpecimenFiles(
+        arm=load_arm("sarcos_dextrous") if arm is None else arm,
+        fixture=spec.fixture,
+        **{"tolerance_m": spec.tolerance_m, "tolerance_rad": spec.tolerance_rad, **other},
+    )
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,6 @@
 """The compliant closed chain: what two drives, one too few and one too many do to it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pytest
@@ -10,8 +10,7 @@ from hardware.virtual.plant import Dynamics, Plant, fixture_stiffness
 from hardware.virtual.sensor_counts import JointSensor, SensorBank
 from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
-
-Commands = Callable[[Mapping[int, float]], list[JointCommand]]
+from tests.hardware.virtual.conftest import Commands
 
 ELBOW_AND_WRIST_KG = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
 FINE_RAD = 1e-9

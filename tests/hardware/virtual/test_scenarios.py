@@ -1,6 +1,5 @@
 """Scenarios: what each promises, which error sources are on, and that a seed says it all."""
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +15,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Encoder
-
-Commands = Callable[[Mapping[int, float]], list[JointCommand]]
+from tests.hardware.virtual.conftest import Commands
 
 
 def reading_rad(plant: Plant, commands: list[JointCommand]) -> FloatArray:

@@ -13,17 +13,8 @@ from hardware.virtual.specimens import SpecimenFiles, draw_truth, files_allow
 from hardware.virtual.true_loop import PAPER_HOME_RAD, BallTruth, LoopTruth, Truth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind
-
-
-def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> SpecimenFiles:
-    spec = load_fixture(fixture)
-    return SpecimenFiles(
-        arm=load_arm("sarcos_dextrous") if arm is None else arm,
-        fixture=spec.fixture,
-        **{"tolerance_m": spec.tolerance_m, "tolerance_rad": spec.tolerance_rad, **other},
-    )
+from tests.hardware.virtual.conftest import stated
 
 
 def closes(truth: Truth, theta_rad: np.ndarray, theta_0_rad: float) -> float:

@@ -11,30 +11,21 @@ from fixtures.measured import Measured
 from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.scenarios import scenario, scenario_of
-from hardware.virtual.specimens import SpecimenFiles, mounted_entries
+from hardware.virtual.specimens import mounted_entries
 from hardware.virtual.true_loop import OpenTruth, paper_loop
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.parameters import DhEntry
+from tests.hardware.virtual.conftest import stated
 from tests.oracles.loop_oracle import product
 
 ARM = load_arm("sarcos_dextrous")
-TRACKER = load_fixture("tracker")
-INSTRUMENT = TRACKER.fixture
+INSTRUMENT = load_fixture("tracker").fixture
 assert isinstance(INSTRUMENT, Measured)
 
 
-def stated(arm=ARM) -> SpecimenFiles:
-    return SpecimenFiles(
-        arm=arm,
-        fixture=INSTRUMENT,
-        tolerance_m=TRACKER.tolerance_m,
-        tolerance_rad=TRACKER.tolerance_rad,
-    )
-
-
 def test_it_is_the_arm_of_the_hinge_taken_out_of_it() -> None:
-    chosen = scenario_of("datasheet", 3, stated())
+    chosen = scenario_of("datasheet", 3, stated("tracker"))
     truth, held = chosen.true_loop(), scenario("datasheet", 3).true_loop()
     assert isinstance(truth, OpenTruth)
     off = truth.table.stacked()[:, 1:] - held.table.stacked()[:, 1:]
@@ -43,7 +34,7 @@ def test_it_is_the_arm_of_the_hinge_taken_out_of_it() -> None:
         off[entry.kind, entry.row - 1] = 0.0
     assert np.array_equal(off, np.zeros((5, 7)))
     # The same errors of the maker's table as well, where a scenario has some.
-    open_errors = scenario_of("as_reported", 3, stated()).true_loop().table.s_m[2:7]
+    open_errors = scenario_of("as_reported", 3, stated("tracker")).true_loop().table.s_m[2:7]
     assert np.array_equal(open_errors, scenario("as_reported", 3).true_loop().table.s_m[2:7])
     assert np.abs(open_errors - paper_loop().table.s_m[2:7]).min() > 5e-4
 
@@ -51,14 +42,16 @@ def test_it_is_the_arm_of_the_hinge_taken_out_of_it() -> None:
 def test_another_arm_is_drawn_with_its_instrument() -> None:
     rows = replace(ARM.table, s_m=ARM.table.s_m * 1.2)
     arm = replace(ARM, table=rows)
-    one, same, other = (scenario_of("exact", seed, stated(arm)).true_loop() for seed in (1, 1, 2))
+    one, same, other = (
+        scenario_of("exact", seed, stated("tracker", arm)).true_loop() for seed in (1, 1, 2)
+    )
     assert np.array_equal(one.table.stacked(), same.table.stacked())
     assert not np.array_equal(one.table.stacked(), other.table.stacked())
     assert np.allclose(one.table.s_m[2:7], rows.s_m[1:6])
 
 
 def test_the_tracker_sees_the_target_where_the_matrices_have_it() -> None:
-    chosen = scenario_of("exact", 1, stated())
+    chosen = scenario_of("exact", 1, stated("tracker"))
     plant, truth = chosen.build(ARM), chosen.true_loop()
     tracker = chosen.tracker(plant, INSTRUMENT)
     assert tracker is not None
@@ -77,7 +70,7 @@ def test_the_tracker_sees_the_target_where_the_matrices_have_it() -> None:
 
 
 def test_its_noise_is_what_the_fixture_file_states() -> None:
-    chosen = scenario_of("datasheet", 1, stated())
+    chosen = scenario_of("datasheet", 1, stated("tracker"))
     tracker = chosen.tracker(chosen.build(ARM), INSTRUMENT)
     assert tracker is not None
     seen = np.array([tracker.measured() for _ in range(200)])
@@ -90,7 +83,7 @@ def test_its_noise_is_what_the_fixture_file_states() -> None:
 
 
 def test_nothing_holds_the_hand_so_what_is_not_driven_sags() -> None:
-    plant = scenario_of("exact", 1, stated()).build(ARM)
+    plant = scenario_of("exact", 1, stated("tracker")).build(ARM)
     start = plant.true_angles_rad[1:]
     held = [
         JointCommand(mode=JointMode.POSITION, target_rad=float(q))

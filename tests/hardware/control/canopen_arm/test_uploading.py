@@ -24,6 +24,7 @@ from tests.hardware.on_fake_bus import hasty, make, wait_for
 
 FREE_TOKEN = struct.pack("<BHBL", 0x80, 0x2002, 0, 0x08000021)
 DOCUMENT = ("schema: sarcal/parameters/1\n" + "x: 1.0\n" * 600).encode()
+SHA256 = hashlib.sha256(DOCUMENT).hexdigest()
 
 
 class Clock:
@@ -58,7 +59,7 @@ def arm(bus: FakeArmBus, clock: Clock, pace: Pace) -> Iterator[CanopenArm]:
 def test_an_upload_is_staged_read_back_and_committed(driven: CanopenArm, bus: FakeArmBus) -> None:
     receipt = driven.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
-    assert receipt.sha256 == hashlib.sha256(DOCUMENT).hexdigest()
+    assert receipt.sha256 == SHA256
     assert (receipt.slot, receipt.length) == ("A", len(DOCUMENT))
     assert receipt.home_offset_counts == tuple(-11 * j for j in range(1, JOINTS + 1))
     assert driven.active_parameters() == DOCUMENT
@@ -114,22 +115,6 @@ COMMIT = b"\x2f\x02\x20\x00\x02"
 COMMITTED = b"\x60\x02\x20\x00"
 
 
-@pytest.mark.parametrize(
-    "loses",
-    [Loses(0x610, COMMIT), Loses(0x590, COMMITTED, skip=1)],
-    ids=["the command", "its answer"],
-)
-def test_a_commit_of_which_a_frame_was_lost_is_found_out(
-    driven: CanopenArm, bus: FakeArmBus, loses: Loses
-) -> None:
-    """Whether it was carried out or not, 2003h says."""
-    bus.document, bus.loses = b"the one before", loses
-    receipt = driven.upload_parameters(DOCUMENT)
-    assert loses.left == 0
-    assert bus.document == DOCUMENT
-    assert receipt.sha256 == hashlib.sha256(DOCUMENT).hexdigest()
-
-
 def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(
     driven: CanopenArm, bus: FakeArmBus
 ) -> None:
@@ -161,8 +146,7 @@ def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_si
         return True
 
     bus.document, bus.loses = b"the one before", loses
-    receipt = driven.upload_parameters(DOCUMENT)
-    assert receipt.sha256 == hashlib.sha256(DOCUMENT).hexdigest()
+    assert driven.upload_parameters(DOCUMENT).sha256 == SHA256
 
 
 @pytest.mark.parametrize("times", [1, 100])
@@ -193,18 +177,21 @@ def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_t
 @pytest.mark.parametrize(
     "loses",
     [
-        Loses(0x610, b"\x10", skip=3),
-        Loses(0x590, b"\x30", skip=3),
-        Loses(0x590, COMMITTED),
-        Loses(0x590, COMMITTED, times=MAX_UPLOADS - 1),
+        pytest.param(Loses(0x610, b"\x10", skip=3), id="a segment"),
+        pytest.param(Loses(0x590, b"\x30", skip=3), id="its answer"),
+        pytest.param(Loses(0x590, COMMITTED), id="the check"),
+        pytest.param(Loses(0x590, COMMITTED, times=MAX_UPLOADS - 1), id="the check, many times"),
+        # Whether it was carried out or not, 2003h says.
+        pytest.param(Loses(0x610, COMMIT), id="the commit"),
+        pytest.param(Loses(0x590, COMMITTED, skip=1), id="the commit's answer"),
     ],
-    ids=["a segment", "its answer", "the check", "the check, many times"],
 )
-def test_a_lost_frame_has_it_written_or_checked_again(
+def test_a_lost_frame_has_it_written_checked_or_looked_for_again(
     driven: CanopenArm, bus: FakeArmBus, loses: Loses
 ) -> None:
-    bus.loses = loses
-    assert driven.upload_parameters(DOCUMENT).length == len(DOCUMENT)
+    bus.document, bus.loses = b"the one before", loses
+    receipt = driven.upload_parameters(DOCUMENT)
+    assert (receipt.length, receipt.sha256) == (len(DOCUMENT), SHA256)
     assert loses.left == 0
     assert bus.document == DOCUMENT
 
@@ -234,14 +221,20 @@ class Lapses:
         return True
 
 
-@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_control_that_lapsed_by_our_own_lateness_is_taken_again(
-    driven: CanopenArm, bus: FakeArmBus, clock: Clock
-) -> None:
+@pytest.fixture
+def late(driven: CanopenArm, clock: Clock) -> CanopenArm:
+    """An arm whose operator's program was late for a moment."""
     clock.late_s = 0.74
     wait_for(lambda: driven.snapshot().lateness.times > 0)
+    return driven
+
+
+@pytest.mark.parametrize("pace", [Pace.REAL_TIME])
+def test_control_that_lapsed_by_our_own_lateness_is_taken_again(
+    late: CanopenArm, bus: FakeArmBus
+) -> None:
     bus.document, bus.loses = b"the one before", Lapses(bus)
-    driven.upload_parameters(DOCUMENT)
+    late.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert bus.token == 127
 
@@ -259,14 +252,12 @@ def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(
 
 @pytest.mark.parametrize("pace", [Pace.REAL_TIME])
 def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(
-    driven: CanopenArm, bus: FakeArmBus, clock: Clock
+    late: CanopenArm, bus: FakeArmBus
 ) -> None:
-    clock.late_s = 0.74
-    wait_for(lambda: driven.snapshot().lateness.times > 0)
     bus.document, bus.loses = b"the one before", Lapses(bus, always=True)
-    with pytest.raises(HostLatencyExceeded) as late:
-        driven.upload_parameters(DOCUMENT)
-    assert late.value.longest_s == pytest.approx(0.7, abs=0.1)
+    with pytest.raises(HostLatencyExceeded) as exceeded:
+        late.upload_parameters(DOCUMENT)
+    assert exceeded.value.longest_s == pytest.approx(0.7, abs=0.1)
     assert bus.loses.times == MAX_UPLOADS
     assert bus.document == b"the one before"
 

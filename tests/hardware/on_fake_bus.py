@@ -5,16 +5,12 @@ from collections.abc import Callable
 from typing import Any
 
 from hardware.arm import JointMode
-from hardware.arm_description import (
-    ArmDescription,
-    EncoderDescription,
-    JointDescription,
-    RvdtDescription,
-)
+from hardware.arm_description import ArmDescription, EncoderDescription, RvdtDescription
 from hardware.buses.python_can import BusOpeners, BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import COUNTS_PER_REV, JOINTS, FakeArmBus
+from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
 
 PER_RAD = COUNTS_PER_REV / (2 * math.pi)
@@ -25,20 +21,8 @@ TWO_DRIVEN = [FREE, POSITION, FREE, FREE, POSITION, FREE, FREE]
 def describe() -> ArmDescription:
     encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
     rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(120))
-    return ArmDescription(
-        model="fake",
-        joints=tuple(
-            JointDescription(
-                name=f"joint {j}",
-                lower_rad=-math.pi / 2 if j < JOINTS else -math.radians(30),
-                upper_rad=math.pi / 2 if j < JOINTS else math.radians(30),
-                max_speed_rad_per_s=1.0,
-                max_torque_nm=50.0,
-                sensor=encoder if j < JOINTS else rvdt,
-            )
-            for j in range(1, JOINTS + 1)
-        ),
-    )
+    wrist = rvdt, math.radians(30)
+    return described("fake", *[(encoder, math.pi / 2)] * (JOINTS - 1), wrist)
 
 
 def hasty(**options: Any) -> Timing:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import can
 
-from hardware.arm_description import ArmDescription, EncoderDescription, JointDescription
+from hardware.arm_description import EncoderDescription
 from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.commissioning.probe import probe
@@ -13,24 +13,14 @@ from hardware.commissioning.profile_draft import draft
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace, Timing
 from operator_app.config.profile_file import format_profile, parse_profile
+from tests.oracles.descriptions import described
 from tests.oracles.foreign_arm import Axis, ForeignArm, foreign_arm
 from tests.oracles.profiles import sarcos
 
 JOINTS, COUNTS_PER_REV = 4, 36_000
 PER_RAD = COUNTS_PER_REV / math.tau
-DESCRIPTION = ArmDescription(
-    model="acme",
-    joints=tuple(
-        JointDescription(
-            name=f"joint {j}",
-            lower_rad=-1.5,
-            upper_rad=1.5,
-            max_speed_rad_per_s=1.0,
-            max_torque_nm=50.0,
-            sensor=EncoderDescription(counts_per_rev=COUNTS_PER_REV),
-        )
-        for j in range(1, JOINTS + 1)
-    ),
+DESCRIPTION = described(
+    "acme", *[(EncoderDescription(counts_per_rev=COUNTS_PER_REV), 1.5)] * JOINTS
 )
 Connect = Callable[[BusProfile], CanopenArm]
 

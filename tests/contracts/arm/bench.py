@@ -56,6 +56,7 @@ def controller_on(settings: BusSettings) -> Iterator[VirtualController]:
         bus.shutdown()
 
 
-def operator_on(settings: BusSettings, pace: Pace = Pace.FAST_FORWARD) -> CanopenArm:
+def operator_on(settings: BusSettings, timing: Timing | None = None) -> CanopenArm:
     """The arm as its operator has it, not connected."""
-    return CanopenArm(describe(MODEL), settings, sarcos(), pace=pace, timing=Timing(listen_s=0.15))
+    timing = timing or Timing(listen_s=0.15)
+    return CanopenArm(describe(MODEL), settings, sarcos(), pace=Pace.FAST_FORWARD, timing=timing)

@@ -6,11 +6,8 @@ import pytest
 
 from hardware.arm import DriveState
 from hardware.buses.python_can import BusSettings, open_bus
-from hardware.control.canopen_arm import CanopenArm
-from hardware.control.control_loop import Pace, Timing
-from operator_app.composition import describe
-from tests.contracts.arm.bench import MODEL, TWO_DRIVEN, controller_on
-from tests.oracles.profiles import sarcos
+from hardware.timing import Pace, Timing
+from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 from tests.oracles.slcan_adapter import SlcanAdapter
 
 
@@ -18,22 +15,16 @@ def test_the_arm_is_driven_and_stopped_over_a_serial_line() -> None:
     inside = BusSettings(channel=f"slcan-{os.getpid()}")
     bus = open_bus(inside)
     with controller_on(inside), SlcanAdapter(bus) as adapter:
-        arm = CanopenArm(
-            describe(MODEL),
-            BusSettings(
-                interface="slcan",
-                channel=adapter.port,
-                bitrate=1_000_000,
-                options={"sleep_after_open": 0.0},
-            ),
-            sarcos(),
-            pace=Pace.FAST_FORWARD,
-            timing=Timing(
-                answer_timeouts_s=dict.fromkeys(Pace, 2.0),
-                heartbeat_timeout_s=10.0,
-                lost_after_s=10.0,
-            ),
+        line = BusSettings(
+            interface="slcan",
+            channel=adapter.port,
+            bitrate=1_000_000,
+            options={"sleep_after_open": 0.0},
         )
+        patient = Timing(
+            answer_timeouts_s=dict.fromkeys(Pace, 2.0), heartbeat_timeout_s=10.0, lost_after_s=10.0
+        )
+        arm = operator_on(line, patient)
         arm.connect()
         try:
             arm.take_control()

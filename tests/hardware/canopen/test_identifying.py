@@ -5,15 +5,11 @@ import math
 import pytest
 
 from hardware.arm import ArmIdentity
-from hardware.arm_description import (
-    ArmDescription,
-    EncoderDescription,
-    JointDescription,
-    RvdtDescription,
-)
+from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.canopen.identifying import check_arm
 from hardware.errors import WrongArm
 from tests.oracles.approved import Approve
+from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
 
 Objects = dict[tuple[int, int, int], int | str]
@@ -50,26 +46,10 @@ def objects() -> Objects:
     return found
 
 
-DESCRIPTION = ArmDescription(
-    model="two joints",
-    joints=(
-        JointDescription(
-            name="shoulder",
-            lower_rad=-math.pi / 2,
-            upper_rad=math.pi / 2,
-            max_speed_rad_per_s=1.0,
-            max_torque_nm=1.0,
-            sensor=EncoderDescription(counts_per_rev=200),
-        ),
-        JointDescription(
-            name="wrist",
-            lower_rad=-math.radians(30),
-            upper_rad=math.radians(30),
-            max_speed_rad_per_s=1.0,
-            max_torque_nm=1.0,
-            sensor=RvdtDescription(bits=12, full_scale_rad=math.radians(120)),
-        ),
-    ),
+DESCRIPTION = described(
+    "two joints",
+    (EncoderDescription(counts_per_rev=200), math.pi / 2),
+    (RvdtDescription(bits=12, full_scale_rad=math.radians(120)), math.radians(30)),
 )
 
 

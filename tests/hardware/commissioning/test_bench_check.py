@@ -14,12 +14,7 @@ import pytest
 from can.interfaces.virtual import VirtualBus
 
 from hardware.arm import ArmSnapshot, DriveState, MoveResult
-from hardware.arm_description import (
-    ArmDescription,
-    EncoderDescription,
-    JointDescription,
-    RvdtDescription,
-)
+from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.buses.python_can import BusOpeners, BusSettings, open_bus
 from hardware.canopen.objects import COB_HEARTBEAT, HEARTBEAT_CONSUMER, OPERATOR_NODE
 from hardware.commissioning.bench_check import NOT_TESTED, check
@@ -31,6 +26,7 @@ from hardware.timing import Pace, Timing
 from hardware.virtual.controller import VirtualController
 from tests.hardware.on_foreign_arm import DESCRIPTION as ACME
 from tests.hardware.on_foreign_arm import JOINTS, drafted
+from tests.oracles.descriptions import described
 from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 from tests.oracles.virtual_rig import ARM, COUNTS_PER_REV, TrivialPlant, axes, parse
@@ -77,19 +73,11 @@ class Bench:
     ) -> CanopenArm:
         rvdt = RvdtDescription(bits=12, full_scale_rad=math.radians(144.0))
         encoder = EncoderDescription(counts_per_rev=COUNTS_PER_REV)
-        description = ArmDescription(
-            model=ARM.model,
-            joints=tuple(
-                JointDescription(
-                    name="test",
-                    lower_rad=math.radians(-60.0),
-                    upper_rad=math.radians(60.0),
-                    max_speed_rad_per_s=math.radians(180.0),
-                    max_torque_nm=100.0,
-                    sensor=rvdt if j >= 6 else encoder,
-                )
-                for j in range(1, 8)
-            ),
+        description = described(
+            ARM.model,
+            *((sensor, math.radians(60.0)) for sensor in [encoder] * 5 + [rvdt] * 2),
+            max_speed_rad_per_s=math.radians(180.0),
+            max_torque_nm=100.0,
         )
         return patient(description, self.settings, sarcos(), pace=pace, opener=opener)
 

@@ -270,19 +270,16 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
         assert held in (whole, whole + b"# another\n")
 
 
-def upload_with(kind: str) -> None:
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(kind, marks=() if kind == "frames-doubled" else pytest.mark.campaign)
+        for kind in FAULT_KINDS
+    ],
+)
+def test_an_upload_ends_whole_or_not_at_all_whatever_happens(kind: str) -> None:
     with uploading(kind) as (arm, whole):
         other = whole + b"# another\n"
         # Refused in words, or done; anything else is raised, and fails.
         with suppress(HardwareError):
             assert arm.upload_parameters(other).length == len(other)
-
-
-def test_an_upload_ends_whole_or_not_at_all() -> None:
-    upload_with("frames-doubled")
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("kind", list(FAULT_KINDS))
-def test_an_upload_ends_whole_or_not_at_all_whatever_happens(kind: str) -> None:
-    upload_with(kind)

@@ -2,7 +2,6 @@
 
 import hashlib
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -12,6 +11,7 @@ from hardware.buses.python_can import BusSettings
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import ControlDenied, Stopped, UploadRefused
 from tests.contracts.arm.bench import TWO_DRIVEN, operator_on
+from tests.hardware.on_fake_bus import wait_for
 
 
 @pytest.mark.sample(1)
@@ -49,12 +49,6 @@ def test_stop_in_a_move_stops_everything(driven: CanopenArm) -> None:
     driven.take_control()
     driven.set_modes(TWO_DRIVEN)
     assert driven.move({2: start[1]}, speed_rad_per_s=0.3).reached
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    """Spin until a condition holds; pytest's own timeout ends what never does."""
-    while not condition():
-        pass
 
 
 @pytest.mark.sample(1)

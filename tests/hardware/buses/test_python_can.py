@@ -45,26 +45,31 @@ def test_further_options_of_the_file_are_kept(tmp_path: Path) -> None:
     assert settings.options["receive_own_messages"] is True
 
 
-def test_an_unknown_interface_lists_the_known_ones() -> None:
-    with pytest.raises(BusError, match=r"carrier-pigeon.*socketcan.*virtual"):
-        bus_settings("carrier-pigeon")
+@pytest.mark.parametrize(
+    ("interface", "words"),
+    [
+        ("carrier-pigeon", r"carrier-pigeon.*socketcan.*virtual"),
+        ("socketcan", "-i socketcan -c can0"),
+    ],
+    ids=["unknown: the known ones are listed", "hardware without a channel"],
+)
+def test_an_interface_that_cannot_be_opened_says_what_to_type(interface: str, words: str) -> None:
+    with pytest.raises(BusError, match=words):
+        bus_settings(interface)
 
 
-def test_hardware_needs_a_channel() -> None:
-    with pytest.raises(BusError, match="-i socketcan -c can0"):
-        bus_settings("socketcan")
-
-
-@pytest.mark.parametrize("rate", ["fast", "-5", "0", "12.5"])
-def test_a_bitrate_is_a_positive_whole_number(monkeypatch: pytest.MonkeyPatch, rate: str) -> None:
-    monkeypatch.setenv("CAN_BITRATE", rate)
-    with pytest.raises(BusError, match="bits a second"):
-        bus_settings()
-
-
-def test_a_broken_environment_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CAN_CONFIG", "{not json")
-    with pytest.raises(BusError, match="CAN_"):
+@pytest.mark.parametrize(
+    ("variable", "value", "words"),
+    [
+        *(("CAN_BITRATE", rate, "bits a second") for rate in ("fast", "-5", "0", "12.5")),
+        ("CAN_CONFIG", "{not json", "CAN_"),
+    ],
+)
+def test_a_broken_environment_is_said(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str, words: str
+) -> None:
+    monkeypatch.setenv(variable, value)
+    with pytest.raises(BusError, match=words):
         bus_settings()
 
 

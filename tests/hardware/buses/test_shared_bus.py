@@ -3,6 +3,7 @@
 import errno
 import random
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 import can
@@ -81,6 +82,15 @@ def frame(number: int, stamp: float) -> can.Message:
     )
 
 
+def record(path: Path, stamps: Iterable[float]) -> list[int]:
+    """Numbers of the frames of these times, as they were recorded."""
+    recording = Recording(path)
+    for number, stamp in enumerate(stamps):
+        recording.record(frame(number, stamp))
+    recording.close()
+    return [number for number, _ in recorded(path)]
+
+
 def recorded(path: Path) -> list[tuple[int, float]]:
     with can.LogReader(path) as frames:
         return [(int.from_bytes(f.data, "little"), f.timestamp) for f in frames]
@@ -108,20 +118,12 @@ def test_frames_that_were_taken_late_are_written_in_their_place(
 
 
 def test_frames_of_one_moment_stay_in_the_order_they_came(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "bus.log")
-    for number in range(100):
-        recording.record(frame(number, 1.7e9))
-    recording.close()
-    assert [number for number, _ in recorded(tmp_path / "bus.log")] == list(range(100))
+    assert record(tmp_path / "bus.log", [1.7e9] * 100) == list(range(100))
 
 
 def test_a_clock_that_is_set_back_loses_and_holds_back_nothing(tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "bus.log")
     stamps = [5000.0, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
-    for number, stamp in enumerate(stamps):
-        recording.record(frame(number, stamp))
-    recording.close()
-    assert [number for number, _ in recorded(tmp_path / "bus.log")] == [0, 1, 2, 4, 3, 5, 6, 7]
+    assert record(tmp_path / "bus.log", stamps) == [0, 1, 2, 4, 3, 5, 6, 7]
 
 
 def test_a_link_that_leads_nowhere_is_not_recorded_through(tmp_path: Path) -> None:

@@ -1,8 +1,5 @@
 """PDOs of a bus profile are written into drives that have others, where it asks for it; else they are refused."""
 
-import threading
-import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
@@ -20,7 +17,7 @@ from hardware.errors import (
 )
 from operator_app.config.profile_file import parse_profile
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import make
+from tests.hardware.on_fake_bus import make, wait_for
 from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, Connect, unconnected
 from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
@@ -38,15 +35,7 @@ answers:
   - {pdo: 4, cob_id: 280h + node, map: [6077h(32)]}
 compared: [60C2h]
 """
-NOT_VALID = 1 << 31
-
-
-def comes(condition: Callable[[], bool], within_s: float = 20.0) -> bool:
-    """Wait for what another thread does."""
-    end_s = time.monotonic() + within_s
-    while not condition() and time.monotonic() < end_s:
-        threading.Event().wait(0.005)
-    return condition()
+NOT_VALID, ABSENT = 1 << 31, 0x06020000
 
 
 def own_maps(foreign: ForeignArm) -> bool:
@@ -144,7 +133,7 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
     for words in ("pdo_maps: compared", "maker's tool", "Nothing was enabled"):
         assert words in str(refused.value)
     # All drives have again what they had, as soon as they hear of it.
-    assert comes(lambda: own_maps(foreign))
+    wait_for(lambda: own_maps(foreign))
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
@@ -205,21 +194,6 @@ def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
         assert wrong not in said
 
 
-@pytest.mark.parametrize("cause", ["heartbeat", "torque"])
-def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
-    connect: Connect, foreign: ForeignArm, cause: str
-) -> None:
-    refusal: type[Exception] = WrongArm
-    if cause == "heartbeat":
-        refusal = MappingMismatch
-        foreign.nodes[1].set_data(0x1017, 0, (5000).to_bytes(2, "little"))
-    else:
-        del foreign.nodes[1].object_dictionary[0x6076]
-    with pytest.raises(refusal):
-        connect(profile())
-    assert not any(node.written for node in foreign.nodes)
-
-
 @pytest.mark.parametrize("last", [0x1803, 0x6071])
 def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_named(
     settings: BusSettings, foreign: ForeignArm, last: int
@@ -238,21 +212,27 @@ def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_
     with pytest.raises(Stopped) as stopped:
         arm.connect()
     assert drive.written
-    assert comes(lambda: own_maps(foreign))
+    wait_for(lambda: own_maps(foreign))
     zeroed = "Written before, and not undone: joint 4 (node 4): 6071h is 0; it was -50."
     assert (zeroed in str(stopped.value)) is (last == 0x6071)
 
 
 @pytest.mark.parametrize(
-    ("index", "sub", "value"),
-    [(0x1005, 0, b"\x81\0\0\0"), (0x1014, 0, b"\x99\0\0\0"), (0x1016, 0, b"\0")],
+    ("index", "value", "refusal", "words"),
+    [
+        (0x1005, b"\x81\0\0\0", MappingMismatch, "node 6, 1005h"),
+        (0x1014, b"\x99\0\0\0", MappingMismatch, "node 6, 1014h"),
+        (0x1016, b"\0", MappingMismatch, "node 6, 1016h"),
+        (0x1017, b"\x88\x13", MappingMismatch, "node 6, 1017h"),
+        (0x6076, ABSENT, WrongArm, "6076h"),
+    ],
 )
-def test_nothing_is_written_into_drives_that_are_refused_for_what_no_profile_says(
-    index: int, sub: int, value: bytes
+def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
+    index: int, value: bytes | int, refusal: type[Exception], words: str
 ) -> None:
     bus = FakeArmBus()
     bus.objects[5, 0x1800, 2] = b"\xff"
-    bus.objects[6, index, sub] = value
-    with pytest.raises(MappingMismatch, match=f"node 6, {index:04X}h"):
+    bus.objects[6, index, 0] = value
+    with pytest.raises(refusal, match=words):
         make(bus, profile=replace(sarcos(), configures_pdos=True)).connect()
     assert not [data for i, data in bus.sent if 0x600 < i < 0x680 and data[0] >> 5 == 1]

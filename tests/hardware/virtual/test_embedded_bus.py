@@ -3,39 +3,34 @@
 import queue
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import can
 import pytest
 
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.canopen.objects import COB_SYNC, COB_TPDO1
-from hardware.virtual.axis import PlantReading, arm_axes
+from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
 from hardware.virtual.embedded_bus import EmbeddedBus, attended_openers
-from hardware.virtual.scenarios import scenario
-from hardware.virtual.supervisor_node import ArmLabel
-from operator_app.config.arm_file import load_arm
+from tests.oracles.virtual_rig import ARM, TrivialPlant, axes
 
-ARM = scenario("exact").arm(load_arm("sarcos_dextrous"))
+JOINTS = 7
 
 
-class CountingPlant:
+class CountingPlant(TrivialPlant):
     """Says in which threads it was stepped; breaks when told to."""
 
     def __init__(self) -> None:
-        self.joint_count = ARM.joint_count
+        super().__init__([axis.scale.counts_per_rad for axis in axes()])
         self.threads: list[str] = []
         self.broken = False
 
-    def step(self, _: object) -> PlantReading:
+    def step(self, commands: Sequence[JointCommand]) -> PlantReading:
         self.threads.append(threading.current_thread().name)
         if self.broken:
             raise ArithmeticError("no pose closes the loop")
-        still = (0.0,) * self.joint_count
-        return PlantReading(
-            position_counts=(0,) * self.joint_count, torque_nm=still, speed_rad_per_s=still
-        )
+        return super().step(commands)
 
 
 @pytest.fixture
@@ -51,13 +46,7 @@ def settings(request: pytest.FixtureRequest) -> BusSettings:
 @pytest.fixture
 def controller(plant: CountingPlant, settings: BusSettings) -> Iterator[VirtualController]:
     bus = open_bus(settings)
-    made = VirtualController(
-        bus,
-        plant,
-        axes=arm_axes(ARM),
-        arm=ArmLabel(model=ARM.name, serial_number="SDA-0001"),
-        attended=True,
-    )
+    made = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
     made.start()
     yield made
     made.close()
@@ -93,7 +82,7 @@ def test_who_waits_for_the_answer_steps_the_plant(bus: can.BusABC, plant: Counti
     mine = 0
     for _ in range(50):
         sync(bus)
-        assert answers(bus, 0.001) == ARM.joint_count
+        assert answers(bus, 0.001) == JOINTS
     mine = plant.threads.count(threading.current_thread().name)
     assert len(plant.threads) == 50
     assert mine >= 45, "the arm's own thread looks now and then as well"
@@ -115,7 +104,7 @@ def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(
     reader.start()
     for _ in range(50):
         sync(bus)
-        for _ in range(ARM.joint_count):
+        for _ in range(JOINTS):
             heard.get(timeout=30.0)
     ended.set()
     reader.join()
@@ -146,7 +135,7 @@ def test_an_arm_that_hangs_does_not_hang_its_operator(
     deadline = time.monotonic() + 30.0
     while not (found := answers(bus, 0.05)) and time.monotonic() < deadline:
         pass
-    assert found == ARM.joint_count
+    assert found == JOINTS
 
 
 def test_an_arm_that_breaks_is_silent_and_its_operator_lives(

@@ -11,6 +11,7 @@ from hardware.virtual.sensor_counts import JointSensor, SensorBank
 from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from tests.hardware.virtual.conftest import Commands
+from tests.oracles.loop_oracle import product
 
 ELBOW_AND_WRIST_KG = np.array([0.0, 0.0, 1.0, 0.0, 1.0, 0.0, 0.0])
 FINE_RAD = 1e-9
@@ -152,24 +153,11 @@ def test_gravity_is_the_slope_of_the_potential() -> None:
 
 def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> float:
     """Height energy of the payload by plain homogeneous matrices in frame 0, J."""
-    table, T, energy = truth.table, np.eye(4), 0.0
-    for j, theta in enumerate(joints, start=1):
-        T = T @ turn(theta, 2) @ shift(table.a_m[j], table.s_m[j]) @ turn(table.alpha_rad[j], 0)
-        energy += 9.81 * payload_kg[j - 1] * T[0, 3]
-    return float(energy)
-
-
-def turn(angle: float, axis: int) -> FloatArray:
-    T, i, k = np.eye(4), (axis + 1) % 3, (axis + 2) % 3
-    T[i, i] = T[k, k] = np.cos(angle)
-    T[k, i], T[i, k] = np.sin(angle), -np.sin(angle)
-    return T
-
-
-def shift(a: float, s: float) -> FloatArray:
-    T = np.eye(4)
-    T[0, 3], T[2, 3] = a, s
-    return T
+    constants = truth.table.stacked()[1:, 1:]
+    return sum(
+        9.81 * mass * float(product(joints[:j], *constants[:, :j])[0, 3])
+        for j, mass in enumerate(payload_kg, start=1)
+    )
 
 
 def test_a_blocked_valve_holds_where_the_joint_was(drive: Commands) -> None:

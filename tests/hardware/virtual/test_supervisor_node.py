@@ -2,7 +2,7 @@
 
 import hashlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -12,6 +12,7 @@ from hardware.virtual.parameter_store import (
     MemoryDisk,
     ParameterStore,
     ValidatedParameters,
+    refuse_documents,
 )
 from hardware.virtual.supervisor_node import ArmLabel
 from tests.oracles.approved import Approve
@@ -62,6 +63,15 @@ def held(arm: Rig) -> bytes | int:
         return arm.peer.read(16, 0x2000)
     except RawAbort as refused:
         return refused.code
+
+
+def refused_by(validate: Callable[[bytes], ValidatedParameters]) -> bytes:
+    """Why a controller with this schema refuses a document."""
+    with rig(validate=validate) as arm:
+        arm.peer.take_control()
+        arm.peer.write(16, 0x2000, 0, document())
+        assert order(arm, STAGE) == 0x08000020
+        return arm.peer.read(16, 0x2004)
 
 
 def test_stage_read_back_commit(arm: Rig) -> None:
@@ -135,22 +145,14 @@ def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, approve: 
             theta_off_rad=(angle, 0, 0, 0, 0, 0, 0),
         )
 
-    with rig(validate=validate) as arm:
-        arm.peer.take_control()
-        arm.peer.write(16, 0x2000, 0, b"anything")
-        assert order(arm, STAGE) == 0x08000020
-        approve(arm.peer.read(16, 0x2004).decode())
+    approve(refused_by(validate).decode())
 
 
 def test_words_that_are_no_ascii_are_escaped() -> None:
     def validate(data: bytes) -> ValidatedParameters:
         raise ValueError("Straße")
 
-    with rig(validate=validate) as arm:
-        arm.peer.take_control()
-        arm.peer.write(16, 0x2000, 0, b"x")
-        assert order(arm, STAGE) == 0x08000020
-        assert arm.peer.read(16, 0x2004) == b"Stra\\xdfe"
+    assert refused_by(validate) == b"Stra\\xdfe"
 
 
 def test_without_the_token_nothing_is_taken(arm: Rig) -> None:
@@ -192,13 +194,7 @@ def test_a_new_document_takes_the_place_of_a_staged_one(arm: Rig) -> None:
 
 
 def test_a_controller_without_a_schema_refuses_every_document() -> None:
-    from hardware.virtual.parameter_store import refuse_documents
-
-    with rig(validate=refuse_documents) as arm:
-        arm.peer.take_control()
-        arm.peer.write(16, 0x2000, 0, document())
-        assert order(arm, STAGE) == 0x08000020
-        assert b"without a parameter schema" in arm.peer.read(16, 0x2004)
+    assert b"without a parameter schema" in refused_by(refuse_documents)
 
 
 def test_restarting_brings_the_committed_offsets_back(tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
-from tests.oracles.approved import Approve
 from tests.oracles.own_process import SARCAL, environment
 from tests.oracles.recorded import recorded
 
@@ -184,18 +183,6 @@ def test_rigid_is_planned_with_its_elbow_held_and_says_why(
     assert "1 mm of length would pass for an offset" in " ".join(out.split())
 
 
-def test_rigid_with_its_elbow_free_is_planned_but_refused_with_its_reason(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    procedure = yaml.safe_load(resolve("procedure", "rigid").data)
-    del procedure["held"]
-    mine = tmp_path / "free.yaml"
-    mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
-    code, out, _ = said(capsys, "plan", str(mine), "--poses", "4")
-    assert code == 5
-    assert "refused: joint 4 does not move" in out
-
-
 @pytest.mark.campaign
 def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -213,29 +200,3 @@ def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
         drives = json.loads(out)["drives"]
         assert drives["joints"] == [2]
         assert drives["reasons"][0].startswith("reaches ")
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["hing"],
-        ["hinge", "--poses", "0"],
-        ["hinge", "--poses", "50000"],
-        ["hinge", "--arm", "nowhere.yaml"],
-        ["hinge", "--fixture", "hing"],
-        ["hinge", "--fixture", "rigid"],
-        ["hinge", "--fixture", "ball"],
-        ["hinge", "--unsensed", "9"],
-        ["hinge", "--advise", "--tries", "0"],
-        ["--session", "nowhere"],
-        ["hinge", "--session", "latest"],
-    ],
-)
-def test_bad_input_says_what_to_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], approve: Approve
-) -> None:
-    code, out, err = said(capsys, "plan", *arguments, "--sessions", str(tmp_path / "s"))
-    assert code == 2
-    assert out == ""
-    approve(err)
-    assert not (tmp_path / "s").exists()

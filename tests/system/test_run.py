@@ -120,36 +120,47 @@ def test_a_run_is_the_same_for_a_seed(tmp_path: Path, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    "typed",
     [
-        ["nowhere.yaml"],
-        ["hing"],
-        ["hinge", "--poses", "2"],
-        ["hinge", "--poses", "0"],
-        ["hinge", "--unsensed", "8"],
-        ["--resume", "nowhere"],
-        ["hinge", "--seed", "-1"],
+        "run nowhere.yaml",
+        "run hing",
+        "run hinge --poses 2",
+        "run hinge --unsensed 8",
+        "run --resume nowhere",
+        "run hinge --seed -1",
+        "plan hing",
+        "plan hinge --poses 0",
+        "plan hinge --poses 50000",
+        "plan hinge --arm nowhere.yaml",
+        "plan hinge --fixture hing",
+        "plan hinge --fixture rigid",
+        "plan hinge --fixture ball",
+        "plan hinge --unsensed 9",
+        "plan hinge --advise --tries 0",
+        "plan --session nowhere",
+        "plan hinge --session latest",
     ],
 )
 def test_bad_input_says_what_to_do_and_writes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], approve: Approve
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], typed: str, approve: Approve
 ) -> None:
-    assert main(["run", *arguments, "--sessions", str(tmp_path / "s")]) == 2
+    assert main([*typed.split(), "--sessions", str(tmp_path / "s")]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     approve(said.err)
     assert not (tmp_path / "s").exists()
 
 
+@pytest.mark.parametrize("command", [["run"], ["plan", "--poses", "4"]], ids=["run", "plan"])
 def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
 ) -> None:
     procedure = yaml.safe_load(resolve("procedure", "rigid").data)
     del procedure["held"]
     mine = tmp_path / "rigid_all_free.yaml"
     mine.write_text(yaml.safe_dump(procedure, sort_keys=False))
-    assert main(["run", str(mine), "--sessions", str(tmp_path)]) == 5
-    assert "joint 4 does not move" in capsys.readouterr().err
+    assert main([*command, str(mine), "--sessions", str(tmp_path)]) == 5
+    assert "joint 4 does not move" in "".join(capsys.readouterr())
 
 
 @pytest.mark.parametrize("placements", ["1", pytest.param("2", marks=pytest.mark.campaign)])

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator
+from typing import Any
 
 import can
 import pytest
@@ -38,25 +39,23 @@ def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) 
     assert [node.problems for node in found.nodes] == [()] * 8
 
 
-def test_another_map_is_named(bus: FakeArmBus) -> None:
-    bus.objects[3, 0x1A00, 2] = struct.pack("<L", 0x606C0020)
+@pytest.mark.parametrize(
+    ("what", "value", "words"),
+    [
+        ("objects", {(3, 0x1A00, 2): struct.pack("<L", 0x606C0020)}, ("1A00h", "606Ch(32)")),
+        ("twins", {3}, ("two devices answer as node 3",)),
+        ("mute", {3}, ("no heartbeat was heard in 0.3 s",)),
+    ],
+    ids=["another map", "two of one number", "no heartbeat"],
+)
+def test_what_is_wrong_with_a_node_is_named_and_no_other(
+    bus: FakeArmBus, what: str, value: Any, words: tuple[str, ...]
+) -> None:
+    setattr(bus, what, value)
     found = {node.node: node.problems for node in look(bus).nodes}
     (problem,) = found.pop(3)
-    assert "node 3, 1A00h: expected TPDO1 = " in problem
-    assert "606Ch(32)" in problem
+    assert all(part in problem for part in ("node 3", *words))
     assert set(found.values()) == {()}
-
-
-def test_two_devices_with_one_number_are_named(bus: FakeArmBus) -> None:
-    bus.twins = {5}
-    found = {node.node: node.problems for node in look(bus).nodes}
-    assert found[5] == ("two devices answer as node 5: give one of them another number",)
-
-
-def test_a_node_without_a_heartbeat_is_named(bus: FakeArmBus) -> None:
-    bus.mute = {2}
-    found = {node.node: node.problems for node in look(bus).nodes}
-    assert "node 2: no heartbeat was heard in 0.3 s" in found[2][0]
 
 
 def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> None:

@@ -144,20 +144,16 @@ def test_the_range_ends_where_607dh_says() -> None:
     assert drive.target_counts == 6000
 
 
-def test_a_lost_heartbeat_does_not_power_a_drive_that_was_off(bench: Bench) -> None:
+@pytest.mark.parametrize("tripped", [False, True], ids=["off", "tripped"])
+def test_a_lost_heartbeat_powers_no_drive_that_was_off_or_tripped(
+    bench: Bench, tripped: bool
+) -> None:
+    if tripped:
+        bench.enabled().trip(E.EXCESS_TORQUE)
     bench.drive.lose_heartbeat()
     bench.run(2)
     assert bench.drive.state is S.FAULT
     assert bench.drive.command().mode is None
-
-
-def test_a_lost_heartbeat_does_not_close_the_servo_of_a_tripped_drive(
-    bench: Bench, enabled: Drive
-) -> None:
-    enabled.trip(E.EXCESS_TORQUE)
-    enabled.lose_heartbeat()
-    bench.run(2)
-    assert enabled.command().mode is None
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -7,6 +7,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from hardware.arm import DriveState
 from hardware.canopen.cia402 import (
+    CLOSED_LOOP_STATES,
     CONTROLWORD_DISABLE_VOLTAGE,
     CONTROLWORD_ENABLE_OPERATION,
     CONTROLWORD_FAULT_RESET,
@@ -25,6 +26,7 @@ from hardware.canopen.cia402 import (
     raises_power,
     reached,
     shows,
+    state_of,
     statusword,
 )
 
@@ -85,6 +87,7 @@ def test_bits_and_commands_are_where_the_standard_has_them() -> None:
     }
     assert (DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET) == (0x00, 0x02, 0x06, 0x07, 0x0F, 0x80)
     assert frozenset({S.OPERATION_ENABLED, S.QUICK_STOP_ACTIVE}) == POWERED_STATES
+    assert {S.FAULT_REACTION_ACTIVE} == CLOSED_LOOP_STATES - POWERED_STATES
 
 
 @pytest.mark.parametrize("state", S)
@@ -220,7 +223,7 @@ def test_statuswords_of_the_standard(pattern: str, state: DriveState) -> None:
     assert words
     for word in words:
         assert drive_state(word) is state
-        assert drive_state(word | 0xFF00) is state
+        assert drive_state(word | 0xFF00) is state_of(word) is state
     for high in (0x0000, 0xFF00):
         assert [word for word in range(256) if shows(word | high, state)] == words
 
@@ -229,6 +232,7 @@ def test_statuswords_of_the_standard(pattern: str, state: DriveState) -> None:
 def test_patterns_that_are_no_state_are_refused(word: int) -> None:
     with pytest.raises(ValueError, match=f"{word:04X}h"):
         drive_state(word)
+    assert state_of(word) is S.NOT_READY_TO_SWITCH_ON
 
 
 @given(st.sampled_from(list(S)), st.sampled_from([0, ALL_FLAGS, *StatusBit]))

@@ -7,12 +7,12 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.arm_description import JointScale
-from hardware.canopen.cyclic import Setpoint
+from hardware.canopen.cyclic import Sample, Setpoint
 from hardware.command_limits import JointLimits
 from hardware.errors import CommandRefused, StopLatched
 from hardware.monitors.admission import admit, admit_modes, admit_move
-from tests.hardware.monitors.samples import sample
 from tests.oracles.approved import Approve
+from tests.oracles.samples import sample
 
 LIMITS = (
     JointLimits(
@@ -108,8 +108,11 @@ def test_what_cannot_move_a_drive_always_passes() -> None:
 
 
 def test_modes_need_every_drive_enabled() -> None:
+    sample = Sample(
+        sync_count=1, statuswords=(ENABLED, 0x0218), counts=(0, 0), torques_per_mille=(0, 0)
+    )
     with pytest.raises(CommandRefused, match=r"joint 2: the drive is in fault"):
-        admit_modes(sample((ENABLED, 0x0218)))
+        admit_modes(sample)
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@ import pytest
 from hardware.arm import DriveState
 from hardware.canopen.cyclic import Setpoint
 from hardware.monitors.dropout import CONFIRMED_SYNCS, NOT_FOLLOWING_SYNCS, Dropout, DropoutMonitor
-from tests.hardware.monitors.samples import sample
+from tests.oracles.samples import sample
 
 FOLLOWS, DEAF, LIMITED = 0x1627, 0x0627, 0x0E27
 SWITCHED_ON, READY, OFF, STOPPED, FAULT = 0x1623, 0x1621, 0x1640, 0x1607, 0x1608

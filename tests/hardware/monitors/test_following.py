@@ -9,7 +9,7 @@ from hardware.monitors.following import (
     FollowingMonitor,
     StandstillMonitor,
 )
-from tests.hardware.monitors.samples import sample
+from tests.oracles.samples import sample
 
 FOLLOWS, NO_ANSWER_BIT, STOPPED, FAULT = 0x1627, 0x0627, 0x1607, 0x1608
 CSP, CST = 8, 10

@@ -16,8 +16,8 @@ from hardware.monitors.joint_monitor import (
     ContinuityMonitor,
     CountJump,
 )
-from tests.hardware.monitors.samples import sample
 from tests.oracles.profiles import sarcos
+from tests.oracles.samples import sample
 
 SYNCS = 200
 AT = 100

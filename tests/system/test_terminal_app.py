@@ -45,27 +45,29 @@ def the_session(root: Path) -> Path:
     return folder
 
 
+def follow(t: Terminal, *shown: str) -> None:
+    """Press Enter each time that the footer, or the screen, shows this."""
+    for words in shown:
+        t.until(words)
+        t.keys("Enter")
+
+
+def answer(t: Terminal, question: str, *keys: str) -> None:
+    t.until(question)
+    t.keys(*keys)
+
+
 def walk_to_capture(t: Terminal) -> None:
     """Follow the footer from Connect to Capture."""
-    t.until("Enter Connect")
-    t.keys("Enter")
-    t.until("Enter Fixture")
-    t.keys("Enter")
-    t.until("Enter Tick")
-    t.keys("Enter")
-    t.until("Enter Modes")
-    t.keys("Enter")
+    follow(t, "Enter Connect", "Enter Fixture", "Enter Tick", "Enter Modes")
     apply_modes(t)
 
 
 def apply_modes(t: Terminal) -> None:
     """Follow the footer from Modes to Capture."""
-    t.until("Enter Apply modes")
-    t.keys("Enter")
-    t.until("Apply the modes?")
-    t.keys("y")
-    t.until("Enter Capture")
-    t.keys("Enter")
+    follow(t, "Enter Apply modes")
+    answer(t, "Apply the modes?", "y")
+    follow(t, "Enter Capture")
     t.until("Enter Automatic")
 
 
@@ -86,28 +88,15 @@ def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path,
     assert 3 <= len(accepted) < POSES
 
     t = terminal(size=size)
-    t.until("Resume?")
-    t.keys("y")
+    answer(t, "Resume?", "y")
     t.until(f"resumed: {len(accepted)} poses are kept")
     walk_to_capture(t)
-    t.keys("Enter")
-    t.until("Enter Calibrate")
-    t.keys("Enter")
-    t.until("Enter Solve")
-    t.keys("Enter")
+    follow(t, "Enter Automatic", "Enter Calibrate", "Enter Solve")
     t.until("ACCEPTED")
-    t.until("Enter Export")
-    t.keys("Enter")
-    t.until("Enter Write file")
-    t.keys("Enter")
-    t.until("Enter Upload")
-    t.keys("Enter")
-    t.until("Upload to the controller?")
-    t.keys(*"SDA-0001", "Enter")
-    t.until("Enter Finish")
-    t.keys("Enter")
-    t.until("Leave?")
-    t.keys("y")
+    follow(t, "Enter Export", "Enter Write file", "Enter Upload")
+    answer(t, "Upload to the controller?", *"SDA-0001", "Enter")
+    follow(t, "Enter Finish")
+    answer(t, "Leave?", "y")
     assert t.exit_code() == 0
 
     state = read_session(folder).state
@@ -250,21 +239,18 @@ def test_a_silent_bus_and_a_restarted_controller_lose_nothing(terminal, tmp_path
         t.until("STOP reset")
         apply_modes_again(t)
     t.until("LOST")
-    t.until("Enter To Connect")
-    t.keys("Enter")
+    follow(t, "Enter To Connect")
     t.until("Enter Connect again")
     with controller(tmp_path, *bus, "--seed", "1"):
         t.keys("Enter")
         # The quick stop that the silence was answered with is latched still.
-        t.until("Enter Reset STOP")
-        t.keys("Enter")
+        follow(t, "Enter Reset STOP")
         t.until("Enter Fixture")
         apply_modes_again(t)
         t.keys("Enter")
         t.until("Enter Calibrate")
         t.keys("q")
-        t.until("Leave?")
-        t.keys("y")
+        answer(t, "Leave?", "y")
         assert t.exit_code() == 0
     contents = read_journal(the_session(tmp_path))
     assert not contents.torn

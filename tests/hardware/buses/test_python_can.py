@@ -75,16 +75,7 @@ def test_a_broken_environment_is_said(
 
 @pytest.mark.parametrize(
     ("code", "channel"),
-    [
-        (19, "vcan0"),
-        (19, "can0"),
-        (100, "vcan0"),
-        (97, "vcan0"),
-        (93, "vcan0"),
-        (1, "vcan0"),
-        (13, "vcan0"),
-        (5, "vcan0"),
-    ],
+    [(19, "can0"), *((code, "vcan0") for code in (1, 5, 13, 19, 93, 97, 100))],
 )
 def test_a_kernel_error_becomes_what_to_do(code: int, channel: str, approve: Approve) -> None:
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)

@@ -55,30 +55,21 @@ def test_what_a_joint_says_about_itself(arm: Rig) -> None:
         (16, 0x2002, 0, b"\x00", 0x06090032),
         (16, 0x2002, 0, b"\x04", 0x06090031),
         (16, 0x2010, 0, b"\x80\x00\x00\x00", 0x06090031),
+        # Read:
+        (1, 0x5000, 0, None, 0x06020000),
+        (1, 0x1018, 9, None, 0x06090011),
+        (1, 0x1003, 1, None, 0x08000024),
+        (16, 0x2002, 0, None, 0x06010001),
+        (16, 0x2000, 0, None, 0x08000024),
+        (16, 0x2004, 0, None, 0x08000024),
     ],
 )
-def test_writes_that_are_refused(
-    arm: Rig, node: int, index: int, sub: int, data: bytes, code: int
+def test_writes_and_reads_that_are_refused(
+    arm: Rig, node: int, index: int, sub: int, data: bytes | None, code: int
 ) -> None:
+    place = node, index, sub
     with pytest.raises(RawAbort) as refused:
-        arm.peer.write(node, index, sub, data)
-    assert refused.value.code == code
-
-
-@pytest.mark.parametrize(
-    ("node", "index", "sub", "code"),
-    [
-        (1, 0x5000, 0, 0x06020000),
-        (1, 0x1018, 9, 0x06090011),
-        (1, 0x1003, 1, 0x08000024),
-        (16, 0x2002, 0, 0x06010001),
-        (16, 0x2000, 0, 0x08000024),
-        (16, 0x2004, 0, 0x08000024),
-    ],
-)
-def test_reads_that_are_refused(arm: Rig, node: int, index: int, sub: int, code: int) -> None:
-    with pytest.raises(RawAbort) as refused:
-        arm.peer.read(node, index, sub)
+        arm.peer.read(*place) if data is None else arm.peer.write(*place, data)
     assert refused.value.code == code
 
 

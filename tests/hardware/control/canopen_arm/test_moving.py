@@ -16,7 +16,7 @@ from hardware.arm import ArmSnapshot
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import CommandRefused, DriveFault, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, TWO_DRIVEN, frames, make
+from tests.hardware.on_fake_bus import PER_RAD, Connect, drive, frames
 from tests.oracles.approved import Approve
 
 
@@ -32,20 +32,15 @@ def test_a_move_reaches_its_targets_in_small_steps(driven: CanopenArm, bus: Fake
     assert not driven.snapshot().moving
 
 
-def test_the_same_moves_take_the_same_syncs_every_time() -> None:
-    counts = []
-    for _ in range(2):
-        fake = FakeArmBus()
-        arm = make(fake)
-        arm.connect()
-        arm.take_control()
-        arm.set_modes(TWO_DRIVEN)
+def test_the_same_moves_take_the_same_syncs_every_time(connected: Connect) -> None:
+    buses = FakeArmBus(), FakeArmBus()
+    for fake in buses:
+        arm = drive(connected(fake))
         arm.move({2: 0.2, 5: -0.1}, speed_rad_per_s=0.5)
         arm.settle(window=5, spread_rad=[1e-3] * JOINTS, timeout_syncs=50)
         arm.capture(10)
-        counts.append(fake.syncs)
         arm.close()
-    assert counts[0] == counts[1]
+    assert buses[0].syncs == buses[1].syncs
 
 
 @pytest.mark.parametrize(

@@ -124,8 +124,10 @@ def test_a_latch_is_lifted_only_for_the_latest_press() -> None:
         assert not latch.release(earlier)
         assert latch.latched
     assert latch.release(seen[-1])
+    for again in (seen[-1], None, seen[0]):
+        assert not latch.latched
+        assert latch.release(again)
     assert not latch.latched
-    assert latch.release(seen[-1])
     for press in seen:
         latch.press()
         assert not latch.release(press), "what was released before lifts nothing new"

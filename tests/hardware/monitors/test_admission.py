@@ -122,10 +122,11 @@ def test_modes_need_every_drive_enabled() -> None:
         pytest.param(Setpoint(GO, 0, CST), 600, 600, JointMode.FREE, id="held beyond its range"),
         pytest.param(Setpoint(GO, 0, CST), 610, 600, JointMode.FREE, id="near, beyond its range"),
         pytest.param(Setpoint(GO, 0, CSP), 129, 127, JointMode.FREE, id="not switched yet"),
+        pytest.param(None, 600, 600, JointMode.POSITION, id="the first, beyond its range"),
     ],
 )
 def test_a_target_may_be_where_it_was_or_near_the_joint_wherever_that_is(
-    before: Setpoint, target: int, measured: int, mode: JointMode
+    before: Setpoint | None, target: int, measured: int, mode: JointMode
 ) -> None:
     try_to_send(before, Setpoint(GO, target, CSP), measured=measured, mode=mode)
 

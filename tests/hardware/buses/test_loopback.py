@@ -1,4 +1,4 @@
-"""The loopback bus beyond the transport contract: wire format, garbage, filters. Programs talk over it in tests/system."""
+"""The loopback bus beyond the transport contract: wire format, garbage, filters; two programs are in tests/system."""
 
 import importlib.metadata
 import itertools

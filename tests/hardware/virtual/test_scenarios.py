@@ -179,6 +179,7 @@ def test_wrong_calls_are_refused(sarcos: ArmModel) -> None:
     six = replace(
         sarcos,
         joints=sarcos.joints[:6],
+        free=sarcos.free[:6],
         table=type(sarcos.table)(
             theta_off_rad=np.zeros(6), s_m=np.zeros(6), a_m=np.zeros(6), alpha_rad=np.zeros(6)
         ),

@@ -13,6 +13,7 @@ from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
 from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
+from solver.chain.kinematics import DhTable
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Encoder
 from tests.hardware.virtual.conftest import Commands
@@ -176,13 +177,13 @@ def test_wrong_calls_are_refused(sarcos: ArmModel) -> None:
         scenario("nominal")
     with pytest.raises(ValueError, match="seed"):
         scenario("exact", -1)
-    six = replace(
-        sarcos,
+    none = np.zeros(6)
+    six = ArmModel(
+        name="six",
+        table=DhTable(theta_off_rad=none, s_m=none, a_m=none, alpha_rad=none),
         joints=sarcos.joints[:6],
-        free=sarcos.free[:6],
-        table=type(sarcos.table)(
-            theta_off_rad=np.zeros(6), s_m=np.zeros(6), a_m=np.zeros(6), alpha_rad=np.zeros(6)
-        ),
+        free=(),
+        home_rad=none,
     )
     with pytest.raises(ValueError, match="7 joints"):
         scenario("exact").build(six)

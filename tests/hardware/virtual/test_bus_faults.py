@@ -2,6 +2,8 @@
 
 import threading
 
+import pytest
+
 from hardware.arm import DriveState, JointMode
 from hardware.canopen.objects import EmergencyCode
 from hardware.virtual.disturbances import FrameFaults
@@ -100,14 +102,23 @@ def test_a_drive_that_answers_as_the_next_one_leaves_its_own_number_silent(arm: 
     assert [len(arm.peer.seen(0x180 + j)) for j in range(1, 8)] == [2, 1, 1, 1, 1, 1, 0]
 
 
-def bad_on_the_way_in(arm: Rig, **shares: float) -> None:
-    """Spoil what the operator sends from now on, and nothing that the arm says."""
+def spoil(arm: Rig, shares: dict[str, float], *, whole: str) -> None:
 
     def act() -> None:
         arm.controller.faults.disturb_frames(FrameFaults(**shares))
-        arm.controller.disturbances.wire_out = None
+        setattr(arm.controller.disturbances, whole, None)
 
     arm.settled(act)
+
+
+def bad_on_the_way_in(arm: Rig, **shares: float) -> None:
+    """Spoil what the operator sends from now on, and nothing that the arm says."""
+    spoil(arm, shares, whole="wire_out")
+
+
+def bad_on_the_way_out(arm: Rig, **shares: float) -> None:
+    """Spoil what the arm says from now on, and nothing that the operator sends."""
+    spoil(arm, shares, whole="wire_in")
 
 
 def taken_in(arm: Rig) -> None:
@@ -170,3 +181,30 @@ def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm: Rig) -> None:
     had = (drive.controlword, drive.target_counts, drive.mode_request)
     # A target that is far away is refused; whatever bit it was, something else was heard or refused.
     assert had != sent or EmergencyCode.REFERENCE_LIMIT in drive.errors
+
+
+@pytest.mark.parametrize(
+    ("fault", "joints"),
+    [("doubled", [k for j in range(1, 8) for k in (j, j)]), ("swapped", [2, 1, 4, 3, 6, 5])],
+)
+def test_frames_of_the_arm_come_twice_or_in_another_order(
+    arm: Rig, fault: str, joints: list[int]
+) -> None:
+    arm.peer.start()
+    bad_on_the_way_out(arm, **{fault: 1.0})
+    arm.peer.send(0x080)
+    taken_in(arm)
+    arm.peer.quiet()
+    assert [number - 0x180 for number, _ in arm.peer.log if 0x180 < number < 0x190] == joints
+
+
+def test_frames_of_the_arm_come_late_and_all_of_them(arm: Rig) -> None:
+    arm.peer.start()
+    bad_on_the_way_out(arm, late=1.0)
+    arm.peer.send(0x080)
+    taken_in(arm)
+    for waited_s, came in ((0.0, 0), (0.06, 7)):
+        arm.clock.time_s += waited_s
+        taken_in(arm)
+        arm.peer.quiet()
+        assert sum(0x180 < number < 0x190 for number, _ in arm.peer.log) == came

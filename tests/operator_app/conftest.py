@@ -1,7 +1,7 @@
 """Sessions on the real plant, without a bus."""
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import pytest
@@ -16,8 +16,9 @@ from tests.oracles.ticking import Ticking
 
 
 @pytest.fixture
-def make_session(tmp_path: Path) -> MakeSession:
+def make_session(tmp_path: Path) -> Iterator[MakeSession]:
     """Build a session on a fake arm: new in `tmp_path`, or resumed with ``resume=True``, on the same `arm` as well."""
+    made: list[Session] = []
 
     def make(
         procedure: Procedure,
@@ -29,9 +30,12 @@ def make_session(tmp_path: Path) -> MakeSession:
     ) -> Session:
         there = arm or PlantArm(procedure, scenario_name, serial)
         folder = tmp_path / "session"
-        return opened(folder, there, procedure, resumed=resume, clock=Ticking())
+        made.append(opened(folder, there, procedure, resumed=resume, clock=Ticking()))
+        return made[-1]
 
-    return make
+    yield make
+    for session in made:
+        session.close("end of the test")
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from operator_app.effective_procedure import effective_procedure
 from operator_app.headless.procedure_run import run
 from operator_app.session.store.journal import JOURNAL_NAME, Clock, utc_now
 from operator_app.session.ui.operations import Operations
-from operator_app.session.ui.snapshot import Change, SessionSnapshot
+from operator_app.session.ui.snapshot import Change, Level, SessionSnapshot
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, Opening, Rig, begin, open_session, resume
 from operator_app.session.workflow.session import Session
@@ -37,15 +37,17 @@ def first_picture(session: Session) -> SessionSnapshot:
 
 
 class Quiet:
-    """A publisher on which nobody ends anything; `shown` is its picture."""
+    """A publisher on which nobody ends anything; `shown` is its picture, `said` what was said and how loud."""
 
     def __init__(self, session: Session) -> None:
         self.shown = first_picture(session)
+        self.said: list[tuple[Level, str]] = []
 
     def publish(self, change: Change) -> None:
         self.shown = change(self.shown)
 
-    def say(self, level: object, text: str) -> None: ...
+    def say(self, level: Level, text: str) -> None:
+        self.said.append((level, text))
 
     def cancelled(self) -> bool:
         return False

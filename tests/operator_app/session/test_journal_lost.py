@@ -2,6 +2,7 @@
 
 import shutil
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from hardware.arm import JointMode
 from operator_app.calibration.result import Solution
 from operator_app.cli import main
+from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.procedure_run import run
@@ -18,6 +20,7 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
+from tests.oracles.hearing import Hearing
 from tests.oracles.live_source import FakeSource
 from tests.oracles.opened import MakeSession, opened
 from tests.oracles.short_procedure import short_procedure
@@ -25,25 +28,16 @@ from tests.oracles.short_procedure import short_procedure
 PATIENCE_S = 60.0
 
 
-class Vandal(Listener):
-    """Takes the folder away after some poses."""
-
-    def __init__(self, session: Session, after: int) -> None:
-        self._session, self._after = session, after
-
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
-        if len(state.used_poses) == self._after:
-            shutil.rmtree(self._session.journal.path.parent)
+def held(session: Session) -> bool:
+    return all(joint.mode is JointMode.POSITION for joint in session.arm.snapshot().joints)
 
 
 def test_the_arm_is_held_and_the_rescued_session_goes_on(make_session: MakeSession) -> None:
-    from operator_app.config.procedure_file import load_procedure
-
-    procedure = load_procedure("hinge")
-    session = make_session(procedure, "datasheet")
+    session = make_session(load_procedure("hinge"), "datasheet")
+    folder = session.journal.path.parent
     with pytest.raises(JournalLostError, match="deleted") as lost:
-        run(session, Vandal(session, after=3))
-    assert all(joint.mode is JointMode.POSITION for joint in session.arm.snapshot().joints)
+        run(session, Hearing(lambda count: count == 3 and shutil.rmtree(folder)))
+    assert held(session)
     # What was not written does not count.
     assert len(session.state.used_poses) == 3
     session.close("failed")
@@ -51,14 +45,12 @@ def test_the_arm_is_held_and_the_rescued_session_goes_on(make_session: MakeSessi
     rescued = lost.value.rescued
     assert rescued is not None
     assert sum(e.name == "pose" for e in read_journal(rescued).events) == 3
-    again = opened(rescued, session.arm, procedure, resumed=True)
+    again = opened(rescued, session.arm, session.procedure, resumed=True)
     assert len(again.state.used_poses) == 3
     again.close("end of the test")
 
 
 def test_what_was_read_and_not_written_is_in_the_rescue(make_session: MakeSession) -> None:
-    from operator_app.config.procedure_file import load_procedure
-
     session = make_session(load_procedure("hinge"), "datasheet")
     session.connect()
     session.set_modes((1, 5))
@@ -70,15 +62,22 @@ def test_what_was_read_and_not_written_is_in_the_rescue(make_session: MakeSessio
     state = read_session(session.journal.kept_folder).state
     assert state is not None
     assert len(state.poses) == 2
-    session.close("end of the test")
 
 
-def test_a_journal_that_is_gone_at_the_very_end_is_said(make_session: MakeSession) -> None:
-    from operator_app.config.procedure_file import load_procedure
+def one_bit(path: Path) -> None:
+    raw = path.read_bytes()
+    path.write_bytes(raw[:40] + bytes([raw[40] ^ 1]) + raw[41:])
 
-    session = make_session(load_procedure("hinge"), "datasheet")
+
+@pytest.mark.parametrize(
+    "harm", [lambda path: shutil.rmtree(path.parent), one_bit], ids=["gone", "changed"]
+)
+def test_what_became_of_a_journal_is_noticed_as_it_is_closed(
+    make_session: MakeSession, harm: Callable[[Path], None]
+) -> None:
+    session = make_session(short_procedure(8))
     session.connect()
-    shutil.rmtree(session.journal.path.parent)
+    harm(session.journal.path)
     session.close("done")
     assert session.journal.loss is not None
     assert read_journal(session.journal.kept_folder).events[-1].name == "closed"
@@ -122,24 +121,13 @@ def test_a_changed_journal_gets_no_verdict_and_no_upload(
     assert listener.solutions == (when == "verdict")
     assert session.arm.active_parameters() == before
     assert not (session.journal.path.parent / "parameters.yaml").exists()
-    assert all(joint.mode is JointMode.POSITION for joint in session.arm.snapshot().joints)
+    assert held(session)
     session.close("failed")
     rescued = lost.value.rescued
     assert rescued is not None
     again = opened(rescued, session.arm, procedure, resumed=True)
     assert len(again.state.used_poses) == 8
     again.close("end of the test")
-
-
-def test_a_journal_changed_in_place_is_noticed_as_it_is_closed(make_session: MakeSession) -> None:
-    session = make_session(short_procedure(8))
-    session.connect()
-    path = session.journal.path
-    raw = path.read_bytes()
-    path.write_bytes(raw[:40] + bytes([raw[40] ^ 1]) + raw[41:])
-    session.close("done")
-    assert session.journal.loss is not None
-    assert read_journal(session.journal.kept_folder).events[-1].name == "closed"
 
 
 @pytest.mark.campaign
@@ -160,7 +148,6 @@ def test_run_says_what_happened_and_where_everything_is(
     assert main(words) == 2
     said = capsys.readouterr().err
     (rescued,) = root.glob("*-rescued")
-    assert "was deleted, moved or renamed while this session was using it" in said
     assert "the arm is held" in said
     assert f"--resume {rescued}" in said
     assert "Traceback" not in said
@@ -187,7 +174,7 @@ def test_the_app_and_plain_mode_say_it_hold_and_leave_in_order(tmp_path: Path) -
     rescued = folder.with_name(f"{folder.name}-rescued")
     assert "was deleted, moved or renamed" in alarm
     assert str(rescued) in alarm
-    assert all(joint.mode is JointMode.POSITION for joint in runner.session.arm.snapshot().joints)
+    assert held(runner.session)
     assert runner.defect is None
     source.close("left")
     assert source.last == rescued

@@ -1,6 +1,10 @@
 """An arm that stands outside its box is moved by nothing but an agreement: nor by the way back to its first pose."""
 
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +15,12 @@ from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import Cancelled, GuardError
-from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.opened import opened
+from tests.oracles.hearing import take_until
+from tests.oracles.opened import MakeSession, opened
 from tests.oracles.plant_arm import PlantArm
 
 POSES = 6
@@ -44,114 +48,82 @@ class Watched(PlantArm):
         self.take_control()
 
 
-def procedure_of(poses: int) -> Procedure:
-    procedure = load_procedure("hinge")
-    return replace(procedure, capture=replace(procedure.capture, poses=poses, samples_per_pose=8))
-
-
-class Leaving(Listener):
-    """Ends a session after so many poses."""
-
-    def __init__(self, session: Session, poses: int) -> None:
-        self._session, self._poses = session, poses
-
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
-        if len(state.poses) == self._poses:
-            self._session.cancelled = lambda: True
-
-
-def resumed(folder: Path, *, wanted: int) -> tuple[Session, Watched]:
-    """A session of 6 poses that goes on; meanwhile joint 1 was moved out of its box."""
-    procedure = procedure_of(wanted)
-    session = opened(folder, Watched(procedure), procedure)
-    session.connect()
-    with pytest.raises(Cancelled):
-        take_poses(session, Leaving(session, POSES), (1, 5))
-    session.close("left")
-    arm = Watched(procedure)
-    arm.stand_at(OUTSIDE_RAD)
-    assert arm.snapshot().positions_rad[0] == pytest.approx(OUTSIDE_RAD, abs=np.deg2rad(0.1))
-    going_on = opened(folder, arm, procedure, resumed=True)
-    going_on.connect()
-    return going_on, arm
-
-
-# With poses still to come, and with nothing left to do but to read the first one again.
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("wanted", [40, POSES])
-def test_a_resume_does_not_drive_it_back_to_its_first_pose(tmp_path: Path, wanted: int) -> None:
-    session, arm = resumed(tmp_path / "s", wanted=wanted)
-    with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
-        take_poses(session, Listener(), (1, 5))
-    assert "--go-home" in refused.value.remedy
-    assert arm.speeds_rad_per_s == []
-    assert len(session.state.used_poses) == POSES
-    session.close("refused")
-
-
-def test_with_an_agreement_it_goes_home_slowly_first(tmp_path: Path) -> None:
-    session, arm = resumed(tmp_path / "s", wanted=40)
-    session.cancelled = lambda: len(session.state.repeats) == 1
-    with pytest.raises(Cancelled):
-        take_poses(session, Listener(), (1, 5), homing=True)
-    assert arm.speeds_rad_per_s[0] == HOMING_SPEED_RAD_PER_S
-    assert len(session.state.repeats) == 1
-    session.close("left")
+def procedure_of(case: str) -> Procedure:
+    """Of `planned`, which explores round its home, and of `whole` all poses are taken that were wanted."""
+    procedure = load_procedure("hinge_planned" if case == "planned" else "hinge")
+    capture = replace(procedure.capture, samples_per_pose=8)
+    if case != "planned":
+        capture = replace(capture, poses=POSES if case == "whole" else 40)
+    return replace(procedure, position_joints=(1, 5), capture=capture)
 
 
 @pytest.fixture(scope="module")
-def exploring(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedure]:
-    """A planned session that was left while it explored round its home."""
-    procedure = load_procedure("hinge_planned")
-    capture = replace(procedure.capture, samples_per_pose=8)
-    procedure = replace(procedure, position_joints=(1, 5), capture=capture)
-    folder = tmp_path_factory.mktemp("exploring") / "s"
-    session = opened(folder, Watched(procedure), procedure)
-    session.connect()
-    with pytest.raises(Cancelled):
-        take_poses(session, Leaving(session, 3), (1, 5))
-    session.close("left")
-    return folder, procedure
+def left(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Folders of sessions that were left, each made once."""
+
+    @cache
+    def make(case: str) -> Path:
+        folder, procedure = tmp_path_factory.mktemp(case) / "s", procedure_of(case)
+        session = opened(folder, Watched(procedure), procedure)
+        session.connect()
+        take_until(session, 3 if case == "planned" else POSES)
+        session.close("left")
+        return folder
+
+    return make
 
 
-def moved_since(exploring: tuple[Path, Procedure], folder: Path) -> tuple[Session, Watched]:
-    procedure = exploring[1]
-    folder.mkdir()
-    (folder / "journal.jsonl").write_bytes((exploring[0] / "journal.jsonl").read_bytes())
+CASES = pytest.mark.parametrize(
+    ("case", "withdrawn"),
+    [
+        pytest.param("more poses to come", False, id="more poses to come"),
+        pytest.param("whole", False, id="only the first pose to be read again"),
+        pytest.param("planned", False, id="planned, same campaign"),
+        pytest.param("planned", True, id="planned, a new one"),
+    ],
+)
+
+
+@pytest.fixture
+def resumed(
+    left: Callable[[str], Path],
+    make_session: MakeSession,
+    tmp_path: Path,
+    case: str,
+    withdrawn: bool,
+) -> Session:
+    """A session that goes on; meanwhile joint 1 was moved out of its box."""
+    procedure = procedure_of(case)
+    shutil.copytree(left(case), tmp_path / "session")
     arm = Watched(procedure)
     arm.stand_at(OUTSIDE_RAD)
-    going_on = opened(folder, arm, procedure, resumed=True)
-    going_on.connect()
-    return going_on, arm
-
-
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("withdrawn", [False, True], ids=["same campaign", "a new one"])
-def test_a_planned_session_does_not_drive_it_back_either(
-    exploring: tuple[Path, Procedure], tmp_path: Path, withdrawn: bool
-) -> None:
-    session, arm = moved_since(exploring, tmp_path / "s")
+    assert arm.snapshot().positions_rad[0] == pytest.approx(OUTSIDE_RAD, abs=np.deg2rad(0.1))
+    session = make_session(procedure, arm=arm, resume=True)
+    session.connect()
     if withdrawn:
         session.undo()
+    return session
+
+
+@pytest.mark.sample(2)
+@CASES
+def test_a_resume_does_not_drive_it_back_to_its_first_pose(resumed: Session) -> None:
+    before = len(resumed.state.poses)
     with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
-        take_poses(session, Listener(), (1, 5))
+        take_poses(resumed, Listener(), (1, 5))
     assert "--go-home" in refused.value.remedy
-    assert arm.speeds_rad_per_s == []
-    session.close("refused")
+    assert resumed.arm.speeds_rad_per_s == []
+    assert len(resumed.state.poses) == before
 
 
-@pytest.mark.sample(1)
-@pytest.mark.parametrize("withdrawn", [False, True], ids=["same campaign", "a new one"])
-def test_with_an_agreement_a_planned_session_goes_home_slowly_first(
-    exploring: tuple[Path, Procedure], tmp_path: Path, withdrawn: bool
-) -> None:
-    session, arm = moved_since(exploring, tmp_path / "s")
-    if withdrawn:
-        session.undo()
-    kept = len(session.state.poses)
-    session.cancelled = lambda: len(session.state.poses) == kept + 1
-    with pytest.raises(Cancelled):
-        take_poses(session, Listener(), (1, 5), homing=True)
-    assert arm.speeds_rad_per_s[0] == HOMING_SPEED_RAD_PER_S
-    assert len(arm.speeds_rad_per_s) > 1
-    session.close("left")
+@pytest.mark.sample(2)
+@CASES
+def test_with_an_agreement_it_goes_home_slowly_first(resumed: Session) -> None:
+    state = resumed.state
+    before = (len(state.repeats), len(state.poses))
+    resumed.cancelled = lambda: (len(resumed.state.repeats), len(resumed.state.poses)) != before
+    with suppress(Cancelled):
+        take_poses(resumed, Listener(), (1, 5), homing=True)
+    assert (len(resumed.state.repeats), len(resumed.state.poses)) != before
+    assert resumed.arm.speeds_rad_per_s[0] == HOMING_SPEED_RAD_PER_S
+    assert len(resumed.arm.speeds_rad_per_s) > 1

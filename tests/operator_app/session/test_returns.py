@@ -10,7 +10,6 @@ from hardware.arm import Reading
 from operator_app.calibration.acceptance import Verdict, not_yet_named, proven_by_return
 from operator_app.calibration.repeat_measurement import Repeat, compare_readings
 from operator_app.calibration.result import Solution
-from operator_app.errors import Cancelled
 from operator_app.messages.finding import Finding
 from operator_app.messages.finding import FindingKind as Kind
 from operator_app.session.store.journal import read_journal
@@ -21,19 +20,19 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.diagnostics import hypothesis_tests
+from tests.oracles.hearing import Hearing, take_until
 from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
-class Slipping(Listener):
+def slipping(session: Session, joint: int, slip_rad: float) -> Hearing:
     """After the last pose one joint counts otherwise."""
 
-    def __init__(self, session: Session, joint: int, slip_rad: float) -> None:
-        self._session, self._joint, self._slip_rad = session, joint, slip_rad
+    def slip(count: int) -> None:
+        if count == session.procedure.capture.poses:
+            session.arm.off_rad[joint - 1] = slip_rad
 
-    def pose_captured(self, state: object, wanted: int) -> None:
-        if len(self._session.state.poses) == self._session.procedure.capture.poses:
-            self._session.arm.off_rad[self._joint - 1] = self._slip_rad
+    return Hearing(slip)
 
 
 def begun(session: Session) -> Session:
@@ -80,7 +79,7 @@ def test_a_joint_that_slipped_in_between_is_named_with_its_size(
     slip = np.deg2rad(0.2)
 
     session = begun(make_session(short_procedure(6)))
-    take_poses(session, Slipping(session, joint, slip), (1, 5))
+    take_poses(session, slipping(session, joint, slip), (1, 5))
     repeat = judged(session)
     assert repeat.joint == joint
     # A joint that little else depends on (5) is seen at a third of the others' weight.
@@ -94,9 +93,7 @@ def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(
     make_session: MakeSession,
 ) -> None:
     session = begun(make_session(short_procedure(5)))
-    session.cancelled = lambda: len(session.state.poses) == 2
-    with pytest.raises(Cancelled):
-        take_poses(session, Listener(), (1, 5))
+    take_until(session, 2)
     session.close("left")
     assert not session.state.repeats
 
@@ -115,24 +112,19 @@ def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(
 def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     make_session: MakeSession,
 ) -> None:
-    said: list[str] = []
+    def narrow(count: int) -> None:
+        if count == 4:
+            *others, last = session.model.joints
+            here = session.arm.snapshot().positions_rad[6]
+            last = replace(last, lower_rad=here - 0.04, upper_rad=here + 0.04)
+            session.model = replace(session.model, joints=(*others, last))
 
-    class Hearing(Listener):
-        def report(self, text: str) -> None:
-            said.append(text)
-
-        def pose_captured(self, state: object, wanted: int) -> None:
-            if len(session.state.poses) == 4:
-                joints = list(session.model.joints)
-                here = session.arm.snapshot().positions_rad[6]
-                joints[6] = replace(joints[6], lower_rad=here - 0.04, upper_rad=here + 0.04)
-                session.model = replace(session.model, joints=tuple(joints))
-
+    hearing = Hearing(narrow)
     session = begun(make_session(short_procedure(4)))
-    take_poses(session, Hearing(), (1, 5))
+    take_poses(session, hearing, (1, 5))
     assert len(session.state.used_poses) == 4
     assert session.state.repeats == ()
-    assert said[-1].startswith("Pose 1 could not be measured again: joint 7")
+    assert "joint 7" in hearing.said[-1]
     assert read_journal(session.journal.path.parent).events[-1].name == "return_missed"
     (notice,) = missing_repeat_notices(session.state)
     assert notice.code == "NO_RETURN"
@@ -143,14 +135,9 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
 def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
     make_session: MakeSession,
 ) -> None:
-    class Pressing(Listener):
-        def pose_captured(self, state: object, wanted: int) -> None:
-            if len(session.state.poses) == 6:
-                raise Cancelled
-
     session = begun(make_session(short_procedure(7)))
-    with pytest.raises(Cancelled):
-        take_poses(session, Pressing(), (1, 5))
+    take_until(session, 6)
+    session.cancelled = lambda: False
     (notice,) = (w for w in session.calibrate().warnings if w.code == "NO_RETURN")
     assert notice.poses == ("1", "1", "6")
     assert notice.kind is Kind.NOT_REPEATED
@@ -184,7 +171,7 @@ def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
 def sessioned(session: Session, *, slip_rad: float = 0.0, joint: int = 3) -> Solution:
     """Take all poses, let a joint slip before the arm is back, and calibrate."""
     begun(session)
-    take_poses(session, Slipping(session, joint, slip_rad), (1, 5))
+    take_poses(session, slipping(session, joint, slip_rad), (1, 5))
     return session.calibrate()
 
 
@@ -293,12 +280,11 @@ def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused
         mean[0] -= np.deg2rad(0.45)
         return replace(found, mean_rad=mean)
 
-    class Slipping(Listener):
-        def pose_captured(self, state: object, _: int) -> None:
-            if len(session.state.poses) == 4:
-                session.arm.capture = slipped
+    def slip(count: int) -> None:
+        if count == 4:
+            session.arm.capture = slipped
 
-    take_poses(session, Slipping(), (1, 5))
+    take_poses(session, Hearing(slip), (1, 5))
     solution = session.calibrate()
     assert return_test(solution).fires
     assert solution.verdict is Verdict.NOT_ACCEPTED

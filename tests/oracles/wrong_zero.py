@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from hardware.arm import ArmIdentity, NodeIdentity
-from hardware.virtual.scenarios import scenario
+from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.procedure import Procedure
 from tests.oracles.plant_arm import PlantArm
 
@@ -11,8 +11,8 @@ from tests.oracles.plant_arm import PlantArm
 class WrongZero(PlantArm):
     """See the module."""
 
-    def __init__(self, procedure: Procedure) -> None:
-        super().__init__(procedure, scenario("datasheet", seed=3))
+    def __init__(self, procedure: Procedure, chosen: Scenario | None = None) -> None:
+        super().__init__(procedure, chosen or scenario("datasheet", seed=3))
         self.serials = {j: 100 + j for j in range(1, 8)}
         self.enabled = self.moved = 0
         self.before_end = (0, 0)

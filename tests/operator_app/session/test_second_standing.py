@@ -1,5 +1,6 @@
 """Mounted anew, the fixture is somewhere else; the arm is the one that the earlier placement's poses know."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,6 @@ import numpy as np
 import pytest
 
 from hardware.arm import Reading
-from hardware.virtual.axis import PlantReading
 from hardware.virtual.scenarios import scenario_of
 from hardware.virtual.specimens import SpecimenFiles
 from operator_app.calibration.experiment import Experiment
@@ -15,48 +15,31 @@ from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.poses_file import parse_poses
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
-from operator_app.errors import Cancelled, GuardError
+from operator_app.errors import GuardError
 from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.remounting import record_remounted, record_remounting
 from operator_app.session.workflow.session import Session
-from tests.oracles.opened import opened
-from tests.oracles.plant_arm import PlantArm
+from tests.oracles.hearing import take_until
+from tests.oracles.opened import MakeSession, opened
 from tests.oracles.shop_floor_remounted import Remounted, remounted
+from tests.oracles.wrong_zero import WrongZero
 
 POSES = 12
-COUNTS_PER_DEG = 400_000 / 360.0
 
 
-class Slipped(PlantArm):
-    """The plant in one placement of its fixture, a joint's counter off."""
-
-    def __init__(
-        self, procedure: Procedure, placement: int, joint: int = 1, degrees: float = 0.0
-    ) -> None:
-        self._lost = [0] * procedure.arm.joint_count
-        self._lost[joint - 1] = round(degrees * COUNTS_PER_DEG)
-        own = procedure.fixture.fixture
-        stated = SpecimenFiles(
-            arm=procedure.arm,
-            fixture=own,
-            tolerance_m=own.tolerance.position_m,
-            tolerance_rad=own.tolerance.orientation_rad,
-        )
-        self.enabled = 0
-        super().__init__(procedure, scenario_of("datasheet", 3, stated, placement))
-
-    def _step(self) -> PlantReading:
-        found = super()._step()
-        counts = tuple(c + lost for c, lost in zip(found.position_counts, self._lost, strict=True))
-        self._reading = replace(found, position_counts=counts)
-        return self._reading
-
-    def take_control(self) -> None:
-        self.enabled += 1
-        super().take_control()
+def arm_in(procedure: Procedure, placement: int) -> WrongZero:
+    """The plant in one placement of its fixture."""
+    own = procedure.fixture.fixture
+    stated = SpecimenFiles(
+        arm=procedure.arm,
+        fixture=own,
+        tolerance_m=own.tolerance.position_m,
+        tolerance_rad=own.tolerance.orientation_rad,
+    )
+    return WrongZero(procedure, scenario_of("datasheet", 3, stated, placement))
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +48,7 @@ def first_done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedur
     folder, procedure = tmp_path_factory.mktemp("first") / "session", load_procedure("hinge")
     capture = replace(procedure.capture, poses=POSES, samples_per_pose=8)
     procedure = replace(procedure, placements=2, capture=capture)
-    session = opened(folder, Slipped(procedure, 1), procedure)
+    session = opened(folder, arm_in(procedure, 1), procedure)
     session.connect()
     take_poses(session, Listener(), (1, 5))
     session.close("mounted anew")
@@ -74,40 +57,34 @@ def first_done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedur
     return folder, procedure
 
 
-def second(first_done: tuple[Path, Procedure], folder: Path, arm: Slipped) -> Session:
-    folder.mkdir()
-    (folder / "journal.jsonl").write_bytes((first_done[0] / "journal.jsonl").read_bytes())
-    session = opened(folder, arm, first_done[1], resumed=True)
+@pytest.fixture
+def second(
+    first_done: tuple[Path, Procedure], tmp_path: Path, make_session: MakeSession
+) -> Session:
+    """The same session, its arm in the second placement."""
+    folder, procedure = first_done
+    shutil.copytree(folder, tmp_path / "session")
+    session = make_session(procedure, arm=arm_in(procedure, 2), resume=True)
     session.connect()
     return session
 
 
 @pytest.mark.parametrize(("joint", "degrees"), [(2, 30.0), (3, -30.0), (4, 30.0)])
 def test_a_slip_between_two_placements_is_told_before_anything_is_enabled(
-    first_done: tuple[Path, Procedure], tmp_path: Path, joint: int, degrees: float
+    second: Session, joint: int, degrees: float
 ) -> None:
-    arm = Slipped(first_done[1], 2, joint, degrees)
-    session = second(first_done, tmp_path / "s", arm)
+    second.arm.off_rad[joint - 1] = np.deg2rad(degrees)
     with pytest.raises(GuardError, match=f"it closes with .*joint {joint} near"):
-        take_poses(session, Listener(), (1, 5))
-    assert arm.enabled == 0
-    session.close("refused")
+        take_poses(second, Listener(), (1, 5))
+    assert second.arm.enabled == 0
 
 
-def test_a_sound_arm_goes_on_in_its_second_placement(
-    first_done: tuple[Path, Procedure], tmp_path: Path
-) -> None:
-    session = second(first_done, tmp_path / "s", Slipped(first_done[1], 2))
-    session.cancelled = lambda: len(session.state.poses) == POSES + 1
-    with pytest.raises(Cancelled):
-        take_poses(session, Listener(), (1, 5))
-    assert [p.placement for p in session.state.poses] == [1] * POSES + [2]
-    told = [e.data for e in read_journal(tmp_path / "s").events if e.name == "standing"]
-    assert (
-        "with the offsets of the earlier placements and within the tolerances of the files"
-        in told[-1]["told"]
-    )
-    session.close("left")
+def test_a_sound_arm_goes_on_in_its_second_placement(second: Session) -> None:
+    take_until(second, POSES + 1)
+    assert [p.placement for p in second.state.poses] == [1] * POSES + [2]
+    events = read_journal(second.journal.path.parent).events
+    told = [e.data["told"] for e in events if e.name == "standing"]
+    assert "with the offsets of the earlier placements and within the tolerances" in told[-1]
 
 
 def _known(case: Remounted) -> KnownArm:
@@ -175,24 +152,15 @@ def test_a_hinge_that_stood_far_from_its_files_place_may_do_so_again() -> None:
     assert 1.5 < np.mean(found) < 4.0
 
 
-def test_poses_that_fit_badly_tell_less() -> None:
+def test_poses_that_fit_badly_tell_less_and_too_few_nothing() -> None:
     procedure = load_procedure("hinge")
     case = remounted("stated", 0, poses=POSES, standings=1)
     poses = parse_poses(case.first.csv().encode(), "first.csv").poses
     wrong = poses.q_rad.copy()
     wrong[6:, 2] += np.deg2rad(2.0)
-    sound = _known(case)
-    poses = replace(poses, q_rad=wrong)
-    worse = known_arm(Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses))
+    arm, fixture = procedure.arm, procedure.fixture.fixture
+    worse = known_arm(Experiment(arm=arm, fixture=fixture, poses=replace(poses, q_rad=wrong)))
     assert worse is not None
-    assert np.all(np.diag(worse.covariance)[:5] > 2.0 * np.diag(sound.covariance)[:5])
-
-
-def test_too_few_poses_tell_nothing() -> None:
-    procedure = load_procedure("hinge")
-    case = remounted("stated", 0, poses=POSES, standings=1)
-    poses = parse_poses(case.first.picked(slice(0, 2)).csv().encode(), "first.csv").poses
-    assert (
-        known_arm(Experiment(arm=procedure.arm, fixture=procedure.fixture.fixture, poses=poses))
-        is None
-    )
+    assert np.all(np.diag(worse.covariance)[:5] > 2.0 * np.diag(_known(case).covariance)[:5])
+    two = poses.at_poses(np.arange(2))
+    assert known_arm(Experiment(arm=arm, fixture=fixture, poses=two)) is None

@@ -2,7 +2,9 @@
 
 from dataclasses import replace
 
-from hardware.arm import ArmIdentity, NodeIdentity
+import numpy as np
+
+from hardware.arm import ArmIdentity, NodeIdentity, Reading
 from hardware.virtual.scenarios import Scenario, scenario
 from operator_app.config.procedure import Procedure
 from tests.oracles.plant_arm import PlantArm
@@ -37,3 +39,27 @@ class WrongZero(PlantArm):
     def move(self, *args: object, **kwargs: object) -> object:  # type: ignore[override]
         self.moved += 1
         return super().move(*args, **kwargs)  # type: ignore[arg-type]
+
+
+def counted_from(procedure: Procedure, moved_rad: np.ndarray) -> Procedure:
+    """The same arm, its joints counted from `moved_rad` (n,) beyond where they were."""
+    arm = procedure.arm
+    joints = tuple(
+        replace(j, lower_rad=j.lower_rad - float(by), upper_rad=j.upper_rad - float(by))
+        for j, by in zip(arm.joints, moved_rad, strict=True)
+    )
+    table = replace(arm.table, theta_off_rad=arm.table.theta_off_rad + moved_rad)
+    home = arm.home_rad - moved_rad
+    return replace(procedure, arm=replace(arm, joints=joints, table=table, home_rad=home))
+
+
+def reading_of(procedure: Procedure, q_rad: np.ndarray) -> Reading:
+    """A reading (n,) without noise."""
+    resolution = np.array([j.sensor.resolution_rad for j in procedure.arm.joints])
+    return Reading(
+        mean_counts=q_rad / resolution,
+        mean_rad=q_rad,
+        sd_rad=np.zeros(len(q_rad)),
+        samples=8,
+        first_sync=1,
+    )

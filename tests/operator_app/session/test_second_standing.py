@@ -7,9 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.arm import Reading
-from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.specimens import SpecimenFiles
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prior import KnownArm, known_arm
 from operator_app.config.poses_file import parse_poses
@@ -20,26 +17,22 @@ from operator_app.session.safety.preflight import check_closure_without_poses
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
+from operator_app.session.workflow.opening import Choices
 from operator_app.session.workflow.remounting import record_remounted, record_remounting
 from operator_app.session.workflow.session import Session
+from operator_app.virtual_arms import virtual_arm
 from tests.oracles.hearing import take_until
 from tests.oracles.opened import MakeSession, opened
 from tests.oracles.shop_floor_remounted import Remounted, remounted
-from tests.oracles.wrong_zero import WrongZero
+from tests.oracles.wrong_zero import WrongZero, reading_of
 
 POSES = 12
 
 
 def arm_in(procedure: Procedure, placement: int) -> WrongZero:
     """The plant in one placement of its fixture."""
-    own = procedure.fixture.fixture
-    stated = SpecimenFiles(
-        arm=procedure.arm,
-        fixture=own,
-        tolerance_m=own.tolerance.position_m,
-        tolerance_rad=own.tolerance.orientation_rad,
-    )
-    return WrongZero(procedure, scenario_of("datasheet", 3, stated, placement))
+    chosen = Choices(scenario="datasheet", seed=3)
+    return WrongZero(procedure, virtual_arm(procedure.arm, procedure.fixture, chosen, placement))
 
 
 @pytest.fixture(scope="module")
@@ -96,11 +89,9 @@ def _known(case: Remounted) -> KnownArm:
 
 
 def _refused(q_rad: np.ndarray, known: KnownArm | None) -> bool:
-    reading = Reading(
-        mean_counts=q_rad, mean_rad=q_rad, sd_rad=np.zeros(7), samples=32, first_sync=1
-    )
+    procedure = load_procedure("hinge")
     try:
-        check_closure_without_poses(load_procedure("hinge"), reading, known)
+        check_closure_without_poses(procedure, reading_of(procedure, q_rad), known)
     except GuardError:
         return True
     return False

@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hardware.arm import Reading
-from hardware.virtual.scenarios import scenario_of
-from hardware.virtual.specimens import SpecimenFiles
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError
 from operator_app.session.safety.closure_gate import loop_at_reading
 from operator_app.session.safety.preflight import check_closure_without_poses
+from operator_app.session.workflow.opening import Choices
+from operator_app.virtual_arms import virtual_arm
+from tests.oracles.wrong_zero import counted_from, reading_of
 
 FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 
@@ -25,7 +25,7 @@ def test_a_sound_arm_is_not_refused_wherever_it_stands(name: str, kind: str) -> 
     procedure = load_procedure(name)
     for seed in range(2):
         for q in sound_poses(procedure, kind, seed, 4):
-            check_closure_without_poses(procedure, _reading(procedure, q))
+            check_closure_without_poses(procedure, reading_of(procedure, q))
 
 
 @pytest.mark.sample(10)
@@ -39,7 +39,7 @@ def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(
     procedure = load_procedure(name)
     for q in sound_poses(procedure, kind, 1, 3):
         anew, there = _zeroed(procedure, q, zeros, q)
-        check_closure_without_poses(anew, _reading(anew, there))
+        check_closure_without_poses(anew, reading_of(anew, there))
 
 
 @pytest.mark.sample(5)
@@ -59,8 +59,10 @@ def test_counters_that_began_anew_are_named_wherever_it_stands(
     found = [text for text in said if text]
     assert len(found) == 4 or (name == "ball" and len(found) >= 2)
     for text in found:
-        assert re.search(r"counters? of joints? [\d and]+ (is|are) at zero", text)
-        assert any(re.search(rf"Home joint [\d and]*{j}", text) for j in zeros)
+        named = re.search(r"counters? of joints? ([\d and]+) (is|are) at zero", text)
+        assert named is not None
+        assert {int(j) for j in re.findall(r"\d", named[1])} <= set(zeros)
+        assert f"Home joint {named[1]}" in text
 
 
 @pytest.mark.parametrize("degrees", [17.0, 22.0, 30.0])
@@ -77,7 +79,7 @@ def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees: float) ->
     read = q.copy()
     read[0] = 0.0
     with pytest.raises(GuardError, match="counter of joint 1 is at zero") as refused:
-        check_closure_without_poses(procedure, _reading(procedure, read))
+        check_closure_without_poses(procedure, reading_of(procedure, read))
     assert "really is at zero" in refused.value.remedy
 
 
@@ -86,10 +88,9 @@ def test_two_counters_that_began_anew_together_are_both_named() -> None:
     (q,) = sound_poses(procedure, "datasheet", 1, 1)
     before = q.copy()
     before[[1, 3]] -= np.deg2rad([40.0, -40.0])
-    anew, there = _zeroed(procedure, q, (2, 4), before)
-    with pytest.raises(GuardError, match="counters of joints 2 and 4 are at zero") as refused:
-        check_closure_without_poses(anew, _reading(anew, there))
-    assert "Home joint 2 and 4" in str(refused.value)
+    said = _said(*_zeroed(procedure, q, (2, 4), before))
+    assert "counters of joints 2 and 4 are at zero" in said
+    assert "Home joint 2 and 4" in said
 
 
 def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt() -> None:
@@ -111,7 +112,7 @@ def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt() -> No
 def _said(procedure: Procedure, q_rad: np.ndarray) -> str:
     """Why these readings are refused; empty if they are not."""
     try:
-        check_closure_without_poses(procedure, _reading(procedure, q_rad))
+        check_closure_without_poses(procedure, reading_of(procedure, q_rad))
     except GuardError as refused:
         return str(refused)
     return ""
@@ -121,14 +122,8 @@ def sound_poses(
     procedure: Procedure, kind: str, seed: int, count: int, *, near: np.ndarray | None = None
 ) -> list[np.ndarray]:
     """Readings (n,) of closed poses of a drawn arm; up to 20 deg from home, or the nearest to `near`."""
-    arm, fixture = procedure.arm, procedure.fixture.fixture
-    stated = SpecimenFiles(
-        arm=arm,
-        fixture=fixture,
-        tolerance_m=fixture.tolerance.position_m,
-        tolerance_rad=fixture.tolerance.orientation_rad,
-    )
-    truth = scenario_of(kind, seed, stated).true_loop()
+    arm, chosen = procedure.arm, Choices(scenario=kind, seed=seed)
+    truth = virtual_arm(arm, procedure.fixture, chosen).true_loop()
     rng = np.random.default_rng(seed)
     found: list[np.ndarray] = []
     while len(found) < count:
@@ -150,37 +145,17 @@ def _zeroed(
 
     With both the same they truly are there; else their counters began anew.
     """
-    arm = procedure.arm
-    moved = np.zeros(arm.joint_count)
-    columns = [j - 1 for j in zeros]
+    moved, columns = np.zeros(len(q_rad)), [j - 1 for j in zeros]
     moved[columns] = truly_rad[columns]
-    joints = tuple(
-        replace(j, lower_rad=j.lower_rad - float(by), upper_rad=j.upper_rad - float(by))
-        for j, by in zip(arm.joints, moved, strict=True)
-    )
-    table = replace(arm.table, theta_off_rad=arm.table.theta_off_rad + moved)
     read = q_rad - moved
     read[columns] = 0.0
-    other = replace(arm, joints=joints, table=table, home_rad=arm.home_rad - moved)
-    return replace(procedure, arm=other), read
-
-
-def _reading(procedure: Procedure, q_rad: np.ndarray) -> Reading:
-    resolution = np.array([j.sensor.resolution_rad for j in procedure.arm.joints])
-    return Reading(
-        mean_counts=q_rad / resolution,
-        mean_rad=q_rad,
-        sd_rad=np.zeros(len(q_rad)),
-        samples=8,
-        first_sync=1,
-    )
+    return counted_from(procedure, moved), read
 
 
 def test_at_its_own_nominal_values_a_loop_costs_nothing() -> None:
     procedure = load_procedure("hinge")
     fixture = procedure.fixture.fixture
-    q = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit().q_rad
     found = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit()
     assert 0.0 <= found.chi2 < 1.0
     assert found.dof == 5
-    np.testing.assert_allclose(q, procedure.arm.home_rad, atol=np.deg2rad(3.0))
+    np.testing.assert_allclose(found.q_rad, procedure.arm.home_rad, atol=np.deg2rad(3.0))

@@ -8,7 +8,8 @@ link is as the open ROS description (iiwa_description) has it.
 import math
 
 import numpy as np
-import pinocchio as pin
+
+from tests.oracles.urdfs import joint, places, robot, words
 
 D_M = (0.360, 0.0, 0.420, 0.0, 0.400, 0.0, 0.126)
 ALPHA_DEG = (-90.0, 90.0, 90.0, -90.0, -90.0, 90.0, 0.0)
@@ -30,52 +31,38 @@ ORIGINS = (
 """xyz (m) and rpy (half turns: of pi) of the seven joints and the flange, as the maker's description has them."""
 
 
-def urdf() -> str:
-    """Its description: axes about their own z, limits of the data sheet."""
-    parts = ['<robot name="lbr_iiwa14_r820"><link name="base"/>']
-    parent = "base"
-    for k, (xyz, turns) in enumerate(ORIGINS, 1):
-        child = f"l{k}" if k < 8 else "flange"
-        rpy = " ".join(repr(math.pi * t) for t in turns)
-        kind, limit = "fixed", ""
-        if k < 8:
-            kind, reach = "revolute", math.radians(RANGE_DEG[k - 1])
-            speed, torque = math.radians(SPEED_DEG_PER_S[k - 1]), TORQUE_NM[k - 1]
-            limit = (
-                f'<axis xyz="0 0 1"/><limit lower="{-reach!r}" upper="{reach!r}" '
-                f'velocity="{speed!r}" effort="{torque!r}"/>'
-            )
-        parts.append(
-            f'<link name="{child}"/><joint name="j{k}" type="{kind}"><parent link="{parent}"/>'
-            f'<child link="{child}"/><origin xyz="{" ".join(map(str, xyz))}" rpy="{rpy}"/>{limit}</joint>'
-        )
-        parent = child
-    return "".join([*parts, "</robot>"])
+PANDA = (
+    (0.0, 0.0, 0.333), (-90.0, 0.0, 0.0), (90.0, 0.0, 0.316), (90.0, 0.0825, 0.0),
+    (-90.0, -0.0825, 0.384), (90.0, 0.0, 0.0), (90.0, 0.088, 0.0),
+)  # fmt: skip
+"""The Panda's modified D-H table: alpha (deg), a and d (m) of each joint."""
+
+
+def urdf(steps: int = 8) -> str:
+    """Its description, or the beginning of it: axes about their own z, limits of the data sheet."""
+    joints = []
+    for k, (xyz, turns) in enumerate(ORIGINS[:steps], 1):
+        at = words(xyz), words([math.pi * t for t in turns])
+        if k == 8:
+            joints.append(joint("j8", "l7", "flange", *at, kind="fixed"))
+            continue
+        reach, speed = math.radians(RANGE_DEG[k - 1]), math.radians(SPEED_DEG_PER_S[k - 1])
+        limits = {"ends": (-reach, reach), "velocity": speed, "effort": TORQUE_NM[k - 1]}
+        joints.append(joint(f"j{k}", f"l{k - 1}", f"l{k}", *at, "0 0 1", **limits))
+    return robot(*joints)
 
 
 def iiwa_hand(q_rad: np.ndarray) -> np.ndarray:
     """Flange in the base, (4, 4), by pinocchio from the description."""
-    model = pin.buildModelFromXML(urdf())
-    return _placed(model, q_rad, model.getFrameId("flange"))
+    return places(urdf(), q_rad[None], "flange")[0]
 
 
 def panda_hand(q_rad: np.ndarray) -> np.ndarray:
     """Flange of the Panda in its base, (4, 4), by pinocchio from the maker's modified D-H table."""
-    model, parent = pin.Model(), 0
-    steps = (
-        (0.0, 0.0, 0.333), (-90.0, 0.0, 0.0), (90.0, 0.0, 0.316), (90.0, 0.0825, 0.0),
-        (-90.0, -0.0825, 0.384), (90.0, 0.0, 0.0), (90.0, 0.088, 0.0),
-    )  # fmt: skip
-    for k, (alpha, a, d) in enumerate(steps, 1):
-        turn = pin.utils.rotate("x", math.radians(alpha))
-        place = pin.SE3(turn, np.array([a, 0.0, 0.0]) + turn @ [0.0, 0.0, d])
-        parent = model.addJoint(parent, pin.JointModelRZ(), place, f"j{k}")
-    flange = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.107]))
-    frame = model.addFrame(pin.Frame("flange", parent, flange, pin.FrameType.OP_FRAME))
-    return _placed(model, q_rad, frame)
-
-
-def _placed(model: pin.Model, q_rad: np.ndarray, frame: int) -> np.ndarray:
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q_rad)
-    return data.oMf[frame].homogeneous.copy()
+    joints = []
+    for k, (alpha_deg, a, d) in enumerate(PANDA, 1):
+        alpha = math.radians(alpha_deg)
+        xyz = words((a, -math.sin(alpha) * d, math.cos(alpha) * d))
+        joints.append(joint(f"j{k}", f"l{k - 1}", f"l{k}", xyz, words((alpha, 0, 0)), "0 0 1"))
+    flange = joint("end", "l7", "flange", "0 0 0.107", kind="fixed")
+    return places(robot(*joints, flange), q_rad[None], "flange")[0]

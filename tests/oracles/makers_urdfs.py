@@ -7,6 +7,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 from tests.oracles.makers_chains import CHAINS, ur
+from tests.oracles.urdfs import joint, robot, words
 
 CHAINS = CHAINS | {"ur5": ur(0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823)}
 RANGE_RAD = 2.8
@@ -26,26 +27,26 @@ class Steps:
 
     def urdf(self) -> str:
         """The chain as a URDF."""
-        text, parent = ['<robot name="arm"><link name="base"/>'], "base"
+        joints, parent = [], "base"
         for k, place in enumerate(self.places):
             turns = k < len(self.axes)
             link = f"link_{k + 1}" if turns else "flange"
             rpy = Rotation.from_matrix(place[:3, :3]).as_euler("xyz", suppress_warnings=True)
-            origin = " ".join(f"{v:.15g}" for v in place[:3, 3])
-            text.append(
-                f'<link name="{link}"/><joint name="to_{link}" type="{"revolute" if turns else "fixed"}">'
-                f'<parent link="{parent}"/><child link="{link}"/>'
-                f'<origin xyz="{origin}" rpy="{" ".join(f"{v:.15g}" for v in rpy)}"/>'
-            )
-            if turns:
-                axis = " ".join(f"{v:.15g}" for v in self.axes[k])
-                text.append(
-                    f'<axis xyz="{axis}"/>'
-                    f'<limit lower="{-RANGE_RAD}" upper="{RANGE_RAD}" effort="50" velocity="2"/>'
+            joints.append(
+                joint(
+                    f"to_{link}",
+                    parent,
+                    link,
+                    words(place[:3, 3]),
+                    words(rpy),
+                    words(self.axes[k]) if turns else "",
+                    kind="revolute" if turns else "fixed",
+                    ends=(-RANGE_RAD, RANGE_RAD),
+                    effort=50,
                 )
-            text.append("</joint>")
+            )
             parent = link
-        return "\n".join([*text, "</robot>"])
+        return robot(*joints)
 
 
 def nominal(name: str) -> Steps:

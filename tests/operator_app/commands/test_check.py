@@ -149,8 +149,7 @@ def test_poses_that_are_no_arms_are_said(capsys: pytest.CaptureFixture[str]) -> 
         capsys.readouterr().out.split()
     )
 
-    six = lbr_iiwa.urdf().partition('<link name="l7"/>')[0] + "</robot>"
-    Path("six.urdf").write_text(six)
+    Path("six.urdf").write_text(lbr_iiwa.urdf(6))
     assert main(["new", "arm", "--urdf", "six.urdf", "-o", "six.yaml"]) == 0
     line = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]
     assert main(line) == 2

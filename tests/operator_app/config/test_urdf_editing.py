@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 import yaml
 
@@ -20,6 +19,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward
 from solver.chain.rotations import rotation_vector
+from tests.oracles.urdfs import joint, places, robot, words
 
 URDF = """<?xml version='1.0'?>\r
 <!-- maker's comment <origin xyz="9 9 9"/> -->\r
@@ -99,22 +99,7 @@ def off(found: FloatArray, wanted: FloatArray) -> tuple[float, float]:
 
 
 def pinocchios(data: bytes, chain: UrdfChain, q: FloatArray) -> FloatArray:
-    model = pin.buildModelFromXML(data.decode())
-    built, places = model.createData(), []
-    for angles in q:
-        whole = pin.neutral(model)
-        for joint, angle in zip(chain.joints, angles, strict=True):
-            part = model.joints[model.getJointId(joint.name)]
-            whole[part.idx_q : part.idx_q + part.nq] = (
-                [angle] if part.nq == 1 else [np.cos(angle), np.sin(angle)]
-            )
-        pin.framesForwardKinematics(model, built, whole)
-        base, tip = (
-            built.oMf[model.getFrameId(name, pin.FrameType.BODY)]
-            for name in (chain.base, chain.tip)
-        )
-        places.append((base.inverse() * tip).homogeneous)
-    return np.array(places)
+    return places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
 
 
 def without_origins(text: str, joints: set[str]) -> str:
@@ -256,17 +241,15 @@ kinematics:
 
 def urs_urdf(text: str) -> bytes:
     """UR's file as a URDF, by a reader of its own."""
-    links, joints, parent = yaml.safe_load(text)["kinematics"], "", "base"
+    links, joints, parent = yaml.safe_load(text)["kinematics"], [], "base"
     for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"):
-        xyz, rpy = (" ".join(repr(float(links[name][k])) for k in keys)
-                    for keys in (("x", "y", "z"), ("roll", "pitch", "yaw")))  # fmt: skip
-        joints += (
-            f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>'
-            f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="0 0 1"/>'
-            f'<limit lower="-3" upper="3" effort="9" velocity="2"/></joint><link name="{name}"/>'
+        xyz, rpy = (
+            words([links[name][k] for k in keys])
+            for keys in (("x", "y", "z"), ("roll", "pitch", "yaw"))
         )
+        joints.append(joint(name, parent, name, xyz, rpy, "0 0 1"))
         parent = name
-    return f'<robot name="ur"><link name="base"/>{joints}</robot>'.encode()
+    return robot(*joints).encode()
 
 
 def test_urs_kinematics_file_gets_the_same_arm() -> None:

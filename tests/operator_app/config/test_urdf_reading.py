@@ -1,7 +1,6 @@
 """Chains of URDFs as makers write them: parallel axes, rounded angles, torsos, grippers. Oracle: pinocchio."""
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from operator_app.config.arm_file import parse_arm
@@ -12,26 +11,13 @@ from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
 from solver.chain.kinematics import forward
 from tests.oracles.approved import Approve
+from tests.oracles.urdfs import joint, places, robot
 
 HALF = "1.5707963267948966"
 SIX = (("0 0 0.0892", "0 0 0"), ("0 0.1358 0", f"0 {HALF} 0"), ("0 -0.1197 0.425", "0 0 0"),
        ("0 0 0.39225", f"0 {HALF} 0"), ("0 0.093 0", "0 0 0"), ("0 0 0.09465", "0 0 0"))  # fmt: skip
 AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")
 """A six-axis arm of the common kind: axes 2, 3 and 4 are parallel."""
-
-
-def joint(name, parent, child, xyz="0 0 0", rpy="0 0 0", axis="", kind="revolute", more=""):
-    turns = f'<axis xyz="{axis}"/><limit lower="-3" upper="3" effort="9" velocity="2"/>'
-    return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
-        f'<origin xyz="{xyz}" rpy="{rpy}"/>{turns if axis else ""}{more}</joint>'
-    )
-
-
-def robot(*joints: str) -> bytes:
-    links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
-    text = "".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
-    return f'<robot name="arm">{text}</robot>'.encode()
 
 
 def six(changes: dict[int, tuple[str, str]] | None = None) -> list[str]:
@@ -45,26 +31,17 @@ def six(changes: dict[int, tuple[str, str]] | None = None) -> list[str]:
 
 def worst_m(data: bytes, chain: UrdfChain, table=None) -> float:
     """How far our tip, read through an arm file, is from pinocchio's at 50 poses (m, or entries of a rotation)."""
-    model = pin.buildModelFromXML(data.decode())
-    built, stacked = model.createData(), (table or chain.table).stacked()
-    worst = 0.0
-    for angles in np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints))):
-        q = pin.neutral(model)
-        for turning, angle in zip(chain.joints, angles, strict=True):
-            q[model.joints[model.getJointId(turning.name)].idx_q] = angle
-        pin.framesForwardKinematics(model, built, q)
-        base, tip = (built.oMf[model.getFrameId(name)] for name in (chain.base, chain.tip))
-        frames = forward(angles + stacked[0], *stacked[1:])
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = frames.R_end, frames.p_end
-        off = chain.T_link_base @ T @ chain.T_flange_tip - (base.inverse() * tip).homogeneous
-        worst = max(worst, float(np.abs(off).max()))
-    return worst
+    stacked = (table or chain.table).stacked()
+    q = np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints)))
+    frames, T = forward(q + stacked[0], *stacked[1:]), np.tile(np.eye(4), (50, 1, 1))
+    T[:, :3, :3], T[:, :3, 3] = frames.R_end, frames.p_end
+    theirs = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
+    return float(np.abs(chain.T_link_base @ T @ chain.T_flange_tip - theirs).max())
 
 
 @pytest.mark.parametrize("off_rad", [0.0, 1e-10, 1e-5, -2e-3, 0.1])
 def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad: float) -> None:
-    data = robot(*six({3: ("0 -0.1197 0.425", f"{off_rad!r} 0 {-0.5 * off_rad!r}")}))
+    data = robot(*six({3: ("0 -0.1197 0.425", f"{off_rad!r} 0 {-0.5 * off_rad!r}")})).encode()
     chain = parse_urdf(data, "arm.urdf")
     arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
     assert arm.hayati_rows == (2, 3)
@@ -77,7 +54,7 @@ def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad:
 
 
 def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm() -> None:
-    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "1e-3 0 2e-3")})), "arm.urdf")
+    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "1e-3 0 2e-3")})).encode(), "arm.urdf")
     arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
     assert np.count_nonzero(arm.table.beta_rad) > 0
     again = parse_urdf(format_urdf(arm, arm.table), "again.urdf")
@@ -96,7 +73,7 @@ def test_a_rounded_angle_is_taken_for_what_it_means(word: str, deg: float | None
 
 
 def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported() -> None:
-    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "-3.1416 0 0")})), "arm.urdf")
+    chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "-3.1416 0 0")})).encode(), "arm.urdf")
     assert chain.rounded == {"-3.1416": -180.0}
     assert abs(chain.table.alpha_rad[1]) == np.pi
     assert not chain.table.beta_rad.any()
@@ -137,7 +114,7 @@ HEAD = (joint("neck", "torso", "head", axis="0 0 1"),)
     ],
 )
 def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected) -> None:
-    chain = parse_urdf(robot(*six(), *more), "arm.urdf", base=base, tip=tip)
+    chain = parse_urdf(robot(*six(), *more).encode(), "arm.urdf", base=base, tip=tip)
     assert (chain.base, chain.tip) == expected
     assert [j.name for j in chain.joints] == ["j1", "j2", "j3", "j4", "j5", "j6"]
 
@@ -159,7 +136,7 @@ def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected)
 )
 def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, approve: Approve) -> None:
     with pytest.raises(ConfigError) as refused:
-        parse_urdf(robot(*six(), *more), "arm.urdf", base=base, tip=tip)
+        parse_urdf(robot(*six(), *more).encode(), "arm.urdf", base=base, tip=tip)
     approve(str(refused.value))
 
 
@@ -172,6 +149,6 @@ def test_a_name_or_a_parent_given_twice_is_refused() -> None:
     joints = six()
     twice = [*joints[:2], joints[2].replace('"j3"', '"j2"'), *joints[3:]]
     with pytest.raises(ConfigError, match="several joints named 'j2' on the path to 'flange'"):
-        parse_urdf(robot(*twice), "a.urdf")
+        parse_urdf(robot(*twice).encode(), "a.urdf")
     with pytest.raises(ConfigError, match="'l3' is the child of two joints, 'j3' and 'other'"):
-        parse_urdf(robot(*joints, joint("other", "l0", "l3", axis="0 0 1")), "a.urdf")
+        parse_urdf(robot(*joints, joint("other", "l0", "l3", axis="0 0 1")).encode(), "a.urdf")

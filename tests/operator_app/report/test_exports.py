@@ -22,6 +22,7 @@ from solver.chain.kinematics import DhTable, forward
 from tests.oracles import lbr_iiwa
 from tests.oracles.approved import Approve
 from tests.oracles.panda import FOLDER as PANDA
+from tests.oracles.urdfs import joint, places, robot, words
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_quantised.csv"
 
@@ -38,15 +39,6 @@ def ball() -> sarcal.Result:
     )
 
 
-def pinocchio_hands(urdf: bytes, q_rad: np.ndarray, frame: str = "flange") -> np.ndarray:
-    model = pin.buildModelFromXML(urdf.decode())
-    data, hands = model.createData(), []
-    for q in q_rad:
-        pin.framesForwardKinematics(model, data, q)
-        hands.append(data.oMf[model.getFrameId(frame)].homogeneous)
-    return np.array(hands)
-
-
 @pytest.mark.parametrize("which", ["hinge", "ball"])
 def test_pinocchio_puts_the_flange_where_we_do(
     which: str, request: pytest.FixtureRequest, tmp_path: Path
@@ -56,7 +48,7 @@ def test_pinocchio_puts_the_flange_where_we_do(
     arm = result.arm
     q = np.random.default_rng(1).uniform(arm.lower_rad, arm.upper_rad, (200, arm.joint_count))
     ours = result.fk(q, frame="flange")
-    np.testing.assert_allclose(pinocchio_hands(file.read_bytes(), q), ours, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(file.read_bytes(), q, "flange"), ours, rtol=0, atol=1e-9)
     model = pin.buildModelFromXML(file.read_text())
     np.testing.assert_allclose(model.lowerPositionLimit, arm.lower_rad, rtol=0, atol=1e-12)
     np.testing.assert_allclose(model.upperPositionLimit, arm.upper_rad, rtol=0, atol=1e-12)
@@ -65,7 +57,7 @@ def test_pinocchio_puts_the_flange_where_we_do(
 def test_pinocchio_puts_the_tip_where_fk_has_it(ball: sarcal.Result, tmp_path: Path) -> None:
     urdf = ball.export(tmp_path / "arm.urdf").read_bytes()
     q = ball.poses.q_rad[:50]
-    np.testing.assert_allclose(pinocchio_hands(urdf, q, "tip"), ball.fk(q), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(urdf, q, "tip"), ball.fk(q), rtol=0, atol=1e-9)
 
 
 def test_into_ones_own_urdf(hinge: sarcal.Result, tmp_path: Path) -> None:
@@ -78,10 +70,10 @@ def test_into_ones_own_urdf(hinge: sarcal.Result, tmp_path: Path) -> None:
     written = (folder / "own_calibrated.urdf").read_bytes()
     q = hinge.poses.q_rad
     wanted = hinge.fk(q, frame="flange")
-    np.testing.assert_allclose(pinocchio_hands(written, q), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(written, q, "flange"), wanted, rtol=0, atol=1e-9)
     assert b"theta_off_3: " in written
     program = hinge.export(tmp_path / "program.urdf", into=own).read_bytes()
-    np.testing.assert_allclose(pinocchio_hands(program, q), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(program, q, "flange"), wanted, rtol=0, atol=1e-9)
     assert main(["export", str(folder), "--format", "csv", "--into", str(own)]) == 2
     assert main(["export", str(folder), "--into", str(own), "-o", str(own)]) == 2
     assert main(["export", str(folder), "--into", str(PANDA / "panda_1.csv")]) == 2
@@ -120,33 +112,19 @@ def test_new_arm_reads_it_back(hinge: sarcal.Result, tmp_path: Path) -> None:
     assert main(["new", "arm", "--urdf", str(urdf), "-o", str(made)]) == 2
 
 
-IIWA = """<robot name="iiwa-like">
-  <link name="world"/><link name="base"/>
-  <joint name="stand" type="fixed"><parent link="world"/><child link="base"/>
-    <origin xyz="0.1 -0.2 0.4" rpy="0.1 0.2 0.3"/></joint>
-  {joints}
-  <joint name="tool" type="fixed"><parent link="l7"/><child link="tool0"/>
-    <origin xyz="0.01 0.02 0.045" rpy="0.3 -0.2 0.5"/></joint>
-  <link name="tool0"/>
-</robot>"""
-
-
 def foreign_urdf(seed: int) -> bytes:
     """A chain whose frames and axes were chosen by nobody who thought of D-H."""
     rng = np.random.default_rng(seed)
-    joints, parent = [], "base"
+    joints = [joint("stand", "world", "l0", "0.1 -0.2 0.4", "0.1 0.2 0.3", kind="fixed")]
     for j in range(1, 8):
         axis = rng.normal(size=3) if seed else np.eye(3)[rng.integers(3)] * rng.choice([-1, 1])
         xyz = rng.uniform(-0.3, 0.3, 3) if seed else np.eye(3)[rng.integers(3)] * 0.2
         rpy = rng.uniform(-3, 3, 3) if seed else np.pi / 2 * rng.integers(-2, 3, 3)
-        text = [" ".join(map(repr, v.tolist())) for v in (xyz, rpy, axis)]
-        joints.append(
-            f'<joint name="j{j}" type="revolute"><parent link="{parent}"/><child link="l{j}"/>'
-            f'<origin xyz="{text[0]}" rpy="{text[1]}"/><axis xyz="{text[2]}"/>'
-            f'<limit lower="-2.9" upper="2.9" effort="30" velocity="1.5"/></joint><link name="l{j}"/>'
-        )
-        parent = f"l{j}"
-    return IIWA.format(joints="\n".join(joints)).encode()
+        at = map(words, (xyz, rpy, axis))
+        limits = {"ends": (-2.9, 2.9), "effort": 30, "velocity": 1.5}
+        joints.append(joint(f"j{j}", f"l{j - 1}", f"l{j}", *at, **limits))
+    tool = joint("tool", "l7", "tool0", "0.01 0.02 0.045", "0.3 -0.2 0.5", kind="fixed")
+    return robot(*joints, tool).encode()
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -160,10 +138,10 @@ def test_any_serial_chain_reads_as_the_same_arm(seed: int) -> None:
     T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = frames.R_end, frames.p_end, 1.0
     ours = chain.T_link_base @ T @ chain.T_flange_tip
     # Pinocchio's base is the URDF's root, as ours.
-    np.testing.assert_allclose(pinocchio_hands(urdf, q, "tool0"), ours, rtol=0, atol=1e-9)
-    joint = chain.joints[0]
-    assert (joint.lower_rad, joint.upper_rad) == (-2.9, 2.9)
-    assert (joint.velocity_rad_per_s, joint.effort_nm) == (1.5, 30.0)
+    np.testing.assert_allclose(places(urdf, q, "tool0"), ours, rtol=0, atol=1e-9)
+    first = chain.joints[0]
+    assert (first.lower_rad, first.upper_rad) == (-2.9, 2.9)
+    assert (first.velocity_rad_per_s, first.effort_nm) == (1.5, 30.0)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +227,7 @@ def test_csv_json_mat_and_yaml_hold_the_same_numbers(
     assert (folder / "result.mat").read_bytes().startswith(b"MATLAB 5.0 MAT-file")
     wanted = hinge.fk(hinge.poses.q_rad, frame="flange")
     urdf = (folder / "arm.urdf").read_bytes()
-    np.testing.assert_allclose(pinocchio_hands(urdf, hinge.poses.q_rad), wanted, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(places(urdf, hinge.poses.q_rad, "flange"), wanted, rtol=0, atol=1e-9)
     capsys.readouterr()
     assert main(["export", str(folder), "--format", "csv", "-o", "-"]) == 0
     assert capsys.readouterr().out.startswith("parameter,side,unit,nominal,value,sigma\n")

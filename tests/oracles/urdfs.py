@@ -1,0 +1,62 @@
+"""URDFs of serial chains as text, and where pinocchio has their links. Knows nothing of sarcal."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pinocchio as pin
+
+
+def words(numbers: Sequence[float] | np.ndarray) -> str:
+    return " ".join(repr(float(v)) for v in numbers)
+
+
+def joint(
+    name: str,
+    parent: str,
+    child: str,
+    xyz: str = "0 0 0",
+    rpy: str = "0 0 0",
+    axis: str = "",
+    *,
+    kind: str = "revolute",
+    ends: tuple[float, float] = (-3, 3),
+    effort: float = 9,
+    velocity: float = 2,
+    more: str = "",
+) -> str:
+    """One joint; without an axis it has no limits either."""
+    turns = (
+        f'<axis xyz="{axis}"/><limit lower="{ends[0]!r}" upper="{ends[1]!r}" effort="{effort!r}" '
+        f'velocity="{velocity!r}"/>'
+    )
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/>{turns if axis else ""}{more}</joint>'
+    )
+
+
+def robot(*joints: str) -> str:
+    """A robot of these joints, with the links that they name."""
+    links = {word.split('"')[1] for j in joints for word in j.split("link=")[1:]}
+    text = "\n".join([*joints, *(f'<link name="{link}"/>' for link in sorted(links))])
+    return f'<robot name="arm">{text}</robot>'
+
+
+def places(
+    urdf: str | bytes, q_rad: np.ndarray, tip: str, *, base: str = "", joints: Sequence[str] = ()
+) -> np.ndarray:
+    """Link `tip` in `base` or in the root (m, 4, 4) at angles (m, n) of `joints`, or of all of them."""
+    model = pin.buildModelFromXML(urdf if isinstance(urdf, str) else urdf.decode())
+    data, found = model.createData(), []
+    for angles in q_rad:
+        q = pin.neutral(model)
+        for name, angle in zip(joints or list(model.names)[1:], angles, strict=True):
+            part = model.joints[model.getJointId(name)]
+            turned = [angle] if part.nq == 1 else [np.cos(angle), np.sin(angle)]
+            q[part.idx_q : part.idx_q + part.nq] = turned
+        pin.framesForwardKinematics(model, data, q)
+        at = data.oMf[model.getFrameId(tip, pin.FrameType.BODY)]
+        if base:
+            at = data.oMf[model.getFrameId(base, pin.FrameType.BODY)].inverse() * at
+        found.append(at.homogeneous)
+    return np.array(found)

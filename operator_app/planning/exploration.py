@@ -103,7 +103,7 @@ def _waypoints(
     seed: int,
 ) -> tuple[Mapping[int, float], ...]:
     """Return the waypoints; cached, because every visit needs all of them."""
-    unit = _additive_recurrence(3 * poses, len(joints), seed)
+    unit = additive_recurrence(3 * poses, len(joints), seed)
     low = np.array(lower_rad)
     points = low + unit * (np.array(upper_rad) - low)
     order: list[int] = []
@@ -123,8 +123,8 @@ def _waypoints(
     )
 
 
-def _additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
-    """Low-discrepancy points in the unit cube (R-sequence of the generalised golden ratio)."""
+def additive_recurrence(count: int, dimensions: int, seed: int) -> FloatArray:
+    """Low-discrepancy points (count, dimensions) in the unit cube: R-sequence of the generalised golden ratio."""
     root = 2.0
     for _ in range(64):
         root = (1.0 + root) ** (1.0 / (dimensions + 1))

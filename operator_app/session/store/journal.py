@@ -36,6 +36,7 @@ from operator_app.session.store.journal_format import (
     read_bytes,
     require_regular,
     timestamped_path,
+    utc_in_words,
     write_new_file,
     write_session_folder,
 )
@@ -187,7 +188,7 @@ class Journal:
             )
         event = JournalEvent(
             seq=self._seq + 1,
-            utc=clock().isoformat(timespec="milliseconds").replace("+00:00", "Z"),
+            utc=utc_in_words(clock()),
             name=name,
             data=data,
         )

@@ -11,7 +11,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import count
@@ -90,6 +90,20 @@ def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
     body = LONE_SURROGATE.sub(lambda half: f"\\u{ord(half[0]):04x}", text).encode()
     found = checksum(chain, body)
     return body[:-1] + f',"sum":"{found}"}}\n'.encode(), found
+
+
+def format_lines(events: Iterable[JournalEvent]) -> list[bytes]:
+    """Return the lines of a whole journal; ValueError as `format_line`."""
+    chain, lines = "", list[bytes]()
+    for event in events:
+        line, chain = format_line(event, chain)
+        lines.append(line)
+    return lines
+
+
+def utc_in_words(time: datetime) -> str:
+    """Return the time of an event as in a line."""
+    return time.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 def checksum(previous: str, body: bytes) -> str:

@@ -26,12 +26,13 @@ from operator_app.session.store.journal_format import (
     JournalContents,
     JournalEvent,
     checksum,
-    format_line,
+    format_lines,
     fsync_folder,
     parse_line,
     read_bytes,
     require_own_format,
     timestamped_path,
+    utc_in_words,
     write_new_file,
 )
 from operator_app.session.store.replay import session_state
@@ -257,8 +258,7 @@ def _repaired_event(lines: Sequence[RepairedLine], aside: Path) -> JournalEvent:
         "lost": [line.number for line in lines if line.event is None],
         "restored": [line.number for line in lines if line.event is not None and line.words],
     }
-    utc = utc_now().isoformat(timespec="milliseconds").replace("+00:00", "Z")
-    return JournalEvent(seq=0, utc=utc, name="repaired", data=data)
+    return JournalEvent(seq=0, utc=utc_in_words(utc_now()), name="repaired", data=data)
 
 
 def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:
@@ -270,13 +270,9 @@ def _numbered(events: Sequence[JournalEvent]) -> tuple[JournalEvent, ...]:
 
 def _replace_journal(path: Path, aside: Path, events: Sequence[JournalEvent]) -> None:
     """Replace the journal atomically; the damaged one remains as `aside`."""
-    chain, lines = "", []
-    for event in _numbered(events):
-        line, chain = format_line(event, chain)
-        lines.append(line)
     new = timestamped_path(path, "repaired")
     try:
-        write_new_file(new, b"".join(lines))
+        write_new_file(new, b"".join(format_lines(_numbered(events))))
         try:
             os.link(path, aside)
         except OSError:

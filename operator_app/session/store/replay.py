@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -225,23 +226,8 @@ def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> S
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 
 
-def _edit(
-    state: SessionState,
-    number: int,
-    *,
-    note: str | None = None,
-    excluded: str | None = None,
-) -> tuple[CapturedPose, ...]:
-    return tuple(
-        replace(
-            pose,
-            note=pose.note if note is None else note,
-            excluded=pose.excluded if excluded is None else excluded,
-        )
-        if pose.number == number
-        else pose
-        for pose in state.poses
-    )
+def _edit(state: SessionState, number: int, **changed: Any) -> tuple[CapturedPose, ...]:
+    return tuple(replace(p, **changed) if p.number == number else p for p in state.poses)
 
 
 def session_state(contents: JournalContents, *, joint_count: int | None = None) -> SessionState:
@@ -281,7 +267,4 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
 
 def replay(events: Iterable[tuple[str, Mapping[str, Any], str]]) -> SessionState:
     """Return the state after these events (name, data, utc)."""
-    state = SessionState()
-    for name, data, utc in events:
-        state = apply(state, name, data, utc)
-    return state
+    return reduce(lambda state, event: apply(state, *event), events, SessionState())

@@ -13,7 +13,7 @@ from operator_app.session.ui.steps import Step
 from operator_app.units import and_the_others, names
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class NextAction:
     """Action of the Enter key: its name ("" for none), label, and hint."""
 
@@ -22,19 +22,15 @@ class NextAction:
     hint: str
 
 
-def _propose(action: str, label: str, hint: str) -> NextAction:
-    return NextAction(action=action, label=label, hint=hint)
-
-
 def next_action(step: Step, s: SessionSnapshot) -> NextAction:
     """Return the next action of a step."""
     if s.data is DataState.LOST and s.task is None:
         return _lost(step)
     if s.task is not None and not s.task.moves:
-        return _propose("", "", f"{s.task.text} ...")
+        return NextAction("", "", f"{s.task.text} ...")
     if s.stopped:
         why = "the arm stopped by itself: keep clear until the cause is known, then Enter (or R) resets it"
-        return _propose(
+        return NextAction(
             "reset",
             "Reset STOP",
             f"{why}; nothing moves by itself"
@@ -42,15 +38,15 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
             else "STOP is latched: when it is safe, Enter (or R) resets it; nothing moves by itself",
         )
     if s.arm is not None and any(j.drive is DriveState.FAULT for j in s.arm.joints):
-        return _propose(
+        return NextAction(
             "reset",
             "Reset fault",
             "a drive has a fault: find the cause, then Enter (or R) resets it; nothing moves",
         )
     if s.task is not None:
-        return _propose("", "", f"{s.task.text}: any key stops it")
+        return NextAction("", "", f"{s.task.text}: any key stops it")
     if not s.connected and Step.CONNECT < step < Step.CALIBRATE:
-        return _propose("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
+        return NextAction("step_1", "To Connect", "no arm is connected: Enter goes to step 1")
     match step:
         case Step.CONNECT:
             return _connect(s)
@@ -71,11 +67,11 @@ def next_action(step: Step, s: SessionSnapshot) -> NextAction:
 def _lost(step: Step) -> NextAction:
     what = "no data from the arm; the drives hold by themselves. Check bus and controller, then "
     if step is Step.CONNECT:
-        return _propose("connect", "Connect again", what + "Enter connects again")
-    return _propose("step_1", "To Connect", what + "Enter goes to step 1")
+        return NextAction("connect", "Connect again", what + "Enter connects again")
+    return NextAction("step_1", "To Connect", what + "Enter goes to step 1")
 
 
-_CONNECT_AGAIN = _propose(
+_CONNECT_AGAIN = NextAction(
     "step_1",
     "To Connect",
     "correct what the alarm reports; then Enter goes to step 1, to connect again",
@@ -83,7 +79,7 @@ _CONNECT_AGAIN = _propose(
 
 
 def _next(step: Step, hint: str) -> NextAction:
-    return _propose("next", step.title, f"{hint}: Enter goes on to {step.title}")
+    return NextAction("next", step.title, f"{hint}: Enter goes on to {step.title}")
 
 
 def _connect(s: SessionSnapshot) -> NextAction:
@@ -92,15 +88,15 @@ def _connect(s: SessionSnapshot) -> NextAction:
         hint = f"Enter connects to {what} on {s.bus}"
         if s.state.unconfirmed_placement:
             hint = f"placement {s.state.placement}: when the fixture is mounted and everybody is clear, {hint}"
-        return _propose("connect", "Connect", hint)
+        return NextAction("connect", "Connect", hint)
     if not s.simulated and not s.stop_tested:
-        return _propose(
+        return NextAction(
             "stop_tested",
             "Stop tested",
             "press the hardware stop, check that every drive switches off, release it; then Enter",
         )
     if needs_reconnect(s):
-        return _propose(
+        return NextAction(
             "connect", "Connect again", "correct what the alarm reports, then Enter connects again"
         )
     return _next(Step.FIXTURE, "the arm is connected and checked")
@@ -108,21 +104,21 @@ def _connect(s: SessionSnapshot) -> NextAction:
 
 def _fixture(s: SessionSnapshot) -> NextAction:
     if not s.checks or any(c.severity is Severity.REFUSED for c in s.checks):
-        return _propose(
+        return NextAction(
             "check_fixture",
             "Check",
             "remount the fixture as the refused check says, then Enter checks it again",
         )
     left = len(s.procedure.fixture.checklist) - len(s.ticked)
     if left and s.simulated:
-        return _propose(
+        return NextAction(
             "confirm_all",
             "Tick all",
             "on a real arm the items are checked and ticked one at a time; this arm is simulated: "
             f"Enter ticks all {left}",
         )
     if left:
-        return _propose(
+        return NextAction(
             "confirm", "Tick", f"check each item of the list, then Enter ticks it: {left} left"
         )
     return _next(Step.MODES, "the fixture is checked")
@@ -134,18 +130,18 @@ def _modes(s: SessionSnapshot) -> NextAction:
     if not problem and s.position_joints == marked and not missing_for(Step.CAPTURE, s):
         return _next(Step.CAPTURE, "the modes are set and read back")
     if problem:
-        return _propose("suggest", "Best pair", problem[0])
+        return NextAction("suggest", "Best pair", problem[0])
     if needs_reconnect(s):
         return _CONNECT_AGAIN
     if any(alarm.resolving_tasks == {TaskKind.MODES} for alarm in s.alarms):
-        return _propose(
+        return NextAction(
             "apply_modes",
             "Apply modes",
             "do what the alarm says; then Enter applies the modes again, or N starts a new session",
         )
     driven = names(f"J{k}" for k in marked)
     others = and_the_others(len(marked), s.procedure.arm.joint_count)
-    return _propose(
+    return NextAction(
         "apply_modes",
         "Apply modes",
         f"Enter applies the modes: {driven} drive{others} (it asks first)",
@@ -159,7 +155,7 @@ def _capture(s: SessionSnapshot) -> NextAction:
     used = len(s.state.used_poses)
     left = s.wanted_poses - used
     if left > 0 and missing:
-        return _propose("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
+        return NextAction("back", "Back to Modes", f"{missing[0]}; Enter goes back there")
     if left > 0:
         poses = "the pose" if left == 1 else f"the {left} poses"
         hint = f"Enter captures {poses} left automatically; g and c capture one by hand"
@@ -171,13 +167,13 @@ def _capture(s: SessionSnapshot) -> NextAction:
             hint = f"Enter measures pose {first} again (drift check), then captures {poses} left"
         if moves_real_arm(s):
             hint += " (it asks first)"
-        return _propose("automatic", "Automatic", hint)
+        return NextAction("automatic", "Automatic", hint)
     return _next(Step.CALIBRATE, f"all {used} poses are captured")
 
 
 def _calibrate(s: SessionSnapshot) -> NextAction:
     if s.solution is None:
-        return _propose(
+        return NextAction(
             "calibrate",
             "Solve",
             f"Enter calibrates from {len(s.state.used_poses)} poses, estimator {s.estimator}",
@@ -188,7 +184,7 @@ def _calibrate(s: SessionSnapshot) -> NextAction:
 def _results(s: SessionSnapshot) -> NextAction:
     missing = missing_for(Step.EXPORT, s)
     if missing:
-        return _propose(
+        return NextAction(
             "step_4",
             "Capture more",
             "not accepted: follow the warnings, or exclude bad poses, and calibrate again",
@@ -198,26 +194,23 @@ def _results(s: SessionSnapshot) -> NextAction:
 
 def _export(s: SessionSnapshot) -> NextAction:
     if s.written is None:
-        return _propose("write", "Write file", "Enter writes parameters.yaml and poses.csv")
+        return NextAction("write", "Write file", "Enter writes parameters.yaml and poses.csv")
     if s.identity is not None and not s.identity.keeps_parameters:
-        return _propose(
+        return NextAction(
             "quit",
             "Finish",
             "done: the files are written; this arm stores no parameters. Enter or q quits",
         )
     if s.receipt is None:
-        return _propose(
+        return NextAction(
             "upload",
             "Upload",
             "the files are written. Enter uploads to the controller, after a question; q quits",
         )
-    return _propose("quit", "Finish", _uploaded(s))
-
-
-def _uploaded(s: SessionSnapshot) -> str:
-    """Return the hint after an upload."""
-    if s.verification is not None:
-        if s.verification.holds:
-            return "done: uploaded, read back and verified with new poses. Enter or q quits"
-        return "uploaded, but new poses are worse than expected: find the cause before use. Enter or q quits"
-    return "done: uploaded and read back. Enter or q quits; y verifies with new poses"
+    if s.verification is None:
+        hint = "done: uploaded and read back. Enter or q quits; y verifies with new poses"
+    elif s.verification.holds:
+        hint = "done: uploaded, read back and verified with new poses. Enter or q quits"
+    else:
+        hint = "uploaded, but new poses are worse than expected: find the cause before use. Enter or q quits"
+    return NextAction("quit", "Finish", hint)

@@ -15,7 +15,7 @@ from operator_app.session.ui.pose_quality import PoseQuality
 from operator_app.session.ui.snapshot import Level, Publisher
 from operator_app.session.workflow.capture import outlier_warning, take_poses
 from operator_app.session.workflow.drive_selection import (
-    choose_by_prediction,
+    choose,
     go_home,
     visit,
     waypoints_from,
@@ -108,7 +108,7 @@ class Operations:
         else:
             ranked = rank_at_pose(model, nominal_vector(model.parameters), here)
         if joints is None:
-            choice = choose_by_prediction(session)
+            choice = choose(session, may_move=False)
             joints, ranked = choice.drives, choice.ranked
         best = ranked[0].drives if ranked else joints
         self._publisher.publish(
@@ -313,7 +313,8 @@ class Operations:
         """Publish the session's state and the quality of its poses."""
         session = self._session
         state = session.state
-        now = self._pose_quality.evaluate(state)
+        now = self._pose_quality
+        now.evaluate(state)
         if not state.solved:
             self.results.solution = None
         self._publisher.publish(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,9 +25,8 @@ from solver.design.plan import PlanningTask
 from solver.loops.closure import ClosureModel, poses_needed
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseQualityResult:
-    """Quality of the captured poses and the next waypoints.
+class PoseQuality:
+    """Evaluates the poses of a session; reuses the last result.
 
     Attributes
     ----------
@@ -40,21 +38,15 @@ class PoseQualityResult:
         The most informative waypoint; None if not known.
     """
 
-    live: LiveQuality | None
-    next_waypoint: int | None
-    best_waypoint: int | None
-
-
-class PoseQuality:
-    """Evaluates the poses of a session; reuses the last result."""
-
     def __init__(self, session: Session) -> None:
         self._session = session
         self.plan: tuple[Mapping[int, float], ...] = ()
         self.forecast: Forecast | None = None
         self._task: PlanningTask | None = None
         self._placed: EndpointConstraint | None = None
-        self._live: LiveQuality | None = None
+        self.live: LiveQuality | None = None
+        self.next_waypoint: int | None = None
+        self.best_waypoint: int | None = None
 
     def set_plan(self, plan: tuple[Mapping[int, float], ...], start_rad: FloatArray) -> None:
         """Set the plan, which starts at `start_rad` (n,), and predict its poses."""
@@ -77,30 +69,27 @@ class PoseQuality:
                 samples=session.procedure.capture.samples_per_pose,
             )
 
-    def evaluate(self, state: SessionState) -> PoseQualityResult:
-        """Return the quality of the poses of `state`."""
+    def evaluate(self, state: SessionState) -> None:
+        """Evaluate the poses of `state`."""
         session, used = self._session, state.used_poses
         if not used:
-            self._live = self._placed = None
+            self.live = self._placed = None
         else:
             q_rad = np.array([p.mean_rad for p in used])
             numbers = tuple(p.number for p in used)
             loop = self._loop_of(state)
-            self._live = live_quality(session.model, loop, q_rad, numbers, earlier=self._live)
+            self.live = live_quality(session.model, loop, q_rad, numbers, earlier=self.live)
         left = [k for k in range(len(self.plan)) if k not in state.visited]
-        return PoseQualityResult(
-            live=self._live,
-            next_waypoint=left[0] if left else None,
-            best_waypoint=self._most_informative_waypoint(state, left),
-        )
+        self.next_waypoint = left[0] if left else None
+        self.best_waypoint = self._most_informative_waypoint(state, left)
 
     def _most_informative_waypoint(self, state: SessionState, left: list[int]) -> int | None:
-        if self._live is None or self.forecast is None or self._task is None:
+        if self.live is None or self.forecast is None or self._task is None:
             return None
         names = [p.name for p in self._nominal_loop.parameters]
         return most_informative(
             self._task,
-            self._live.x[[names.index(p.name) for p in self._task.model.parameters]],
+            self.live.x[[names.index(p.name) for p in self._task.model.parameters]],
             taken_rad=np.array([p.mean_rad for p in state.used_poses]),
             forecast=self.forecast,
             open_waypoints=left,

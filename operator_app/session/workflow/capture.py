@@ -5,7 +5,7 @@ The operator may cancel at any time and resume.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,7 +38,7 @@ from operator_app.session.workflow.drive_selection import (
     verification_waypoints,
 )
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.planned_capture import CampaignEnd, MoveStart, PlannedCapture
+from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.pose_reading import TargetLostError
 from operator_app.session.workflow.session import Session
 from operator_app.units import REACH
@@ -217,7 +217,7 @@ def _check_last_pose(session: Session, listener: Listener, planned: PlannedCaptu
 
 def _repeat_first_pose(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
-) -> tuple[MoveStart, ...]:
+) -> Sequence[Mapping[int, float]]:
     """Repeat the first used pose: the difference shows step changes independently of the model.
 
     An explored capture moves there in a straight line within its box, a planned one on paths of its plan. If the pose
@@ -225,7 +225,7 @@ def _repeat_first_pose(
 
     Returns
     -------
-    The moves of a planned capture, by which it can go back.
+    The drives' angles at the start of each move of a planned capture, by which it can go back.
 
     Raises
     ------
@@ -247,10 +247,10 @@ def _repeat_pose(
     *,
     suspect: bool = False,
     speed_rad_per_s: float | None = None,
-) -> tuple[MoveStart, ...]:
+) -> Sequence[Mapping[int, float]]:
     """Move to a pose (the first one if there is a plan), measure it again and compare."""
     listener.going(None)
-    way: tuple[MoveStart, ...] = ()
+    way: Sequence[Mapping[int, float]] = ()
     if planned is None:
         targets = {j: float(first.mean_rad[j - 1]) for j in session.position_joints}
         missed = reach(session, targets, speed_rad_per_s=speed_rad_per_s).reason

@@ -16,7 +16,6 @@ from hardware.arm import MoveResult
 from operator_app.errors import GuardError
 from operator_app.planning.drives import (
     DriveChoice,
-    DrivePrediction,
     choose_drives,
     predict_drives,
     sets_to_try,
@@ -50,36 +49,21 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
     return choice.drives
 
 
-def choose(session: Session) -> DriveChoice:
+def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
     """Rank the sets of drive joints at the present pose and record the best usable one.
 
-    With `trial` in the procedure, the best ones are moved by 1.5 deg first, which enables the drives.
+    With `trial` in the procedure, the best ones are moved by 1.5 deg first, which enables the drives, unless nothing
+    may move.
     """
-    prediction = _predicted(session)
-    trials: tuple[TrialWiggles, ...] = ()
-    if session.procedure.trial:
-        tried = sets_to_try(prediction, session.procedure.unsensed_joints)
-        trials = tuple(wiggle(session, drives) for drives in tried)
-    return _recorded(session, prediction, trials)
-
-
-def choose_by_prediction(session: Session) -> DriveChoice:
-    """Like `choose`, but always without a trial: nothing moves."""
-    return _recorded(session, _predicted(session), ())
-
-
-def _predicted(session: Session) -> DrivePrediction:
     arm, model = session.model, session.fixture.model(session.model)
     here = session.arm.snapshot().positions_rad
-    return predict_drives(
+    prediction = predict_drives(
         arm, model, nominal_vector(model.parameters), here, seed=session.procedure.capture.seed
     )
-
-
-def _recorded(
-    session: Session, prediction: DrivePrediction, trials: tuple[TrialWiggles, ...]
-) -> DriveChoice:
     unsensed = session.procedure.unsensed_joints
+    trials: tuple[TrialWiggles, ...] = ()
+    if session.procedure.trial and may_move:
+        trials = tuple(wiggle(session, drives) for drives in sets_to_try(prediction, unsensed))
     choice = choose_drives(prediction, unsensed_joints=unsensed, trials=trials)
     session.record(
         "drives_chosen",

@@ -27,7 +27,8 @@ from operator_app.session.store.journal import Clock, lock, read_journal, utc_no
 from operator_app.session.store.journal_format import (
     JOURNAL_NAME,
     JournalEvent,
-    format_line,
+    format_lines,
+    utc_in_words,
     write_new_file,
 )
 from operator_app.session.store.replay import apply
@@ -176,14 +177,10 @@ class ImportedSession:
         """Return the journal lines, with this order number."""
         opened, *others = self._events
         opened = replace(opened, data={**opened.data, "order": order})
-        lines, chain = list[bytes](), ""
-        for event in (opened, *others):
-            line, chain = format_line(event, chain)
-            lines.append(line)
-        return lines
+        return format_lines((opened, *others))
 
     def _record(self, name: str, data: Mapping[str, Any]) -> None:
-        utc = self._clock().isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        utc = utc_in_words(self._clock())
         event = JournalEvent(seq=len(self._events) + 1, utc=utc, name=name, data=data)
         self._events.append(event)
         self.state = apply(self.state, name, data, utc)

@@ -7,7 +7,7 @@ campaign starts with the used poses.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,6 @@ from operator_app.session.workflow.drive_selection import require_in_box
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named
-from solver.arrays import FloatArray
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign
 from solver.design.stop_rule import PrecisionStatus
@@ -57,14 +56,6 @@ class CampaignEnd:
     complete: bool
     text: str
     weak: tuple[ImpreciseParameter, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MoveStart:
-    """Joint angles (n,) rad at the start of a move of these drives."""
-
-    drives: tuple[int, ...]
-    q_rad: FloatArray
 
 
 class PlannedCapture:
@@ -177,7 +168,8 @@ class PlannedCapture:
                     after_pose()
                     campaign.captured(pose.mean_rad)
                 case ChangeDrives():
-                    self._say(f"{_capitalized(action.why)}. They are the drive joints from now on.")
+                    why = action.why[:1].upper() + action.why[1:]
+                    self._say(f"{why}. They are the drive joints from now on.")
                     session.set_modes(action.drives)
                     session.settle()
                     q = session.arm.snapshot().positions_rad
@@ -187,19 +179,19 @@ class PlannedCapture:
                 case GoTo():
                     self._move(campaign, action)
 
-    def to_first(self) -> tuple[str, tuple[MoveStart, ...]]:
+    def to_first(self) -> tuple[str, list[Mapping[int, float]]]:
         """Move to the first captured pose on paths of the plan; the campaign is not informed.
 
         Returns
         -------
-        Why the pose was not reached ("" if it was), and the start of each move, by which to go back.
+        Why the pose was not reached ("" if it was), and the drives' angles (rad) at the start of each move.
         """
         campaign = None if self._moved else self.campaign
         first = self._session.state.used_poses[0].mean_rad
         moves = None if campaign is None else campaign.way_to(first)
         if campaign is None or moves is None:
-            return NO_WAY_BACK, ()
-        session, stops = self._session, list[MoveStart]()
+            return NO_WAY_BACK, []
+        session, stops = self._session, list[Mapping[int, float]]()
         self._listener.going(None)
         for move in moves:
             if isinstance(move, ChangeDrives):
@@ -207,20 +199,20 @@ class PlannedCapture:
                 session.settle()
                 continue
             here = session.arm.snapshot().positions_rad
-            stops.append(MoveStart(drives=session.position_joints, q_rad=here))
+            stops.append({j: float(here[j - 1]) for j in session.position_joints})
             moved = session.go_to(move.targets_rad, _path_watch(campaign, move))
             if not moved.reached:
-                return moved.reason, tuple(stops)
-        return "", tuple(stops)
+                return moved.reason, stops
+        return "", stops
 
-    def retrace(self, stops: tuple[MoveStart, ...]) -> None:
+    def retrace(self, stops: Sequence[Mapping[int, float]]) -> None:
         """Go back along the moves of `to_first`."""
         session = self._session
         for stop in reversed(stops):
-            if session.position_joints != stop.drives:
-                session.set_modes(stop.drives)
+            if session.position_joints != tuple(stop):
+                session.set_modes(tuple(stop))
                 session.settle()
-            moved = session.go_to({j: float(stop.q_rad[j - 1]) for j in stop.drives})
+            moved = session.go_to(stop)
             if not moved.reached:
                 raise GuardError(
                     f"the arm does not reach its position before the drift check: {moved.reason}",
@@ -284,29 +276,22 @@ class PlannedCapture:
         )
 
     def _end(self, action: Finished) -> CampaignEnd:
-        weak: tuple[ImpreciseParameter, ...] = ()
         decision = action.decision
-        if decision is not None and decision.standing is not PrecisionStatus.REACHED:
-            weak = tuple(
-                ImpreciseParameter(
-                    name=w.name,
-                    sigma=w.sigma if np.isfinite(w.sigma) else None,
-                    requested=w.requested,
-                )
-                for w in decision.weak
-            )
-        end = CampaignEnd(complete=action.complete, text=action.text, weak=weak)
-        self._session.record(
-            "campaign_ended",
-            {
-                "complete": end.complete,
-                "text": end.text,
-                "weak": [
-                    {"name": w.name, "sigma": w.sigma, "requested": w.requested} for w in weak
-                ],
-            },
-        )
-        return end
+        reached = decision is None or decision.standing is PrecisionStatus.REACHED
+        data = {
+            "complete": action.complete,
+            "text": action.text,
+            "weak": [
+                {
+                    "name": w.name,
+                    "sigma": w.sigma if np.isfinite(w.sigma) else None,
+                    "requested": w.requested,
+                }
+                for w in (() if reached or decision is None else decision.weak)
+            ],
+        }
+        self._session.record("campaign_ended", data)
+        return _end_from_journal(data)
 
     # -- beginning and replaying -----------------------------------------------------------------
 
@@ -357,10 +342,5 @@ def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
 
 
 def _end_from_journal(data: Mapping[str, Any]) -> CampaignEnd:
-    """Return the end recorded in the journal."""
     weak = tuple(ImpreciseParameter(**w) for w in data["weak"])
     return CampaignEnd(complete=data["complete"], text=data["text"], weak=weak)
-
-
-def _capitalized(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -10,10 +10,10 @@ that time refuse; any later key raises the version number, for which old program
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
@@ -49,8 +49,6 @@ from operator_app.config.strict_yaml import Path
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
-
-M = TypeVar("M")
 
 CHANGED_IN_ONE_PLACE = "the document was changed in one place only: correct the other too"
 UTC_FORM = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{6})?Z"
@@ -193,15 +191,18 @@ class ParametersDocument(StrictRecord):
                 )
         return value
 
-    @field_validator("correlations")
+    @field_validator("correlations", "budget")
     @classmethod
-    def _correlations_fit(cls, value: Correlations, info: ValidationInfo) -> Correlations:
-        return _fitting(value, info, complaints_of_correlations)
-
-    @field_validator("budget")
-    @classmethod
-    def _budget_fits(cls, value: Budget, info: ValidationInfo) -> Budget:
-        return _fitting(value, info, complaints_of_budget)
+    def _entries_fit(cls, value: Any, info: ValidationInfo) -> Any:
+        own: dict[str, Callable[..., Iterator[tuple[Path, str, str]]]] = {
+            "correlations": complaints_of_correlations,
+            "budget": complaints_of_budget,
+        }
+        calibrated, name = info.data.get("calibrated"), str(info.field_name)
+        if calibrated is not None:
+            for place, text, remedy in own[name](value, [part.entry for part in calibrated]):
+                report(info, (name, *place), text, remedy)
+        return value
 
     @field_validator("rvdt")
     @classmethod
@@ -228,19 +229,6 @@ class ParametersDocument(StrictRecord):
             text = f"rank {value.rank} for {len(calibrated)} calibrated entries"
             report(info, ("quality", "rank"), text, CHANGED_IN_ONE_PLACE)
         return value
-
-
-def _fitting(
-    value: M,
-    info: ValidationInfo,
-    complaints: Callable[[M, Sequence[str]], Iterable[tuple[Path, str, str]]],
-) -> M:
-    """Report parts of a mapping that do not match the calibrated entries."""
-    calibrated = info.data.get("calibrated")
-    if calibrated is not None:
-        for place, text, remedy in complaints(value, [part.entry for part in calibrated]):
-            report(info, (str(info.field_name), *place), text, remedy)
-    return value
 
 
 def _entry_complaints(

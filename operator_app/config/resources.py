@@ -15,7 +15,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Literal
 
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import only
 
 Kind = Literal["arm", "fixture", "procedure", "profile"]
 
@@ -81,12 +81,11 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
         near = [name for name in names if text and name.startswith(text.lower())]
         near = near or difflib.get_close_matches(text.lower(), names, n=1)
         hint = f"did you mean {near[0]}? " if near else ""
-        problem = Problem(
-            file=text or "''",
-            text=f"is neither a built-in {WORDS[kind]} nor a file",
-            remedy=f"{hint}built-in: {', '.join(names)}; or give a path",
+        raise only(
+            text or "''",
+            f"is neither a built-in {WORDS[kind]} nor a file",
+            f"{hint}built-in: {', '.join(names)}; or give a path",
         )
-        raise ConfigError((problem,))
     shown = text if folder is None else str(path)
     data = read_limited(path, shown, limit=YAML_LIMIT_BYTES)
     return Resource(file=shown, folder=path.parent, data=data)
@@ -114,22 +113,15 @@ def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
         near = difflib.get_close_matches(path.name, _siblings(path), n=1)
         if near:
             remedy = f"did you mean {path.with_name(near[0])}?"
-        problem = Problem(file=shown, text="there is no such file", remedy=remedy)
-        raise ConfigError((problem,)) from error
+        raise only(shown, "there is no such file", remedy) from error
     except IsADirectoryError as error:
-        problem = Problem(file=shown, text="is a folder, not a file", remedy="name the file in it")
-        raise ConfigError((problem,)) from error
+        raise only(shown, "is a folder, not a file", "name the file in it") from error
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        problem = Problem(file=shown, text=f"cannot be read: {reason}", remedy="check the path")
-        raise ConfigError((problem,)) from error
+        raise only(shown, f"cannot be read: {reason}", "check the path") from error
     if len(data) > limit:
-        problem = Problem(
-            file=shown,
-            text=f"is larger than {limit // 1024} KiB",
-            remedy="this is probably the wrong file",
-        )
-        raise ConfigError((problem,))
+        text = f"is larger than {limit // 1024} KiB"
+        raise only(shown, text, "this is probably the wrong file")
     return data
 
 

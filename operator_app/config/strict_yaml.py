@@ -76,7 +76,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         problems=(),
         unreadable=frozenset(builder.unreadable),
     )
-    return replace(bare, problems=tuple(_placed(bare, found) for found in builder.found))
+    return replace(bare, problems=tuple(bare.problem(*found) for found in builder.found))
 
 
 @lru_cache(maxsize=16)
@@ -136,22 +136,12 @@ class StrictLoader(yaml.SafeLoader):
             self.depth -= 1
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Found:
-    """A problem whose path is not yet formatted with names of list items."""
-
-    mark: tuple[int, int]
-    path: Path
-    text: str
-    remedy: str
-
-
 @dataclass(slots=True)
 class _Builder:
     """Converts nodes to plain data, and records their positions."""
 
     marks: dict[Path, tuple[int, int]] = field(default_factory=dict)
-    found: list[_Found] = field(default_factory=list)
+    found: list[tuple[Path, str, str, tuple[int, int]]] = field(default_factory=list)
     unreadable: set[Path] = field(default_factory=set)
 
     def build(self, node: Node, path: Path) -> Any:
@@ -204,20 +194,8 @@ class _Builder:
         return value
 
     def _complain(self, node: Node, path: Path, text: str, remedy: str) -> None:
-        self.found.append(_Found(mark=_mark(node), path=path, text=text, remedy=remedy))
-
-
-def _placed(document: YamlDocument, found: _Found) -> Problem:
-    # Not `document.problem`: the second of two equal keys has a line of its own.
-    line, column = found.mark
-    return Problem(
-        file=document.file,
-        line=line,
-        column=column,
-        key=document.name(found.path),
-        text=found.text,
-        remedy=found.remedy,
-    )
+        # With the node's own place: the second of two equal keys has a line of its own.
+        self.found.append((path, text, remedy, _mark(node)))
 
 
 def _decode(data: bytes, file: str) -> str:
@@ -278,12 +256,14 @@ class YamlDocument:
     problems: tuple[Problem, ...]
     unreadable: frozenset[Path]
 
-    def problem(self, path: Path, text: str, remedy: str = "") -> Problem:
-        """Build a problem at `path`, or at the nearest parent that is in the file."""
+    def problem(
+        self, path: Path, text: str, remedy: str = "", mark: tuple[int, int] | None = None
+    ) -> Problem:
+        """Build a problem at `path`, or at the nearest parent that is in the file; or at another `mark`."""
         place = path
         while place and place not in self.marks:
             place = place[:-1]
-        line, column = self.marks.get(place, (1, 1))
+        line, column = mark or self.marks.get(place, (1, 1))
         return Problem(
             file=self.file,
             line=line,

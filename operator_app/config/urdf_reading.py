@@ -48,7 +48,7 @@ class UrdfJoint:
 class UrdfStep:
     """One joint of the file: its pose on its parent, and its axis, None if it is fixed.
 
-    `rounded` lists each rounded angle of the file, and the exact one, deg.
+    `rounded` lists each angle that the file rounds by more than `REPORTED_RAD`, and the exact one, deg.
     """
 
     name: str
@@ -92,10 +92,7 @@ class UrdfChain:
     @property
     def rounded(self) -> dict[str, float]:
         """Angles that the file rounds by more than `REPORTED_RAD`, and the exact ones, deg."""
-        every = {word: deg for step in self.steps for word, deg in step.rounded.items()}
-        return {
-            w: deg for w, deg in every.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
-        }
+        return {word: deg for step in self.steps for word, deg in step.rounded.items()}
 
 
 def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> UrdfChain:
@@ -299,8 +296,11 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         raise refuse("has no parent or no child", "name both links")
     origin = element.find("origin")
     turns = words(origin, "rpy", "0 0 0", 3)
-    rounded = {word: deg for word in turns if (deg := meant_deg(word)) is not None}
-    rpy = [math.radians(rounded[w]) if w in rounded else float(w) for w in turns]
+    meant = {word: deg for word in turns if (deg := meant_deg(word)) is not None}
+    rpy = [math.radians(meant[w]) if w in meant else float(w) for w in turns]
+    rounded = {
+        w: deg for w, deg in meant.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
+    }
     T = np.eye(4)
     T[:3, :3] = rotation_of_rpy(np.array(rpy))
     T[:3, 3] = numbers(origin, "xyz", "0 0 0", 3)
@@ -333,9 +333,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
         T=T,
         axis=axis,
         joint=joint,
-        rounded={
-            w: deg for w, deg in rounded.items() if abs(float(w) - math.radians(deg)) > REPORTED_RAD
-        },
+        rounded=rounded,
     )
 
 

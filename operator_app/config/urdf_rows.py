@@ -102,13 +102,7 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
-    a = float(np.linalg.norm(apart))
-    if a > MEET_M:
-        normal = apart / a
-        if normal @ line.x < 0.0:
-            normal, a = -normal, -a
-    else:
-        normal, a = _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+    normal, a = _normal_to(line, apart, z)
     # Rx(alpha) Ry(beta) takes z to (sin beta, -sin alpha cos beta, cos alpha cos beta).
     alpha = math.atan2(-float(line.z @ np.cross(z, normal)), float(line.z @ z))
     beta = math.asin(min(1.0, max(-1.0, float(line.z @ normal))))
@@ -127,15 +121,17 @@ def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = tip.point_m - origin
     s = float(apart @ z)
-    across = apart - s * z
-    a = float(np.linalg.norm(across))
-    if a > MEET_M:
-        normal = across / a
-        if normal @ tip.x < 0.0:
-            normal, a = -normal, -a
-    else:
-        normal, a = _across(z, tip.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+    normal, a = _normal_to(tip, apart - s * z, z)
     return (_angle(x, normal, z), s, a, 0.0 if tip.z @ z > 0.0 else math.pi, 0.0)
+
+
+def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatArray, float]:
+    """Return the normal from z to an axis `apart` (3,) m from it, towards the axis' x, and the distance along it."""
+    a = float(np.linalg.norm(apart))
+    if a <= MEET_M:
+        return _across(z, line.x, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])), 0.0
+    normal = apart / a
+    return (-normal, -a) if normal @ line.x < 0.0 else (normal, a)
 
 
 def _across(z: FloatArray, *wanted: FloatArray) -> FloatArray:

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from operator_app.calibration.cross_validation import Checks
     from operator_app.calibration.result import Solution
     from operator_app.messages.finding import Finding
-    from solver.arrays import FloatArray
     from solver.estimators.estimate import Estimate, TwoReadings
 
 
@@ -125,35 +124,43 @@ def facts_of(
         causes=solution.causes,
         notices=solution.warnings,
         headlines=headlines,
-        tables=_there(
-            parameter_table(
-                estimate,
-                beside=beside,
-                repeatability=_repeatability(solution),
-                sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
-                note=side_note(solution),
-            ),
-            truth_table(solution),
-            causes_table(solution),
-            dh_table(solution),
-            best_table_table(solution),
-            distance_table(solution),
-            hand_table(solution),
-            accuracy_table(solution),
-            determined_table(solution, headlines),
-            trend_table(solution),
-            closure_table(solution, beside, checks),
-            estimators_table(estimate, beside, diverged=solution.adjudication.diverged),
-            jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
-            components_table(solution.components, diverged=solution.adjudication.diverged),
-            scale_table(solution),
-            remedy_table(solution),
-            budget_table(solution),
-            sensitivity_table(solution),
-            tolerated_table(solution),
-            tests_table(solution),
-            observability_table(solution),
-            correlation_table(estimate),
+        tables=tuple(
+            table
+            for table in (
+                parameter_table(
+                    estimate,
+                    beside=beside,
+                    repeatability=None
+                    if solution.components is None
+                    else np.array(
+                        [s for name, s in solution.within.items() if name not in solution.tolerated]
+                    ),
+                    sides={p.name: side_of(solution.model, p.name) for p in estimate.parameters},
+                    note=side_note(solution),
+                ),
+                truth_table(solution),
+                causes_table(solution),
+                dh_table(solution),
+                best_table_table(solution),
+                distance_table(solution),
+                hand_table(solution),
+                accuracy_table(solution),
+                determined_table(solution, headlines),
+                trend_table(solution),
+                closure_table(solution, beside, checks),
+                estimators_table(estimate, beside, diverged=solution.adjudication.diverged),
+                jackknife_table(estimate, None if checks is None else checks.jackknife_sd),
+                components_table(solution.components, diverged=solution.adjudication.diverged),
+                scale_table(solution),
+                remedy_table(solution),
+                budget_table(solution),
+                sensitivity_table(solution),
+                tolerated_table(solution),
+                tests_table(solution),
+                observability_table(solution),
+                correlation_table(estimate),
+            )
+            if table is not None
         ),
         data={
             **calibration_data(solution),
@@ -180,10 +187,6 @@ def merged(one: Mapping[str, Any], other: Mapping[str, Any]) -> dict[str, Any]:
         both = isinstance(value, Mapping) and isinstance(found.get(key), Mapping)
         found[key] = merged(found[key], value) if both else value
     return found
-
-
-def _there(*tables: FactTable | None) -> tuple[FactTable, ...]:
-    return tuple(t for t in tables if t is not None)
 
 
 def _headlines(solution: Solution, limits: AcceptanceLimits, left_out: int) -> tuple[Headline, ...]:
@@ -218,14 +221,6 @@ def _sigma(name: str, kind: Kind, before: TwoReadings, after: TwoReadings) -> He
     return Headline(
         name=name, figure=kind(after.rms), note=f"before {kind(before.rms).with_unit}", closure=True
     )
-
-
-def _repeatability(solution: Solution) -> FloatArray | None:
-    """Standard uncertainties of type A (repeatability): scatter if the same poses were taken again, (P,)."""
-    if solution.components is None:
-        return None
-
-    return np.array([s for name, s in solution.within.items() if name not in solution.tolerated])
 
 
 EVERY = 4

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
+from functools import partial
 
 Span = tuple[str, str]
 Line = tuple[Span, ...]
@@ -12,6 +13,15 @@ Line = tuple[Span, ...]
 def line(*parts: str | Span) -> Line:
     """Make a line; bare strings are in the ``text`` role."""
     return tuple((p, "text") if isinstance(p, str) else p for p in parts)
+
+
+def entry(label: str, *parts: str | Span, column: int = 12) -> Line:
+    """Make a line with a label at its left, in a column of this width."""
+    return line((f" {label:<{column - 1}}", "dim"), *parts)
+
+
+short_entry = partial(entry, column=11)
+"""A line with a label in the column of the steps with a drawing."""
 
 
 def length(of: Line) -> int:

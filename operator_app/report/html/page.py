@@ -17,7 +17,6 @@ from operator_app.report.html.markup import (
     Section,
     bullets,
     element,
-    figure,
     plots,
     prose,
     remark,
@@ -27,7 +26,7 @@ from operator_app.report.html.markup import (
 from operator_app.report.html.sections import sections_of
 from operator_app.report.plots.before_after import hand_pair
 from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, axis
-from operator_app.report.plots.svg import drawn, plot
+from operator_app.report.plots.svg import drawn
 from operator_app.report.quality_tables import truth_in_words
 from operator_app.report.results.history import (
     HOW,
@@ -63,10 +62,12 @@ def report_html(subject: Subject) -> bytes:
         f"{subject.procedure.arm.name} {subject.state.serial_number}: "
         f"{verdict_words(subject).lower()} ({subject.name})"
     )
+    links = [element("li", element("a", s.title, href=f"#{s.ident}")) for s in sections]
+    contents = element("nav", element("ul", *links), aria_label="Contents")
     body = element(
         "body",
         element("a", "Skip to the content", href="#content", class_="skip"),
-        element("header", summary(subject), tiles(subject.facts), _contents(sections)),
+        element("header", summary(subject), tiles(subject.facts), contents),
         element("main", *(section.html for section in sections), id="content"),
         element(
             "footer",
@@ -104,11 +105,6 @@ def _history(serial: str) -> tuple[Html | str, ...]:
         element("code", f"sarcal history {serial} -o history.html"),
         ".",
     )
-
-
-def _contents(sections: tuple[Section, ...]) -> Html:
-    links = [element("li", element("a", s.title, href=f"#{s.ident}")) for s in sections]
-    return element("nav", element("ul", *links), aria_label="Contents")
 
 
 REPORT_NAME = "report.html"
@@ -318,4 +314,4 @@ def _chart(part: EntryHistory, j: int) -> Html:
         y=axis(name, heights, unit=unit.unit),
         layers=layers,
     )
-    return figure(picture.title, plot(picture))
+    return drawn(picture)

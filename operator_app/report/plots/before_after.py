@@ -13,7 +13,7 @@ from operator_app.calibration.calibrated_arm import calibrated_arm, hand_errors
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import Spread
 from operator_app.messages.calibration import fixed_briefly
-from operator_app.report.plots.plot import Axis, Layer, Marks, Picture, Polyline, map_axes
+from operator_app.report.plots.plot import Layer, Marks, Picture, Polyline, map_axes
 from operator_app.report.subject import Subject
 from operator_app.units import CLOSURE_LENGTH, LENGTH, Figure
 from solver.arrays import FloatArray
@@ -157,19 +157,23 @@ def arm_pair(subject: Subject) -> Pair | None:
         ("across", "up"), *np.concatenate(points, axis=1), unit=LENGTH.unit, aspect=ASPECT
     )
     number = subject.used[int(np.arange(len(subject.used))[poses][worst])].number
-    pictures = [
-        _arm(
-            f"{when}: {words.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}",
-            when,
-            (x, y),
-            layers,
+
+    def picture(when: str, gap: float, layers: list[Layer]) -> Picture:
+        title = f"{when}: {words.title.format(number, Figure(gap, CLOSURE_LENGTH).with_unit)}"
+        return Picture(
+            ident=f"arm-{when.lower()}",
+            title=title,
+            description=f"{title}. The arm from its base to its tool, and the place where the tool should be.",
+            x=x,
+            y=y,
+            layers=layers,
+            aspect=ASPECT,
         )
-        for when, gap, layers in zip(("Before", "After"), sizes, drawn, strict=True)
-    ]
+
     enlarged = f", drawn {times} times as wide," if times > 1 else ""
     return Pair(
-        before=pictures[0],
-        after=pictures[1],
+        before=picture("Before", sizes[0], [*drawn[0]]),
+        after=picture("After", sizes[1], [*drawn[1]]),
         note=f"The arm at the readings of pose {number}, {words.worst} before; the gap{enlarged} is from the "
         f"tool to {words.where}.",
     )
@@ -222,16 +226,3 @@ def _layers(
         line(np.stack((hand, pin)), "gap", "gap"),
         Marks(x=held[0], y=held[1], shape="triangle", class_="d", label="" if turns else there),
     ]
-
-
-def _arm(title: str, when: str, axes: tuple[Axis, Axis], layers: list[Polyline | Marks]) -> Picture:
-    all_layers: list[Layer] = [*layers]
-    return Picture(
-        ident=f"arm-{when.lower()}",
-        title=title,
-        description=f"{title}. The arm from its base to its tool, and the place where the tool should be.",
-        x=axes[0],
-        y=axes[1],
-        layers=all_layers,
-        aspect=ASPECT,
-    )

@@ -304,14 +304,6 @@ def _condition(subject: Subject, solution: Solution) -> Panels | None:
     return Panels(pictures=(calibration_plots.condition_trend(trend, limit),))
 
 
-def _workspace(subject: Subject, solution: Solution) -> Panels | None:
-    return _pair(before_after.hand_pair(solution, subject.procedure.arm))
-
-
-def _arm(subject: Subject, _: Solution) -> Panels | None:
-    return _pair(before_after.arm_pair(subject))
-
-
 def _pair(pair: before_after.Pair | None) -> Panels | None:
     if pair is None:
         return None
@@ -324,8 +316,10 @@ FIGURES: Mapping[str, Callable[[Subject, Solution], Panels | None]] = MappingPro
         "residuals": _residuals,
         "budget": _budget,
         "rvdt": _rvdt,
-        "workspace": _workspace,
-        "arm": _arm,
+        "workspace": lambda subject, solution: _pair(
+            before_after.hand_pair(solution, subject.procedure.arm)
+        ),
+        "arm": lambda subject, _: _pair(before_after.arm_pair(subject)),
         "condition": _condition,
     }
 )

@@ -31,7 +31,8 @@ from operator_app.units import (
 )
 
 if TYPE_CHECKING:
-    from operator_app.planning.advice import PlacementReport, RankedPlacement
+    from fixtures.hinge import MountedHinge
+    from operator_app.planning.advice import RankedPlacement
     from operator_app.planning.preview import PlannedPose, Preview
     from solver.chain.parameters import Parameter
     from solver.design.drive_joints import RankedDrives
@@ -203,25 +204,23 @@ def _placement(
     number: int, placement: RankedPlacement, parameters: dict[str, Parameter], joints: int
 ) -> str:
     report = placement.report
-    hinge, n = report.mounted.hinge, joints
-    lengths = {
-        "a_0": hinge.a_0_m,
-        "s_0": hinge.s_0_m,
-        "s_1": hinge.s_1_m,
-        f"a_{n}": hinge.a_n_m,
-        f"s_{n}": hinge.s_n_m,
-    }
-    twists = {"alpha_0": hinge.alpha_0_rad, f"alpha_{n}": hinge.alpha_n_rad}
-    _, off_1, *_, off_n = hinge.model(report.mounted.arm).table.theta_off_rad
-    twists |= {"theta_off_1": off_1, f"theta_off_{n}": off_n}
     entries = "; ".join(
-        f"{', '.join(f'{name} {kind(v).shown}' for name, v in some.items())} {kind.quantity.unit}"
-        for some, kind in ((lengths, MOUNTED_LENGTH), (twists, NOMINAL_TWIST))
+        ", ".join(
+            f"{name.replace('_n', f'_{joints}')} {kind(v).shown}"
+            for name, v in _entries(report.mounted).items()
+            if name.startswith(ANGLES) is angles
+        )
+        + f" {kind.quantity.unit}"
+        for kind, angles in ((MOUNTED_LENGTH, False), (NOMINAL_TWIST, True))
+    )
+    travel = ", ".join(
+        f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
+        for j, (low, high) in enumerate(report.reach_rad.tolist(), 1)
     )
     lines = [
         f"{number}. {placement.text}",
         f"placement: {entries}",
-        f"joints travel: {_travel(report)}",
+        f"joints travel: {travel}",
     ]
     for quantity in (ANGLE, LENGTH):
         some = [
@@ -231,22 +230,35 @@ def _placement(
         ]
         lines.append(f"sigmas in {quantity.unit}: {', '.join(some)}")
     lines += [f"! {c.text}: {c.remedy}" for c in report.checks if c.severity is not Severity.OK]
-    return "\n" + "\n".join(
-        paragraph(text, indent=3) if k == 0 else _indented(text) for k, text in enumerate(lines)
+    head, *others = lines
+    below = (
+        textwrap.fill(
+            text, WIDTH, initial_indent="   ", subsequent_indent="     ", break_long_words=False
+        )
+        for text in others
     )
+    return "\n".join(("", paragraph(head, indent=3), *below))
 
 
-def _travel(report: PlacementReport) -> str:
-    return ", ".join(
-        f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
-        for j, (low, high) in enumerate(report.reach_rad.tolist(), 1)
-    )
+ANGLES = ("alpha", "theta")
+"""Beginnings of the names of entries that are angles."""
 
 
-def _indented(text: str) -> str:
-    return textwrap.fill(
-        text, WIDTH, initial_indent="   ", subsequent_indent="     ", break_long_words=False
-    )
+def _entries(mounted: MountedHinge) -> dict[str, float]:
+    """D-H entries (rad, m) of a hinge's placement; n stands for the last joint."""
+    hinge = mounted.hinge
+    _, off_1, *_, off_n = hinge.model(mounted.arm).table.theta_off_rad.tolist()
+    return {
+        "a_0": hinge.a_0_m,
+        "s_0": hinge.s_0_m,
+        "alpha_0": hinge.alpha_0_rad,
+        "s_1": hinge.s_1_m,
+        "a_n": hinge.a_n_m,
+        "s_n": hinge.s_n_m,
+        "alpha_n": hinge.alpha_n_rad,
+        "theta_off_1": off_1,
+        "theta_off_n": off_n,
+    }
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
@@ -298,24 +310,15 @@ def _placement_json(
     placement: RankedPlacement, parameters: Mapping[str, Parameter]
 ) -> dict[str, Any]:
     report = placement.report
-    hinge = report.mounted.hinge
-    _, off_1, *_, off_n = hinge.model(report.mounted.arm).table.theta_off_rad
     return {
         "text": placement.text,
         "gain": placement.gain,
         "tilt_deg": math.degrees(report.mounted.tilt_rad),
         "shift_mm": 1e3 * report.mounted.shift_m,
-        "placement": {
-            "a_0_mm": 1e3 * hinge.a_0_m,
-            "s_0_mm": 1e3 * hinge.s_0_m,
-            "alpha_0_deg": math.degrees(hinge.alpha_0_rad),
-            "s_1_mm": 1e3 * hinge.s_1_m,
-            "a_n_mm": 1e3 * hinge.a_n_m,
-            "s_n_mm": 1e3 * hinge.s_n_m,
-            "alpha_n_deg": math.degrees(hinge.alpha_n_rad),
-            "theta_off_1_deg": math.degrees(off_1),
-            "theta_off_n_deg": math.degrees(off_n),
-        },
+        "placement": dict(
+            (f"{name}_deg", math.degrees(v)) if name.startswith(ANGLES) else (f"{name}_mm", 1e3 * v)
+            for name, v in _entries(report.mounted).items()
+        ),
         "mobility": report.mobility,
         "reach_deg": np.rad2deg(report.reach_rad).tolist(),
         "drives": [ranked_json(r) for r in report.drives],

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 
 from operator_app.report.plots.calibration_plots import costs, misses
-from operator_app.report.spans import Line, line, wrapped
+from operator_app.report.spans import Line, entry, line, wrapped
 from operator_app.report.subject import facts_on, subject_on
 from operator_app.session.ui.guards import may_calibrate
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
@@ -39,14 +39,14 @@ class SettingsPanel(Lines):
         used, kept = len(s.state.used_poses), len(s.state.poses)
         joints = ", ".join(f"J{j}" for j in s.unsensed_joints) or "none"
         rows = [
-            line(
-                (" Estimator  ", "dim"),
+            entry(
+                "Estimator",
                 (s.estimator, "bold"),
                 ("  " + ESTIMATOR_NOTES[s.estimator], "dim"),
             ),
-            line((" Unsensed   ", "dim"), joints, ("   (j changes)", "dim")),
-            line(
-                (" Poses      ", "dim"),
+            entry("Unsensed", joints, ("   (j changes)", "dim")),
+            entry(
+                "Poses",
                 f"{used} count",
                 (f", {kept - used} excluded" if kept > used else "", "dim"),
             ),
@@ -61,17 +61,17 @@ def _progress(s: SessionSnapshot, width: int) -> list[Line]:
         if s.iterations:
             number, cost = s.iterations[-1]
             text = f"iteration {number}   cost {COST(cost).shown}"
-        return [line((" Running    ", "dim"), ("◌ ", "accent"), text, ("   z cancels", "dim"))]
+        return [entry("Running", ("◌ ", "accent"), text, ("   z cancels", "dim"))]
     if (facts := facts_on(s)) is not None:
         glyph, role = ("✓", "bold") if facts.accepted else ("▲", "warn")
         figures = [h.figure_text for h in facts.headlines if not h.closure]
         return [
-            line((" Result     ", "dim"), (f"{glyph} {facts.verdict}", role)),
+            entry("Result", (f"{glyph} {facts.verdict}", role)),
             line(("            ", "dim"), "   ".join(figures)),
         ]
     if missing := may_calibrate(s):
         return wrapped(" ▲ " + missing[0], width, "warn", "   ")
-    return [line((" Ready      ", "dim"), "Enter or s starts")]
+    return [entry("Ready", "Enter or s starts")]
 
 
 class CalibratePlot(Lines):

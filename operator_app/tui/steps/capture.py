@@ -10,7 +10,7 @@ import numpy as np
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from operator_app.report.spans import Line, Span, clip, line
+from operator_app.report.spans import Line, Span, clip, line, short_entry
 from operator_app.session.ui.snapshot import SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
@@ -48,15 +48,15 @@ class StillPanel(Lines):
 
 def _target(s: SessionSnapshot) -> Line:
     if s.heading is not None:
-        return line((" Target    ", "dim"), f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
+        return short_entry("Target", f"{_angles(s.heading.targets_rad)}: {s.heading.why}")
     if s.procedure.capture.strategy == "planned" and len(s.state.used_poses) >= s.wanted_poses > 0:
-        return line((" Target    ", "dim"), "none: the plan is complete")
+        return short_entry("Target", "none: the plan is complete")
     if s.next_waypoint is None or not s.plan:
-        return line((" Target    ", "dim"), "none left" if s.plan else "no plan yet")
+        return short_entry("Target", "none left" if s.plan else "no plan yet")
     target = s.plan[s.next_waypoint]
     here = f"   at waypoint {s.at_waypoint + 1}" if s.at_waypoint is not None else ""
-    return line(
-        (" Target    ", "dim"), f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (here, "dim")
+    return short_entry(
+        "Target", f"waypoint {s.next_waypoint + 1}: {_angles(target)}", (here, "dim")
     )
 
 
@@ -71,15 +71,15 @@ def _angles(targets_rad: Mapping[int, float]) -> str:
 def _still(s: SessionSnapshot) -> Line:
     motion = s.motion
     if motion is None:
-        return line((" Motion    ", "dim"), ("no fresh data", "warn"))
+        return short_entry("Motion", ("no fresh data", "warn"))
     if not motion.still:
         k = int(np.argmax(np.abs(motion.speed_rad_per_s)))
         speed = JOINT_SPEED(float(motion.speed_rad_per_s[k])).with_unit
-        return line((" Motion    ", "dim"), f"{'○' * 10} moving, J{k + 1} at {speed:>13}")
+        return short_entry("Motion", f"{'○' * 10} moving, J{k + 1} at {speed:>13}")
     ready = motion.held_s >= motion.needed_s
     full = 10 if ready else int(10 * motion.held_s / motion.needed_s)
-    return line(
-        (" Motion    ", "dim"),
+    return short_entry(
+        "Motion",
         f"{'●' * full}{'○' * (10 - full)} still {min(motion.held_s, 99.9):4.1f} s, ",
         f"spread {100 * motion.spread_share:3.0f} % of limit (J{motion.worst_joint})",
     )
@@ -137,17 +137,14 @@ class ProgressPanel(Lines, can_focus=False):
         """Return the progress bar."""
         used, wanted = len(s.state.used_poses), s.wanted_poses
         left = _time_left(s)
+        placement = f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
         head, tail = (
-            f" {_placement(s)}Poses {used:>2}/{wanted}  ",
+            f" {placement}Poses {used:>2}/{wanted}  ",
             f"  {100 * used // max(1, wanted):>3} %  {left}",
         )
         cells = max(4, width - len(head) - len(tail) - 1)
         full = min(cells, cells * used // max(1, wanted))
         return [line(head, ("━" * full, "accent"), ("─" * (cells - full), "dim"), tail)]
-
-
-def _placement(s: SessionSnapshot) -> str:
-    return f"Placement {s.state.placement}  " if s.state.placement > 1 else ""
 
 
 def _time_left(s: SessionSnapshot) -> str:

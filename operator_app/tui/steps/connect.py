@@ -8,7 +8,7 @@ from textual.app import ComposeResult
 
 from hardware.arm import NodeIdentity
 from operator_app.messages.errors import drive_words
-from operator_app.report.spans import Line, line, wrapped
+from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
@@ -30,10 +30,10 @@ class BusPanel(Lines):
         rate = f"{s.sync_rate_hz:.0f} SYNC/s" if s.connected else "not connected"
         session = str(s.folder)
         return [
-            line((" Bus       ", "dim"), s.bus, ("   " + rate, "text")),
-            line((" Procedure ", "dim"), f"{s.procedure.name}: {s.procedure.arm.name} in "
+            short_entry("Bus", s.bus, ("   " + rate, "text")),
+            short_entry("Procedure", f"{s.procedure.name}: {s.procedure.arm.name} in "
                  f"{s.procedure.fixture.name}, {s.wanted_poses} poses", ("   (p: another)", "dim")),
-            line((" Session   ", "dim"), session if len(session) < width - 12 else "…" + session[-width + 13:]),
+            short_entry("Session", session if len(session) < width - 12 else "…" + session[-width + 13:]),
         ]  # fmt: skip
 
 

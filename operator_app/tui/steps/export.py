@@ -9,7 +9,7 @@ from textual.app import ComposeResult
 
 from operator_app.report.parameter_tables import precision
 from operator_app.report.results.verification import verified_words
-from operator_app.report.spans import Line, clip, line, wrapped
+from operator_app.report.spans import Line, clip, entry, line, wrapped
 from operator_app.report.table import Cell, FactTable, figures, shown, words
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
@@ -38,34 +38,33 @@ class FilePanel(Lines):
         """File, controller, checksums."""
         serial = s.identity.serial_number if s.identity else s.state.serial_number or "—"
         if s.written is None:
-            rows = [line((" File       ", "dim"), "not written yet: Enter or w writes it")]
+            rows = [entry("File", "not written yet: Enter or w writes it")]
         else:
             rows = [
-                line((" File       ", "dim"), ("✓ ", "text"), str(s.written.parameters)),
-                line((" SHA-256    ", "dim"), s.written.sha256),
+                entry("File", ("✓ ", "text"), str(s.written.parameters)),
+                entry("SHA-256", s.written.sha256),
             ]
         if s.identity is not None and not s.identity.keeps_parameters:
-            rows.append(line((" Controller ", "dim"), f"none: {serial} stores no parameters"))
+            rows.append(entry("Controller", f"none: {serial} stores no parameters"))
             return [clip(row, width) for row in rows]
-        rows.append(line((" To         ", "dim"), f"controller {serial} over {s.bus}"))
+        rows.append(entry("To", f"controller {serial} over {s.bus}"))
         if s.receipt is None:
             table = _difference(s)
             count = 0 if table is None else changed(table)
             rows.append(
-                line(
-                    (" Controller ", "dim"),
-                    f"not uploaded: {count} of {len(s.diff)} parameters would change",
+                entry(
+                    "Controller", f"not uploaded: {count} of {len(s.diff)} parameters would change"
                 )
             )
         else:
             rows.append(
-                line(
-                    (" Controller ", "dim"),
+                entry(
+                    "Controller",
                     ("✓ ", "text"),
                     f"slot {s.receipt.slot} active, {s.receipt.length} bytes read back",
                 )
             )
-            rows.append(line((" Read back  ", "dim"), s.receipt.sha256))
+            rows.append(entry("Read back", s.receipt.sha256))
         return [clip(row, width) for row in rows]
 
 
@@ -96,18 +95,16 @@ class RecordPanel(Lines):
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Verification and session."""
         if s.verification is None:
-            rows = [
-                line((" Verify     ", "dim"), "y captures new poses and verifies these parameters")
-            ]
+            rows = [entry("Verify", "y captures new poses and verifies these parameters")]
         else:
             glyph, role = ("✓ ", "text") if s.verification.holds else ("▲ ", "warn")
             words = f"{glyph}{verified_words(s.verification)}"
             head, *more = wrapped(words, width - len(" Verified   "), role)
-            rows = [line((" Verified   ", "dim"), *head)]
+            rows = [entry("Verified", *head)]
             rows += [line(" " * len(" Verified   "), *row) for row in more]
         where = "r writes report.html" if s.report is None else f"✓ {s.report}"
-        rows.append(line((" Report     ", "dim"), where))
-        rows.append(line((" Session    ", "dim"), f"{s.folder}"))
+        rows.append(entry("Report", where))
+        rows.append(entry("Session", f"{s.folder}"))
         # The session is named last: its folder is that of the file as well.
         return [clip(row, width) for row in rows[:height]]
 

@@ -10,7 +10,7 @@ from textual.containers import Horizontal, Vertical
 
 from fixtures.base import Severity
 from operator_app.messages.errors import REACHES_NOTHING
-from operator_app.report.spans import Line, line, wrapped
+from operator_app.report.spans import Line, entry, line, wrapped
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.lines import Lines
@@ -18,10 +18,8 @@ from operator_app.tui.steps.view import StepView
 from operator_app.tui.widgets.list_panel import ListPanel
 from operator_app.tui.widgets.pictures import ArmView
 from operator_app.units import (
-    ANGLE,
     ANGLE_TOLERANCE,
     CONDITION,
-    LENGTH,
     LENGTH_TOLERANCE,
     NOMINAL_LENGTH,
     NOMINAL_TWIST,
@@ -52,33 +50,20 @@ class PlacementPanel(Lines):
         """Kind, lengths, angles."""
         spec = s.procedure.fixture
         loop = spec.fixture.model(s.procedure.arm)
-        rows = [line((" Fixture    ", "dim"), (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
+        rows = [entry("Fixture", (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
         own = set(loop.ground_side) | set(loop.hand_side)
-        lengths = [p for p in loop.parameters if p.name in own and not p.is_angle]
-        angles = [
-            p for p in loop.parameters if p.name in own and p.is_angle and "theta" not in p.name
-        ]
-        if lengths:
-            values = "  ".join(f"{p.name} {NOMINAL_LENGTH(p.nominal).shown}" for p in lengths)
-            rows.append(
-                line(
-                    (" Lengths    ", "dim"),
-                    f"{values} {LENGTH.unit}",
-                    (f"  ±{LENGTH_TOLERANCE(spec.tolerance_m).with_unit}", "dim"),
-                )
-            )
-        if angles:
-            values = "  ".join(f"{p.name} {NOMINAL_TWIST(p.nominal).shown}" for p in angles)
-            rows.append(
-                line(
-                    (" Twists     ", "dim"),
-                    f"{values} {ANGLE.unit}",
-                    (f"  ±{ANGLE_TOLERANCE(spec.tolerance_rad).with_unit}", "dim"),
-                )
-            )
+        placed = [p for p in loop.parameters if p.name in own and "theta" not in p.name]
+        for name, angles, kind, tolerance in (
+            ("Lengths", False, NOMINAL_LENGTH, LENGTH_TOLERANCE(spec.tolerance_m)),
+            ("Twists", True, NOMINAL_TWIST, ANGLE_TOLERANCE(spec.tolerance_rad)),
+        ):
+            some = [f"{p.name} {kind(p.nominal).shown}" for p in placed if p.is_angle is angles]
+            if some:
+                values = f"{'  '.join(some)} {kind.quantity.unit}"
+                rows.append(entry(name, values, (f"  ±{tolerance.with_unit}", "dim")))
         rows.append(
-            line(
-                (" Unknowns   ", "dim"),
+            entry(
+                "Unknowns",
                 f"{len(loop.parameters)} parameters, {loop.equations_per_pose} equations per pose",
             )
         )

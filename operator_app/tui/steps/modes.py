@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 
-from operator_app.report.spans import Line, line, wrapped
+from operator_app.report.spans import Line, line, short_entry, wrapped
 from operator_app.session.ui.guards import modes_problem
 from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
@@ -33,8 +33,8 @@ class PlanPanel(Lines):
         marked = s.wanted_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         rows: list[Line] = [
-            line(
-                (" Marked    ", "dim"),
+            short_entry(
+                "Marked",
                 (names, "bold"),
                 f" in position mode{and_the_others(len(marked), s.procedure.arm.joint_count)}",
             )

@@ -60,10 +60,12 @@ class VerdictPanel(Lines):
         tail = f" · {plural(count, 'note')}" if noted else ""
         sigmas = [h for h in facts.headlines if h.closure]
         others = [h for h in facts.headlines if not h.closure and h.name != "rank"]
+        # Of a simulated arm.
+        truth = truth_in_words(s.solution)
         rows = [
             line((f" {glyph} {facts.verdict.upper()}{tail}", role)),
             *_hand(s.solution, width),
-            *_truth(s.solution, width),
+            *(wrapped(f"   truth: {truth}", width, "text", "   ") if truth else ()),
             headline_spans(sigmas, width),
             headline_spans(others, width),
         ]
@@ -94,12 +96,6 @@ def _hand(found: Solution, width: int) -> list[Line]:
         said += f", only if {', '.join(h.name for h in held)} {'are' if len(held) > 1 else 'is'} as fixed"
     more = ", rms over the ranges of all joints"
     return [line((said, "bold"), (more if len(said + more) <= width else "", "text"))]
-
-
-def _truth(found: Solution, width: int) -> list[Line]:
-    """Errors of a simulated arm's calibration against the truth; empty for a real arm."""
-    truth = truth_in_words(found)
-    return list(wrapped(f"   truth: {truth}", width, "text", "   ")) if truth else []
 
 
 class ParametersPanel(TablePanel):

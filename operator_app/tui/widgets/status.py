@@ -58,12 +58,8 @@ class Banner(Lines, can_focus=False):
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
         """Return the most urgent message."""
-        return [clip(_banner(s), width)]
-
-
-def _banner(s: SessionSnapshot) -> Line:
-    kind: Span = (" SIMULATED " if s.simulated else " REAL ARM ", "badge")
-    return (kind, (" ", "text"), *_status(s))
+        kind: Span = (" SIMULATED " if s.simulated else " REAL ARM ", "badge")
+        return [clip((kind, (" ", "text"), *_status(s)), width)]
 
 
 def _status(s: SessionSnapshot) -> Line:
@@ -127,22 +123,14 @@ def _heartbeat(s: SessionSnapshot, *, short: bool) -> list[Span]:
 
 
 def _data(s: SessionSnapshot, *, short: bool) -> list[Span]:
-    match s.data:
-        case DataState.NONE:
-            return [("DATA ", "dim"), ("○", "dim")]
-        case DataState.FRESH:
-            return [
-                ("DATA ", "dim"),
-                ("●" if short else f"● {DATA_AGE(s.oldest_s).with_unit:>6}", "text"),
-            ]
-        case DataState.STALE:
-            which = f"J{s.stale_joints[0]}" if len(s.stale_joints) == 1 else "STALE"
-            return [
-                ("DATA ", "dim"),
-                (f"▲ {which} STALE" if which[0] == "J" else "▲ STALE", "warn"),
-            ]
-        case DataState.LOST:
-            return [("DATA ", "dim"), ("▲ LOST", "alarm")]
+    stale = f"▲ J{s.stale_joints[0]} STALE" if len(s.stale_joints) == 1 else "▲ STALE"
+    shown: dict[DataState, Span] = {
+        DataState.NONE: ("○", "dim"),
+        DataState.FRESH: ("●" if short else f"● {DATA_AGE(s.oldest_s).with_unit:>6}", "text"),
+        DataState.STALE: (stale, "warn"),
+        DataState.LOST: ("▲ LOST", "alarm"),
+    }
+    return [("DATA ", "dim"), shown[s.data]]
 
 
 def _modes(s: SessionSnapshot, *, short: bool) -> list[Span]:
@@ -164,18 +152,16 @@ def _drives(s: SessionSnapshot, *, short: bool) -> list[Span]:
     word = "DRV " if short else "DRIVES "
     if s.arm is None:
         return [(word, "dim"), ("○", "dim")]
-    states = [j.drive for j in s.arm.joints]
-    if any(d in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE) for d in states):
-        joint = next(
-            j.joint
-            for j in s.arm.joints
-            if j.drive in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
-        )
-        return [(word, "dim"), (f"■ J{joint} FAULT", "alarm")]
+    for joint in s.arm.joints:
+        if joint.drive in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
+            return [(word, "dim"), (f"■ J{joint.joint} FAULT", "alarm")]
     if s.stopped:
         return [(word, "dim"), ("■ STOP", "alarm")]
-    on = sum(d is DriveState.OPERATION_ENABLED for d in states)
-    return [(word, "dim"), ("on" if on == len(states) else f"{on}/{len(states)} on", "text")]
+    count, on = (
+        len(s.arm.joints),
+        sum(j.drive is DriveState.OPERATION_ENABLED for j in s.arm.joints),
+    )
+    return [(word, "dim"), ("on" if on == count else f"{on}/{count} on", "text")]
 
 
 LOG_ROWS = 4

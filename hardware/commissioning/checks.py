@@ -118,11 +118,7 @@ def halts(turn: Turn) -> Iterator[Clause]:
 
 def is_interrupted(turn: Turn, interrupt: Callable[[], None]) -> Iterator[Clause]:
     """Ctrl-C in a move leaves the arm holding with its drives on."""
-
-    def press() -> None:
-        interrupt()
-
-    watch = turn.on_the_way(press)
+    watch = turn.on_the_way(interrupt)
     interrupted = False
     try:
         turn.go(watch)
@@ -221,20 +217,21 @@ def drive_settings(facts: Sequence[DriveFacts]) -> Iterator[Clause]:
 def _guard(drive: DriveFacts) -> Clause:
     """Result for a drive's operator time-out: failed if `sarcal run` would refuse it, undecided if it is long."""
     guard = drive.operator_timeout_s
+    passed: bool | None = None
     if guard is None:
-        passed, text = (
-            False,
-            "1016h: it does not monitor the operator's heartbeat, and moves on if this program dies",
+        passed = False
+        text = (
+            "1016h: it does not monitor the operator's heartbeat, and moves on if this program dies"
         )
     else:
-        passed, text = True, f"1016h: it stops {guard:.2f} s after the operator's last heartbeat"
+        text = f"1016h: it stops {guard:.2f} s after the operator's last heartbeat"
         if guard > MAX_OPERATOR_TIMEOUT_S:
-            passed, text = (False, f"{text}; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s")
+            passed = False
+            text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
         elif guard > ADVISED_OPERATOR_TIMEOUT_S:
-            passed, text = (
-                None,
-                f"{text}, and moves on until then if this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)",
-            )
+            text += f", and moves on until then if this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)"
+        else:
+            passed = True
     return Clause(name="guard", passed=passed, text=text, joint=drive.joint)
 
 

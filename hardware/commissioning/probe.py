@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -248,7 +249,8 @@ def _read_node(
         unread = f"two devices answer as node {node}: give one of them another number"
     else:
         try:
-            name = _text(access, node, DEVICE_NAME)
+            with suppress(SdoRefused):
+                name = access.read_text(node, DEVICE_NAME)
             serial = _number(access, node, IDENTITY, IDENTITY_SERIAL)
             if drive and node in profile.drives:
                 problems += map(str, maps.pdo_differences(access, node, profile))
@@ -289,13 +291,6 @@ def _read_node(
         notes=tuple(notes),
         unread=unread,
     )
-
-
-def _text(access: ObjectAccess, node: int, index: int) -> str:
-    try:
-        return access.read_text(node, index)
-    except SdoRefused:
-        return ""
 
 
 def _number(access: ObjectAccess, node: int, index: int, subindex: int) -> int | None:

@@ -38,7 +38,7 @@ from hardware.errors import (
     SensorFault,
     Stopped,
 )
-from hardware.monitors.admission import admit_modes, admit_move
+from hardware.monitors.admission import admit_move, not_enabled
 from hardware.timing import Pace, Timing
 
 MODE_SYNCS: Final = 5
@@ -173,7 +173,8 @@ class CanopenArm:
             if state_of(status) is DriveState.FAULT
         )
         self._raise_for_drives(link, tripped, "given a mode")
-        admit_modes(link.loop.sample)
+        if (refused := not_enabled(link.loop.sample)) is not None:
+            raise refused
         for _ in range(MODE_ATTEMPTS):
             link.loop.run(
                 motion_steps.change_modes(link.loop, modes, syncs=MODE_SYNCS), despite=despite

@@ -134,14 +134,13 @@ class Connection:
             scales=self.scales,
         )
         try:
-            started = start_up.run(press, takes_over=takes_over)
-            self.token, self._rated_nm = started.token, started.rated_torques_nm
+            identity, self._rated_nm, self.token = start_up.run(press, takes_over=takes_over)
             self.read_modes()
             start_up.raise_if_cancelled()
         except BaseException as failure:
             start_up.undo(failure)
             raise
-        return started.identity
+        return identity
 
     def read_states(self) -> tuple[DriveState, ...]:
         """State of every drive (6041h) by SDO, without `open`."""

@@ -28,7 +28,7 @@ from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
 from hardware.control.tasks import LoopTask, Steps, TaskQueue
 from hardware.errors import BusError, HardwareError
-from hardware.monitors.joint_monitor import JointMonitor, Observations, find_alarm
+from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import LatencyMonitor, Pace, Timing, raise_loop_priority
 
@@ -178,20 +178,17 @@ class ControlLoop:
     def alarm(self) -> HardwareError | None:
         """The alarm for which the current steps should end, if any; they bring the arm to rest first."""
         task = self._tasks.first
-        found = find_alarm(
+        every = alarms(
             self.nodes,
-            Observations(
-                stop_latched=self.stop_latched,
-                lost_joints=self._sampler.lost(),
-                duplicate_joints=self._sampler.duplicates(),
-                jump=self.watch.jump,
-                divergence=self.watch.divergence,
-                dropouts=self.watch.dropout.dropouts,
-            ),
+            self.watch,
+            stop_latched=self.stop_latched,
+            lost_joints=self._sampler.lost(),
+            duplicate_joints=self._sampler.duplicates(),
             now_s=self.latency.listened_s,
             heartbeat_timeout_s=self.heartbeat_timeout_s,
-            despite=() if task is None else task.despite,
         )
+        despite = () if task is None else task.despite
+        found = next((alarm for alarm in every if not isinstance(alarm, despite)), None)
         if found is None and task is not None and task.abandoned:
             return Abandoned("the command was interrupted")
         return found

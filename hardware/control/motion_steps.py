@@ -35,6 +35,7 @@ from hardware.errors import (
     HardwareError,
     Stopped,
 )
+from hardware.monitors.admission import not_enabled
 
 INCOMPLETE_SYNCS = 200
 """Consecutive incomplete samples after which a move ends."""
@@ -192,14 +193,18 @@ def move(
             if sample.complete or path.braking:
                 point = path.next().tolist()
                 for joint, angle in zip(joints, point, strict=True):
-                    if _enabled(sample, joint):  # a tripped drive gets no further targets
+                    state = state_of(sample.statuswords[joint - 1])
+                    if (
+                        state is DriveState.OPERATION_ENABLED
+                    ):  # a tripped drive gets no further targets
                         target = scales[joint - 1].to_counts(angle)
-                        commands = _with_target(commands, joint, target)
+                        changed = replace(commands[joint - 1], target_counts=target)
+                        commands = (*commands[: joint - 1], changed, *commands[joint:])
             sample = yield commands
             if loop.latch.latched:
                 raise_alarm(loop)
             incomplete = 0 if sample.complete else incomplete + 1
-            ending = _higher_priority(loop.alarm() or _not_enabled(sample), ending)
+            ending = _higher_priority(loop.alarm() or not_enabled(sample), ending)
             faulted = faulted or isinstance(ending, DriveFault)
             if ending is None and incomplete >= INCOMPLETE_SYNCS:
                 ending = incomplete_samples(sample)
@@ -260,19 +265,6 @@ def _last_commands(loop: LoopView) -> Setpoints:
     return loop.commands
 
 
-def _enabled(sample: Sample, joint: int) -> bool:
-    return state_of(sample.statuswords[joint - 1]) is DriveState.OPERATION_ENABLED
-
-
-def _not_enabled(sample: Sample) -> CommandRefused | None:
-    """Error for the first drive that is not enabled in position or free mode; None if all are."""
-    for joint, status in enumerate(sample.statuswords, 1):
-        state = state_of(status)
-        if state is not DriveState.OPERATION_ENABLED:
-            return CommandRefused(f"joint {joint}: the drive is in {state.value}")
-    return None
-
-
 def _higher_priority(found: HardwareError | None, ending: Exception | None) -> Exception | None:
     """The error with which to end a move: the first one, unless `found` requires more than coming to rest."""
     if ending is None or isinstance(found, Stopped):
@@ -285,11 +277,6 @@ def _higher_priority(found: HardwareError | None, ending: Exception | None) -> E
     if isinstance(found, DriveFault) and not isinstance(ending, DriveFault):
         return found
     return ending
-
-
-def _with_target(commands: Setpoints, joint: int, counts: int) -> Setpoints:
-    changed = replace(commands[joint - 1], target_counts=counts)
-    return (*commands[: joint - 1], changed, *commands[joint:])
 
 
 def _not_reached(sample: Sample, target: TargetState) -> tuple[int, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import ceil
 from typing import Final
@@ -161,15 +161,6 @@ def _stated_timeout_s(access: ObjectAccess, nodes: Iterable[int]) -> float:
     return timeout_s
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Started:
-    """Result of a start-up; `token` is the node in control, 0 if none."""
-
-    identity: ArmIdentity
-    rated_torques_nm: tuple[float, ...]
-    token: int
-
-
 class StartUp:
     """One start-up of the nodes of an arm.
 
@@ -199,8 +190,13 @@ class StartUp:
         self._zeroed: list[str] = []
         self._pressed: Callable[[], bool] = lambda: False
 
-    def run(self, press: object | None, *, takes_over: bool) -> Started:
-        """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`."""
+    def run(
+        self, press: object | None, *, takes_over: bool
+    ) -> tuple[ArmIdentity, tuple[float, ...], int]:
+        """Find the nodes, check them, start heartbeat and SYNC; arguments as in `Connection.open`.
+
+        Returns the arm's identity, the rated torques of joints 1..n in N m, and the node in control, 0 if none.
+        """
         loop, access, profile = self._loop, self._access, self._profile
         self._pressed = lambda: loop.latch.last_press is not press
         loop.nodes.cancelled = lambda: self._pressed() or loop.failure is not None
@@ -227,8 +223,7 @@ class StartUp:
         self.raise_if_cancelled()
         identity, rated_torques_nm = self._check_drives(identity)
         self._require_unique_nodes()
-        for text in zero_residual_torques(access, profile):
-            self._zeroed.append(text)
+        self._zeroed += zero_residual_torques(access, profile)
         zeroed = tuple(self._zeroed)
         identity = replace(identity, configured=(*self._configured, *zeroed), zeroed=zeroed)
         self.raise_if_cancelled()
@@ -244,7 +239,7 @@ class StartUp:
         )
         check_positions(access, profile, first.counts, self._scales)
         self._read_fault_codes(first)
-        return Started(identity=identity, rated_torques_nm=rated_torques_nm, token=token)
+        return identity, rated_torques_nm, token
 
     def _listen(self, for_s: float) -> None:
         """Listen for `for_s` seconds; raise for another operator or master."""

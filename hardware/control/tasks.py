@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Callable, Generator
+from concurrent.futures import Future, wait
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -20,15 +20,16 @@ _ALIVE_POLL_S = 0.2
 
 @dataclass(slots=True)
 class LoopTask:
-    """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted."""
+    """Steps to run; `despite`: alarms to ignore; `abandoned`: whether the caller was interrupted.
+
+    `outcome` is their result, or the error that ended them.
+    """
 
     steps: Steps
     despite: tuple[type[HardwareError], ...] = ()
     abandoned: bool = False
+    outcome: Future[Any] = field(default_factory=Future)
     _started: bool = False
-    _done: threading.Event = field(default_factory=threading.Event)
-    _result: Any = None
-    _error: BaseException | None = None
 
     def advance(self, sample: Sample) -> Setpoints | None:
         """Run the steps to their next SYNC; StopIteration at their end."""
@@ -40,21 +41,17 @@ class LoopTask:
     def finish(self, *, result: Any = None, error: BaseException | None = None) -> None:
         """Pass the result or error to the caller."""
         self.steps.close()
-        self._result, self._error = result, error
-        self._done.set()
+        if error is None:
+            self.outcome.set_result(result)
+        else:
+            self.outcome.set_exception(error)
 
     def wait(self, loop_alive: Callable[[], bool]) -> bool:
         """Wait for `finish`; false if the loop has ended without it."""
-        while not self._done.wait(_ALIVE_POLL_S):
+        while not wait([self.outcome], _ALIVE_POLL_S).done:
             if not loop_alive():
-                return self._done.is_set()
+                return self.outcome.done()
         return True
-
-    def outcome(self) -> Any:
-        """Return the result, or raise the error that ended the steps."""
-        if self._error is not None:
-            raise self._error
-        return self._result
 
 
 class TaskQueue:
@@ -83,7 +80,7 @@ class TaskQueue:
             raise
         if not answered:
             raise self._closed_error()
-        return task.outcome()
+        return task.outcome.result()
 
     @property
     def first(self) -> LoopTask | None:

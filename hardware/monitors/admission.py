@@ -120,12 +120,13 @@ def require_move(
         raise CommandRefused(refusal.text)
 
 
-def admit_modes(sample: Sample) -> None:
-    """Raise `CommandRefused` for the first drive that is not enabled, as its mode cannot be changed."""
+def not_enabled(sample: Sample) -> CommandRefused | None:
+    """Error for the first drive that is not enabled, in position or free mode; None if all are."""
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:
-            raise CommandRefused(f"joint {joint}: the drive is in {state.value}")
+            return CommandRefused(f"joint {joint}: the drive is in {state.value}")
+    return None
 
 
 def _refusal(

@@ -111,7 +111,7 @@ def choose_poses(
             f"{count} poses requested, but there are only {int(usable.sum())} candidates"
         )
     scale, M = _comparable(root, P, fixed)
-    search = _Search(root / scale, P, _Pool(usable, q if apart_rad > 0.0 else None, apart_rad))
+    search = _Search(root / scale, P, usable, q if apart_rad > 0.0 else None, apart_rad)
     rng = np.random.default_rng(seed)
     best: tuple[float, list[int]] = (-np.inf, [])
     # The best single pose is the best.
@@ -157,7 +157,18 @@ class _Search:
 
     root: FloatArray
     parameters: int
-    pool: _Pool
+    usable: BoolArray
+    q: FloatArray | None
+    apart_rad: float
+
+    def open(self, chosen: Sequence[int]) -> BoolArray:
+        """Which candidates (m,) may still be chosen."""
+        left = self.usable.copy()
+        left[list(chosen)] = False
+        if self.q is not None:
+            for pose in chosen:
+                left &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
+        return left
 
     def information(self, poses: Sequence[int]) -> FloatArray:
         rows = self.root[list(poses)].reshape(-1, self.root.shape[-1])
@@ -165,12 +176,12 @@ class _Search:
 
     def gains(self, M: FloatArray, beside: Sequence[int]) -> FloatArray:
         """Gain of each candidate; -inf where it is too near to a chosen one."""
-        return np.where(self.pool.open(beside), gains(self.root, M, self.parameters), -np.inf)
+        return np.where(self.open(beside), gains(self.root, M, self.parameters), -np.inf)
 
     def random_start(self, count: int, rng: np.random.Generator) -> list[int]:
         chosen: list[int] = []
         for _ in range(count):
-            left = np.flatnonzero(self.pool.open(chosen))
+            left = np.flatnonzero(self.open(chosen))
             if len(left) == 0:
                 break
             chosen.append(int(rng.choice(left)))
@@ -183,7 +194,7 @@ class _Search:
             best = int(np.argmax(gain))
             if not np.isfinite(gain[best]):
                 raise TooFewCandidatesError(
-                    f"only {len(chosen)} of {count} poses keep {self.pool.apart_rad:.3f} rad from each other"
+                    f"only {len(chosen)} of {count} poses keep {self.apart_rad:.3f} rad from each other"
                 )
             M += self.information([best])
             chosen.append(best)
@@ -203,23 +214,6 @@ class _Search:
                     changed = True
             if not changed:
                 break
-
-
-@dataclass(frozen=True, slots=True)
-class _Pool:
-    """Candidates that may still be chosen."""
-
-    usable: BoolArray
-    q: FloatArray | None
-    apart_rad: float
-
-    def open(self, chosen: Sequence[int]) -> BoolArray:
-        left = self.usable.copy()
-        left[list(chosen)] = False
-        if self.q is not None:
-            for pose in chosen:
-                left &= ((self.q - self.q[pose]) ** 2).sum(-1) >= self.apart_rad**2
-        return left
 
 
 def _log_det_one_plus(S: FloatArray) -> FloatArray:

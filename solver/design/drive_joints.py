@@ -64,19 +64,12 @@ class RankedDrives:
     reasons: tuple[str, ...]
 
 
-def rank_at_pose(
-    model: ClosureModel,
-    x: FloatArray,
-    q: FloatArray,
-    *,
-    limits: MotionLimits | None = None,
-) -> tuple[RankedDrives, ...]:
+def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[RankedDrives, ...]:
     """Rank all drive sets at the closed pose nearest to `q` (n,), rad, best first."""
     pose = close_loops(model, x, np.asarray(q, dtype=np.float64)[None, :])
     motion = chain_motion(model, x, pose.q, pose.u)
-    limits = MotionLimits() if limits is None else limits
-    ranked = [_judge(motion, drives, limits, reach=None) for drives in _sets(model, motion.degrees)]
-    return _sorted(ranked)
+    sets = _sets(model, motion.degrees)
+    return _sorted([_judge(motion, drives, MotionLimits(), reach=None) for drives in sets])
 
 
 def rank_over_region(
@@ -125,15 +118,12 @@ class TrialWiggles:
         return np.asarray(np.linalg.lstsq(self.commanded_rad, self.moved_rad, rcond=None)[0].T)
 
 
-def rank_by_trial(
-    trials: Sequence[TrialWiggles], *, limits: MotionLimits | None = None
-) -> tuple[RankedDrives, ...]:
+def rank_by_trial(trials: Sequence[TrialWiggles]) -> tuple[RankedDrives, ...]:
     """Rank drive sets by the measured motion of the chain (paper, section 3), best first. Uses no model.
 
     Raises `ValueError` if a trial has too few motions to separate its drives.
     """
-    limits = MotionLimits() if limits is None else limits
-    return _sorted([_judge_trial(trial, limits) for trial in trials])
+    return _sorted([_judge_trial(trial, MotionLimits()) for trial in trials])
 
 
 def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:

@@ -7,7 +7,9 @@ joints reliably.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -188,6 +190,8 @@ def make_plan(
     design = _choose(task, manifold, information, known, allowed, count)
     points = [0, *design.chosen]
     visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
+    chosen_q = manifold.q[list(visits)]
+    J = task.model.reduced(x, chosen_q).jac_x
     total = about_parameters(information.of(visits) + known, len(information.parameters))
     return PosePlan(
         x=np.array(x),
@@ -198,18 +202,12 @@ def make_plan(
         visits=visits,
         ranked=ranked,
         predicted_sigma=standard_deviations(total),
-        design=_identifiability(task.model, x, manifold.q[list(visits)]),
-    )
-
-
-def _identifiability(model: ClosureModel, x: FloatArray, q: FloatArray) -> Identifiability:
-    """Identifiability of poses q (m, n) that close."""
-    J = model.reduced(x, q).jac_x
-    return identifiability_of_jacobian(
-        J.reshape(-1, J.shape[-1]),
-        tuple(p.name for p in model.parameters),
-        poses=len(q),
-        spans_rad=np.ptp(q, axis=0),
+        design=identifiability_of_jacobian(
+            J.reshape(-1, J.shape[-1]),
+            tuple(p.name for p in task.model.parameters),
+            poses=len(chosen_q),
+            spans_rad=np.ptp(chosen_q, axis=0),
+        ),
     )
 
 
@@ -222,28 +220,20 @@ def _choose(
     count: int,
 ) -> PoseSelection:
     """Choose poses by D-optimality; they may be closer together where too few candidates are far apart."""
-    for share in (1.0, 0.5):
-        try:
-            return choose_poses(
-                information.root,
-                count,
-                parameters=len(information.parameters),
-                fixed=known,
-                allowed=allowed,
-                q=manifold.q,
-                apart_rad=share * task.apart_rad,
-                seed=task.seed,
-            )
-        except TooFewCandidatesError:
-            continue
-    return choose_poses(
+    choose = partial(
+        choose_poses,
         information.root,
         count,
         parameters=len(information.parameters),
         fixed=known,
         allowed=allowed,
+        q=manifold.q,
         seed=task.seed,
     )
+    for share in (1.0, 0.5):
+        with suppress(TooFewCandidatesError):
+            return choose(apart_rad=share * task.apart_rad)
+    return choose()
 
 
 def information_of(

@@ -8,7 +8,7 @@ import pytest
 
 from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import ArmInUse, CommandRefused, ControlDenied, NodeMissing, OtherMaster
-from hardware.monitors.joint_monitor import Observations, find_alarm
+from hardware.monitors.joint_monitor import JointMonitor, alarms
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace
 from tests.hardware.fake_arm import FakeArmBus
@@ -240,6 +240,8 @@ def test_who_stopped_the_nodes_comes_before_that_they_have_stopped() -> None:
     nodes.note(0x703, b"\x05", 0.0, 0)
     nodes.note_command(0x000, b"\x80\x00")
     nodes.note(0x703, b"\x7f", 0.1, 1)
-    found = find_alarm(nodes, Observations(stop_latched=False), now_s=0.1, heartbeat_timeout_s=1.0)
+    (found, *_) = alarms(
+        nodes, JointMonitor(), stop_latched=False, now_s=0.1, heartbeat_timeout_s=1.0
+    )
     assert isinstance(found, OtherMaster)
     assert "an NMT command (000h)" in str(found)

@@ -88,13 +88,8 @@ def bus_settings(
 
     Raises `BusSettingsError` for an unknown interface, an invalid bitrate or a missing channel.
     """
-    asked: dict[str, Any] = {}
-    if interface is not None:
-        asked["interface"] = interface
-    if channel is not None:
-        asked["channel"] = channel
-    if bitrate is not None:
-        asked["bitrate"] = bitrate
+    stated = {"interface": interface, "channel": channel, "bitrate": bitrate}
+    asked: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
     try:
         named = {**load_file_config(), **load_environment_config(), **asked}
         chosen_name = named.get("interface") or named.get("bustype")

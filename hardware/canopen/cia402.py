@@ -63,30 +63,7 @@ STATE_BITS: Final = MappingProxyType(
     }
 )
 """Bits 0..3, 5, 6 of 6041h in each state."""
-_WITH_QUICK_STOP_BIT = 0x6F
-_WITHOUT_QUICK_STOP_BIT = 0x4F
-_DECODED: Final = MappingProxyType(
-    {
-        **{
-            (_WITH_QUICK_STOP_BIT, STATE_BITS[state]): state
-            for state in (
-                _S.READY_TO_SWITCH_ON,
-                _S.SWITCHED_ON,
-                _S.OPERATION_ENABLED,
-                _S.QUICK_STOP_ACTIVE,
-            )
-        },
-        **{
-            (_WITHOUT_QUICK_STOP_BIT, STATE_BITS[state]): state
-            for state in (
-                _S.NOT_READY_TO_SWITCH_ON,
-                _S.SWITCH_ON_DISABLED,
-                _S.FAULT_REACTION_ACTIVE,
-                _S.FAULT,
-            )
-        },
-    }
-)
+_DECODED: Final = MappingProxyType({bits: state for state, bits in STATE_BITS.items()})
 
 
 class Command(Enum):
@@ -208,11 +185,8 @@ def shows(status: int, state: DriveState) -> bool:
 
 @lru_cache(maxsize=4096)
 def _decoded(status: int) -> DriveState | None:
-    for mask in (_WITH_QUICK_STOP_BIT, _WITHOUT_QUICK_STOP_BIT):
-        state = _DECODED.get((mask, status & mask))
-        if state is not None:
-            return state
-    return None
+    # Without power, and in a fault, bit 5 (quick stop) may have either value.
+    return _DECODED.get(status & 0x6F) or _DECODED.get(status & 0x4F)
 
 
 def reached(state: DriveState, target: TargetState) -> bool:

@@ -8,12 +8,12 @@ a joint obeys a target torque and its offset, which our RPDOs may not carry.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
 
-from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, format_map
+from hardware.canopen.bus_profile import BusProfile, JointProfile, format_map
 from hardware.canopen.maps import (
     ABSENT,
     EVERY_SYNC,
@@ -23,21 +23,19 @@ from hardware.canopen.maps import (
     INHIBIT,
     MAX_INHIBIT_S,
     NOT_VALID,
-    ON_RECEIPT,
     SYNC_START,
+    PdoRecords,
     conflicting_pdos,
     inhibit_s,
+    pdo_name,
+    pdo_records,
     read_map,
     read_number,
 )
 from hardware.canopen.objects import (
     POSITION_OFFSET,
-    RPDO1_COMMUNICATION,
-    RPDO1_MAP,
     TARGET_TORQUE,
     TORQUE_OFFSET,
-    TPDO1_COMMUNICATION,
-    TPDO1_MAP,
     NmtCommand,
 )
 from hardware.canopen.sdo import ObjectAccess
@@ -57,26 +55,17 @@ _ADDED_OBJECTS: Final = (TARGET_TORQUE, TORQUE_OFFSET, POSITION_OFFSET)
 """Objects that a drive adds to its commands."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObjectWrite:
-    """One value for one sub-index, `size` bytes wide; `why` is the end of the message if it is refused."""
-
-    node: int
-    index: int
-    sub: int
-    value: int
-    size: int
-    why: str
+ObjectWrite = tuple[int, int, int, int, str]
+"""Index, sub-index, value, size in bytes, and what is required: the end of the message of a refusal."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class PdoChange:
-    """Change of one PDO of one drive: its description, and the writes in order."""
+    """Change of one PDO of one drive: its description, and the writes that invalidate, set up and validate it."""
 
     text: str
-    invalidate: tuple[ObjectWrite, ...]
-    set_up: tuple[ObjectWrite, ...] = ()
-    validate: tuple[ObjectWrite, ...] = ()
+    node: int
+    steps: tuple[Sequence[ObjectWrite], Sequence[ObjectWrite], Sequence[ObjectWrite]]
 
 
 def configure(
@@ -93,10 +82,14 @@ def configure(
     command(NmtCommand.ENTER_PRE_OPERATIONAL)  # some drives start by themselves
     try:
         # All invalid first: two PDOs of a drive may swap identifiers.
-        for step in ("invalidate", "set_up", "validate"):
+        for step in range(3):
             for change in changes:
-                for write in getattr(change, step):
-                    _write(access, profile, write)
+                for index, sub, value, size, why in change.steps[step]:
+                    try:
+                        access.write_unsigned(change.node, index, sub, value, size)
+                    except SdoRefused as refusal:
+                        who = profile.who(change.node)
+                        raise PdoSetupFailed([f"{who}: {refusal}; {why}"]) from refusal
     except BaseException:
         with suppress(BusError):
             command(NmtCommand.RESET_COMMUNICATION)
@@ -156,121 +149,61 @@ def plan_changes(access: ObjectAccess, profile: BusProfile) -> tuple[PdoChange, 
     changes, missing = list[PdoChange](), list[str]()
     for joint in profile.joints:
         for number, index, value in conflicting_pdos(access, joint.node, profile, joint):
-            who = f"{profile.who(joint.node)}: {_name(index, number)}"
+            who = f"{profile.who(joint.node)}: {pdo_name(index, number)}"
             text = f"{who} was on {value & IDENTIFIER:03X}h, an identifier of this arm, and is switched off"
-            changes.append(
-                PdoChange(text=text, invalidate=(_invalidate(joint.node, index, value),))
-            )
-        for communication, mapping, types, pdos in (
-            (RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
-            (TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
-        ):
-            for pdo in pdos:
-                at = pdo.number - 1
-                found = _CurrentPdo.read(access, joint.node, communication + at, mapping + at)
-                if isinstance(found, str):
-                    missing.append(found)
-                else:
-                    changes += found.change_to(pdo, types, profile.who(joint.node))
+            changes.append(PdoChange(text, joint.node, ((_invalidate(index, value),), (), ())))
+        for records in pdo_records(joint):
+            change = _change(access, profile, joint.node, records)
+            if isinstance(change, str):
+                missing.append(change)
+            elif change is not None:
+                changes.append(change)
     if missing:
         raise PdoSetupFailed(missing)
     return tuple(changes)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _CurrentPdo:
-    """A PDO as the drive has it: indices of its two records, and their content."""
-
-    node: int
-    communication: int
-    mapping: int
-    cob_id: int
-    transmission: int
-    inhibited: bool
-    has_sync_start: bool
-    entries: tuple[Entry, ...]
-
-    @classmethod
-    def read(
-        cls, access: ObjectAccess, node: int, communication: int, mapping: int
-    ) -> _CurrentPdo | str:
-        """Read both records; return a sentence if one does not exist."""
-        cob_id = read_number(access, node, communication, 1)
-        entries = read_map(access, node, mapping)
-        for index, there in ((communication, cob_id), (mapping, entries)):
-            if there is None:
-                expected, found = "a PDO to set up", "no such object"
-                return str(ObjectMismatch(node=node, index=index, expected=expected, found=found))
-        return cls(
-            node=node,
-            communication=communication,
-            mapping=mapping,
-            cob_id=cob_id or 0,
-            transmission=read_number(access, node, communication, 2) or 0,
-            inhibited=inhibit_s(access, node, communication) >= MAX_INHIBIT_S,
-            has_sync_start=bool(read_number(access, node, communication, SYNC_START)),
-            entries=entries or (),
+def _change(
+    access: ObjectAccess, profile: BusProfile, node: int, records: PdoRecords
+) -> PdoChange | str | None:
+    """The change of a drive's PDO to the profile's; None if they are equal, a sentence if it does not exist."""
+    pdo, communication, mapping, types = records
+    cob_id, entries = read_number(access, node, communication, 1), read_map(access, node, mapping)
+    if cob_id is None or entries is None:
+        index, expected = communication if cob_id is None else mapping, "a PDO to set up"
+        found = "no such object"
+        return str(ObjectMismatch(node=node, index=index, expected=expected, found=found))
+    transmission = read_number(access, node, communication, 2) or 0
+    inhibited = inhibit_s(access, node, communication) >= MAX_INHIBIT_S
+    has_sync_start = bool(read_number(access, node, communication, SYNC_START))
+    writes = list[ObjectWrite]()
+    if entries != pdo.entries:
+        why = f"required map: {format_map(pdo.entries)}"
+        writes.append((mapping, 0, 0, 1, why))
+        writes += (
+            (mapping, at, index << 16 | sub << 8 | bits, 4, why)
+            for at, (index, sub, bits) in enumerate(pdo.entries, 1)
         )
-
-    def change_to(self, pdo: Pdo, types: tuple[int, ...], who: str) -> Iterator[PdoChange]:
-        """Yield the change to `pdo`, if it differs."""
-        writes = list[ObjectWrite]()
-        if self.entries != pdo.entries:
-            why = f"required map: {format_map(pdo.entries)}"
-            entries = [index << 16 | sub << 8 | bits for index, sub, bits in pdo.entries]
-            writes.append(self._write(self.mapping, 0, 0, 1, why))
-            writes += (
-                self._write(self.mapping, at, entry, 4, why) for at, entry in enumerate(entries, 1)
-            )
-            writes.append(self._write(self.mapping, 0, len(entries), 1, why))
-        if self.transmission not in types:
-            why = f"required transmission type: {types[-1]}"
-            writes.append(self._write(self.communication, 2, types[-1], 1, why))
-        if types is EVERY_SYNC and self.inhibited:
-            why = "required inhibit time: 0"
-            writes.append(self._write(self.communication, INHIBIT, 0, 2, why))
-        if types is EVERY_SYNC and self.has_sync_start:
-            why = "required SYNC start value: 0"
-            writes.append(self._write(self.communication, SYNC_START, 0, 1, why))
-        moved = self.cob_id & (IDENTIFIER | EXTENDED | NOT_VALID) != pdo.cob_id
-        if not writes and not moved:
-            return
-        value = self.cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
-        why = f"required identifier: {pdo.cob_id:03X}h"
-        valid = not self.cob_id & NOT_VALID
-        yield PdoChange(
-            text=f"{who}: {_name(self.communication, pdo.number)} is {format_map(pdo.entries)} on "
-            f"{pdo.cob_id:03X}h; it was {self._describe()}",
-            invalidate=(_invalidate(self.node, self.communication, self.cob_id),) if valid else (),
-            set_up=tuple(writes),
-            validate=(self._write(self.communication, 1, value, 4, why),),
-        )
-
-    def _write(self, index: int, sub: int, value: int, size: int, why: str) -> ObjectWrite:
-        return ObjectWrite(node=self.node, index=index, sub=sub, value=value, size=size, why=why)
-
-    def _describe(self) -> str:
-        off = "off, " if self.cob_id & NOT_VALID else ""
-        also = (
-            f"{', inhibited' * self.inhibited}{', with a SYNC start value' * self.has_sync_start}"
-        )
-        return (
-            f"{off}{format_map(self.entries)} on {self.cob_id & IDENTIFIER:03X}h, type "
-            f"{self.transmission}{also}"
-        )
+        writes.append((mapping, 0, len(pdo.entries), 1, why))
+    if transmission not in types:
+        writes.append((communication, 2, types[-1], 1, f"required transmission type: {types[-1]}"))
+    if types is EVERY_SYNC and inhibited:
+        writes.append((communication, INHIBIT, 0, 2, "required inhibit time: 0"))
+    if types is EVERY_SYNC and has_sync_start:
+        writes.append((communication, SYNC_START, 0, 1, "required SYNC start value: 0"))
+    if not writes and cob_id & (IDENTIFIER | EXTENDED | NOT_VALID) == pdo.cob_id:
+        return None
+    off, new_id = bool(cob_id & NOT_VALID), cob_id & _NO_REMOTE_REQUEST | pdo.cob_id
+    text = (
+        f"{profile.who(node)}: {pdo_name(communication, pdo.number)} is {format_map(pdo.entries)} on "
+        f"{pdo.cob_id:03X}h; it was {'off, ' * off}{format_map(entries)} on {cob_id & IDENTIFIER:03X}h, type "
+        f"{transmission}{', inhibited' * inhibited}{', with a SYNC start value' * has_sync_start}"
+    )
+    valid = (communication, 1, new_id, 4, f"required identifier: {pdo.cob_id:03X}h")
+    return PdoChange(
+        text, node, (() if off else (_invalidate(communication, cob_id),), writes, (valid,))
+    )
 
 
-def _invalidate(node: int, communication: int, cob_id: int) -> ObjectWrite:
-    value, why = cob_id | NOT_VALID, "it must be switched off while it is set up"
-    return ObjectWrite(node=node, index=communication, sub=1, value=value, size=4, why=why)
-
-
-def _name(communication: int, number: int) -> str:
-    return f"{'T' if communication >= TPDO1_COMMUNICATION else 'R'}PDO{number}"
-
-
-def _write(access: ObjectAccess, profile: BusProfile, write: ObjectWrite) -> None:
-    try:
-        access.write_unsigned(write.node, write.index, write.sub, write.value, write.size)
-    except SdoRefused as refusal:
-        raise PdoSetupFailed([f"{profile.who(write.node)}: {refusal}; {write.why}"]) from refusal
+def _invalidate(communication: int, cob_id: int) -> ObjectWrite:
+    return communication, 1, cob_id | NOT_VALID, 4, "it must be switched off while it is set up"

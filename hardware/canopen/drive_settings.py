@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -74,10 +75,8 @@ def read_pdo_capability(access: ObjectAccess, node: int) -> PdoCapability:
     """Read which PDOs a drive has, and the widths of the objects to be mapped."""
     bits = []
     for index in (*COMMAND_OBJECTS, *FEEDBACK_OBJECTS):
-        try:
+        with suppress(SdoRefused):
             bits.append((index, 8 * len(access.read(node, index))))
-        except SdoRefused:
-            continue
     rpdos, tpdos = (
         tuple(number for number, _ in read_records(access, node, first))
         for first in (RPDO1_COMMUNICATION, TPDO1_COMMUNICATION)
@@ -87,37 +86,34 @@ def read_pdo_capability(access: ObjectAccess, node: int) -> PdoCapability:
 
 def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:
     """Read the valid PDOs of a drive, RPDOs first."""
-    return (*_pdos(access, node, sent=False), *_pdos(access, node, sent=True))
+    found = []
+    for communication, mapping, sent in (
+        (RPDO1_COMMUNICATION, RPDO1_MAP, False),
+        (TPDO1_COMMUNICATION, TPDO1_MAP, True),
+    ):
+        for number, cob_id in read_records(access, node, communication):
+            if cob_id & NOT_VALID:
+                continue
+            transmission = read_number(access, node, communication + number - 1, 2)
+            pdo = ActivePdo(
+                sent=sent,
+                number=number,
+                cob_id=cob_id & IDENTIFIER,
+                transmission=255 if transmission is None else transmission,
+                entries=read_map(access, node, mapping + number - 1) or (),
+            )
+            found.append(pdo)
+    return tuple(found)
 
 
 def read_description_objects(access: ObjectAccess, node: int) -> tuple[int, ...]:
     """Return the `DESCRIPTION_OBJECTS` that a drive has."""
     found = []
     for index in DESCRIPTION_OBJECTS:
-        try:
+        with suppress(SdoRefused):
             access.read(node, index, 1)
-        except SdoRefused:
-            continue
-        found.append(index)
+            found.append(index)
     return tuple(found)
-
-
-def _pdos(access: ObjectAccess, node: int, *, sent: bool) -> Iterator[ActivePdo]:
-    communication, mapping = (
-        (TPDO1_COMMUNICATION, TPDO1_MAP) if sent else (RPDO1_COMMUNICATION, RPDO1_MAP)
-    )
-    for number, cob_id in read_records(access, node, communication):
-        if cob_id & NOT_VALID:
-            continue
-        at = number - 1
-        transmission = read_number(access, node, communication + at, 2)
-        yield ActivePdo(
-            sent=sent,
-            number=number,
-            cob_id=cob_id & IDENTIFIER,
-            transmission=255 if transmission is None else transmission,
-            entries=read_map(access, node, mapping + at) or (),
-        )
 
 
 HEARTBEAT_TIMEOUT_PERIODS = 2.5

@@ -122,23 +122,44 @@ def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
         yield replace(each, remedy=ProfileRemedy.NONE)
 
 
+PdoRecords = tuple[Pdo, int, int, tuple[int, ...]]
+"""A PDO of the profile, the indices of its two records in the drive, and the transmission types allowed."""
+
+
+def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
+    """The PDOs of a joint, RPDOs first."""
+    for communication, mapping, types, pdos in (
+        (RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
+        (TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
+    ):
+        for pdo in pdos:
+            yield pdo, communication + pdo.number - 1, mapping + pdo.number - 1, types
+
+
+def pdo_name(communication: int, number: int) -> str:
+    """``TPDO1``, ``RPDO3``; `communication` is the index of its record."""
+    return f"{'T' if communication >= TPDO1_COMMUNICATION else 'R'}PDO{number}"
+
+
 def pdo_differences(
     access: ObjectAccess, node: int, profile: BusProfile
 ) -> Iterator[ObjectMismatch]:
     """Differences of a drive's PDOs from the profile."""
     yield from _communication(access, node)
     joint = profile.joints[profile.joint_of[node] - 1]
-    for letter, communication, mapping, types, pdos in (
-        ("R", RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
-        ("T", TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
-    ):
-        for pdo in pdos:
-            at = pdo.number - 1
-            yield from _cob_id(access, node, communication + at, 1, pdo.cob_id, refused=NOT_VALID)
-            yield from _type(access, node, communication + at, types)
-            if types is EVERY_SYNC:
-                yield from _on_every_sync(access, node, communication + at)
-            yield from _map(access, node, mapping + at, f"{letter}PDO{pdo.number}", pdo)
+    for pdo, communication, mapping, types in pdo_records(joint):
+        yield from _cob_id(access, node, communication, 1, pdo.cob_id, refused=NOT_VALID)
+        kind = read_number(access, node, communication, 2)
+        if kind not in types:
+            expected = f"transmission type {' or '.join(map(str, types))}"
+            yield _difference(node, communication, 2, expected, _number(kind, "d"))
+        if types is EVERY_SYNC:
+            yield from _on_every_sync(access, node, communication)
+        entries = read_map(access, node, mapping)
+        if entries != pdo.entries:
+            expected = f"{pdo_name(communication, pdo.number)} = {format_map(pdo.entries)}"
+            found = "no such object" if entries is None else format_map(entries)
+            yield _difference(node, mapping, None, expected, found)
     for _, index, value in conflicting_pdos(access, node, profile, joint):
         found = f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel"
         yield _difference(node, index, 1, "another identifier, or none", found)
@@ -201,32 +222,8 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
     count = read_number(access, node, index, 0)
     if count is None:
         return None
-    return tuple(
-        _entry(read_number(access, node, index, sub)) for sub in range(1, min(count, 64) + 1)
-    )
-
-
-def _type(
-    access: ObjectAccess, node: int, index: int, types: tuple[int, ...]
-) -> Iterator[ObjectMismatch]:
-    kind = read_number(access, node, index, 2)
-    if kind not in types:
-        expected = " or ".join(map(str, types))
-        yield _difference(node, index, 2, f"transmission type {expected}", _number(kind, "d"))
-
-
-def _map(
-    access: ObjectAccess, node: int, index: int, name: str, pdo: Pdo
-) -> Iterator[ObjectMismatch]:
-    entries = read_map(access, node, index)
-    if entries != pdo.entries:
-        yield _difference(
-            node,
-            index,
-            None,
-            f"{name} = {format_map(pdo.entries)}",
-            "no such object" if entries is None else format_map(entries),
-        )
+    values = (read_number(access, node, index, sub) or 0 for sub in range(1, min(count, 64) + 1))
+    return tuple((value >> 16, value >> 8 & 0xFF, value & 0xFF) for value in values)
 
 
 def _carrier(profile: BusProfile, node: int) -> str:
@@ -253,11 +250,6 @@ def read_number(access: ObjectAccess, node: int, index: int, sub: int) -> int | 
         if refusal.code in ABSENT:
             return None
         raise
-
-
-def _entry(value: int | None) -> Entry:
-    value = value or 0
-    return value >> 16, value >> 8 & 0xFF, value & 0xFF
 
 
 def _number(value: int | None, digits: str) -> str:

@@ -111,7 +111,10 @@ def upload(
                     f"{why}"
                 ) from lost
             if why is lost and isinstance(lost, SdoRefused):
-                why = _supervisors_error(access, attempt.supervisor, lost)
+                reason = refusal(access, attempt.supervisor)
+                why = UploadRefused(reason or str(lost))
+                if lost.code == Abort.LOCAL_CONTROL:
+                    why = ControlDenied(access.read_unsigned(attempt.supervisor, TOKEN), reason)
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 
@@ -200,15 +203,6 @@ def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
         f"The document read back from the controller differs from the one sent ({where} of "
         f"{len(document)}). It was dropped; the previous one stays active."
     )
-
-
-def _supervisors_error(
-    access: ObjectAccess, supervisor: int, refused: SdoRefused
-) -> UploadRefused | ControlDenied:
-    """Return the error with the supervisor's own reason."""
-    if refused.code == Abort.LOCAL_CONTROL:
-        return ControlDenied(access.read_unsigned(supervisor, TOKEN), refusal(access, supervisor))
-    return UploadRefused(refusal(access, supervisor) or str(refused))
 
 
 def refusal(access: ObjectAccess, supervisor: int) -> str:

@@ -157,7 +157,7 @@ def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
         session.capture(k)
     planned = PlannedCapture(session, (1, 5), Listener())
     missed, way = planned.to_first()
-    assert (missed, way) == (NO_WAY_BACK, ())
+    assert (missed, list(way)) == (NO_WAY_BACK, [])
     session.record("return_missed", {"of": 1, "reason": missed})
     (notice,) = missing_repeat_notices(session.state)
     assert notice.reported == (NO_WAY_BACK,)

@@ -139,7 +139,8 @@ class OutsideArm:
         if len(modes) != len(self._limits):
             raise ValueError(f"{len(self._limits)} joints need one mode each, not {len(modes)}")
         self._require_no_stop()
-        self._require_control()
+        if not self._in_control:
+            raise CommandRefused("the drives are not under control: take control first")
         with self._repeated_stop(), self._translated_errors():
             self._connected.set_modes(modes)
         joints = self._checked_snapshot(self._connected).joints
@@ -285,10 +286,6 @@ class OutsideArm:
     def _require_no_stop(self) -> None:
         if self._latch.latched:
             raise StopLatched("STOP is latched: reset it before anything moves again")
-
-    def _require_control(self) -> None:
-        if not self._in_control:
-            raise CommandRefused("the drives are not under control: take control first")
 
     @contextmanager
     def _translated_errors(self, own: Sequence[BaseException] = ()) -> Iterator[None]:

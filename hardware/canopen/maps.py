@@ -88,17 +88,12 @@ def check_positions(
 ) -> None:
     """Compare positions by PDO with 6064h by SDO while the joints are at rest; raises `MappingMismatch`."""
     found = []
-    for node, by_pdo, scale in zip(profile.drives, counts, scales, strict=True):
-        by_sdo = access.read_signed(node, POSITION_ACTUAL)
+    for joint, by_pdo, scale in zip(profile.joints, counts, scales, strict=True):
+        by_sdo = access.read_signed(joint.node, POSITION_ACTUAL)
         if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
-            found.append(
-                ObjectMismatch(
-                    node=node,
-                    index=POSITION_ACTUAL,
-                    expected=f"the {by_sdo} counts that it holds",
-                    found=f"{by_pdo} in {_carrier(profile, node)}",
-                )
-            )
+            carrier = next(pdo.number for pdo in joint.answers if POSITION_ACTUAL in pdo.carried)
+            expected, seen = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
+            found.append(_difference(joint.node, POSITION_ACTUAL, None, expected, seen))
     if found:
         raise MappingMismatch(found)
 
@@ -224,12 +219,6 @@ def read_map(access: ObjectAccess, node: int, index: int) -> tuple[Entry, ...] |
         return None
     values = (read_number(access, node, index, sub) or 0 for sub in range(1, min(count, 64) + 1))
     return tuple((value >> 16, value >> 8 & 0xFF, value & 0xFF) for value in values)
-
-
-def _carrier(profile: BusProfile, node: int) -> str:
-    """Name of the TPDO with a drive's position."""
-    answers = profile.joints[profile.joint_of[node] - 1].answers
-    return next(f"TPDO{pdo.number}" for pdo in answers if POSITION_ACTUAL in pdo.carried)
 
 
 def _cob_id(

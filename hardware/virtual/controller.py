@@ -320,7 +320,10 @@ class VirtualController:
             self.disturbances.off_until_s = None
         holder = self.supervisor.holder
         if holder and self._lost(holder):
-            self._catch_up()
+            for _ in range(_CATCH_UP_FRAMES):  # the heartbeat may be in the queue
+                if (queued := self._bus.recv(0.001)) is None:
+                    break
+                self._hear(queued)
             holder = self.supervisor.holder
             if holder and self._lost(holder):
                 self.group.lose_heartbeat()
@@ -338,14 +341,6 @@ class VirtualController:
     def _lost(self, node: int) -> bool:
         """Whether a node was silent for too long, host latency excluded, as the node runs on this computer too."""
         return self._latency.listened_s - self._heard_s.get(node, -math.inf) > self._timeout_s
-
-    def _catch_up(self) -> None:
-        """Handle the queued frames: the heartbeat may be among them."""
-        for _ in range(_CATCH_UP_FRAMES):
-            message = self._bus.recv(0.001)
-            if message is None:
-                return
-            self._hear(message)
 
     def _run_work(self) -> None:
         while (work := self._work.get()) is not None:

@@ -215,7 +215,8 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
         raise ValueError(f"a {stated.fixture.kind} fixture is not remounted")  # noqa: TRY004
     sides = {*model.ground_side, *(() if stated.fixture.stays_on_hand else model.hand_side)}
     rows = truth.table.stacked()[:, -arm.joint_count :]
-    nominal, true = nominal_vector(model.parameters), _true_vector(model, truth)
+    named, nominal = truth.named(), nominal_vector(model.parameters)
+    true = np.array([named[p.name] for p in model.parameters])
     size = np.array(
         [stated.tolerance_rad if p.is_angle else stated.tolerance_m for p in model.parameters]
     )
@@ -234,12 +235,6 @@ def remount_truth(stated: SpecimenFiles, truth: Truth, rng: np.random.Generator)
         f"this arm closes near its home_deg in none of {MAX_DRAWS} remountings drawn within the fixture file's "
         "tolerance: state a smaller tolerance",
     )
-
-
-def _true_vector(model: DhLoop | PointClosure, truth: Truth) -> FloatArray:
-    """True values of a loop's unknowns (P,)."""
-    named = truth.named()
-    return np.array([named[p.name] for p in model.parameters])
 
 
 def _placement_errors(

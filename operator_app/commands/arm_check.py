@@ -84,7 +84,12 @@ def execute(args: argparse.Namespace) -> int:
             )
             for finding in check(bench, last=Stage(args.through)):
                 findings.append(finding)
-                say(_line(finding), err=args.json, streaming=True)
+                who = "" if finding.joint is None else f"joint {finding.joint}"
+                line = (
+                    f"{RESULT_MARKS[finding.passed]:<7} {finding.stage.value:<8} {who:<9} "
+                    f"{finding.name:<16} {harmless(finding.text)}"
+                )
+                say(line, err=args.json, streaming=True)
         finally:
             with ending_signals_wait():
                 held = arm.close()
@@ -110,14 +115,6 @@ def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> st
         return "The arm is held."
     said = str(problem)
     return f"{said[0].upper()}{said[1:]}"
-
-
-def _line(finding: CheckFinding) -> str:
-    who = "" if finding.joint is None else f"joint {finding.joint}"
-    return (
-        f"{RESULT_MARKS[finding.passed]:<7} {finding.stage.value:<8} {who:<9} {finding.name:<16} "
-        f"{harmless(finding.text)}"
-    )
 
 
 def _ask(question: str) -> bool:

@@ -11,7 +11,7 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -134,10 +134,5 @@ def _represent_str(dumper: yaml.SafeDumper, value: str) -> yaml.Node:
     return dumper.represent_scalar("tag:yaml.org,2002:str", value, style=None if plain else '"')
 
 
-def _represent_list(dumper: yaml.SafeDumper, value: Sequence[Any]) -> yaml.Node:
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", value)
-
-
 _StrictDumper.add_representer(float, _represent_float)
 _StrictDumper.add_representer(str, _represent_str)
-_StrictDumper.add_representer(tuple, _represent_list)

@@ -90,35 +90,28 @@ def looks_like_radians(value_deg: float) -> bool:
     )
 
 
-def _length_m(value: float) -> float:
-    if doubt := length_doubt(value):
-        raise refuse(doubt, "write metres, e.g. 0.355")
-    return value
+def _doubted(doubt: Callable[[float], str], remedy: str) -> AfterValidator:
+    """Refuse a value with the doubt about it, unless that is empty."""
+
+    def check(value: float) -> float:
+        if said := doubt(value):
+            raise refuse(said, remedy)
+        return value
+
+    return AfterValidator(check)
 
 
-def _length_mm(value: float) -> float:
-    if abs(value) > 1e3 * LONGEST_M:
-        raise refuse(
-            f"{value:g} mm is longer than any fixture (limit {1e3 * LONGEST_M:g} mm)",
-            "write millimetres",
-        )
-    return value
+def _too_long_mm(value: float) -> str:
+    limit = 1e3 * LONGEST_M
+    said = f"{value:g} mm is longer than any fixture (limit {limit:g} mm)"
+    return said if abs(value) > limit else ""
 
 
-def _angle_deg(value: float) -> float:
-    if doubt := angle_doubt(value):
-        raise refuse(doubt, "write degrees")
-    return value
-
-
-def _turn_deg(value: float) -> float:
-    if abs(value) > 360.0:
-        raise refuse(f"{value:g} deg is more than a turn", "write degrees between -360 and 360")
-    return value
+def _more_than_a_turn(value: float) -> str:
+    return f"{value:g} deg is more than a turn" if abs(value) > 360.0 else ""
 
 
 def _twist_deg(value: float) -> float:
-    _turn_deg(value)
     if looks_like_radians(value):
         raise refuse(
             f"{value:g} deg: radians where degrees belong?", f"write {math.degrees(value):.6g}"
@@ -154,13 +147,15 @@ Whole = Annotated[int, Field(strict=True, ge=0)]
 Integer = Annotated[int, Field(strict=True)]
 Yes = Annotated[bool, Field(strict=True)]
 
-LengthM = Annotated[Number, AfterValidator(_length_m), _range(LONGEST_M)]
-LengthMm = Annotated[Number, AfterValidator(_length_mm), _range(1e3 * LONGEST_M)]
-AngleDeg = Annotated[Number, AfterValidator(_angle_deg), _range(LARGEST_DEG)]
+LengthM = Annotated[Number, _doubted(length_doubt, "write metres, e.g. 0.355"), _range(LONGEST_M)]
+LengthMm = Annotated[Number, _doubted(_too_long_mm, "write millimetres"), _range(1e3 * LONGEST_M)]
+AngleDeg = Annotated[Number, _doubted(angle_doubt, "write degrees"), _range(LARGEST_DEG)]
 """An angle of a joint: may exceed one turn."""
-TurnDeg = Annotated[Number, AfterValidator(_turn_deg), _range(360.0)]
+TurnDeg = Annotated[
+    Number, _doubted(_more_than_a_turn, "write degrees between -360 and 360"), _range(360.0)
+]
 """An offset: within a turn."""
-TwistDeg = Annotated[Number, AfterValidator(_twist_deg), _range(360.0)]
+TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
 """A nominal twist: within a turn, and not pi/2."""
 
 StatedMm = Annotated[NonNegativeNumber, AfterValidator(_stated(50.0, "mm")), _range(50.0, 0.0)]

@@ -219,7 +219,9 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
             cuts.append((at, at, xml_comment(comment)))
         if tag == "joint" and "type" in attributes and attributes.get("name") in origins:
             joint = attributes["name"]
-            cuts.append((match.end(), match.end(), _origin_tag(origins[joint])))
+            words = origin_words(origins[joint])
+            added = f'<origin xyz="{words["xyz"]}" rpy="{words["rpy"]}"/>'.encode()
+            cuts.append((match.end(), match.end(), added))
         elif tag == "origin" and joint and way[-1] == "joint" and cuts[-1][0] == cuts[-1][1]:
             # Replaces an earlier comment of this program.
             cuts[-1] = (at, match.end(), _changed_tag(match[0], origins[joint]))
@@ -233,11 +235,6 @@ def _into_xml(data: bytes, origins: Mapping[str, FloatArray], comment: Sequence[
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.Parse(data, True)
     return _replaced(data, cuts)
-
-
-def _origin_tag(T: FloatArray) -> bytes:
-    words = origin_words(T)
-    return f'<origin xyz="{words["xyz"]}" rpy="{words["rpy"]}"/>'.encode()
 
 
 def _changed_tag(tag: bytes, T: FloatArray) -> bytes:

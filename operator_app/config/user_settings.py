@@ -149,7 +149,10 @@ def changed(words: Mapping[str, str]) -> UserSettings:
     if interface and interface not in known_interfaces():
         known = ", ".join(known_interfaces())
         raise only("settings", f"there is no interface {interface!r}", f"one of {known}")
-    typed = {k: int(v) if k == "bitrate" and _is_rate(v) else v for k, v in words.items() if v}
+    typed: dict[str, str | int] = {k: v for k, v in words.items() if v}
+    rate = words.get("bitrate", "")
+    if rate.isdecimal() and len(rate) < 10:  # Python refuses to convert thousands of digits
+        typed["bitrate"] = int(rate)
     parse_settings(dump_strict({"schema": SETTINGS_SCHEMA, **typed}), "settings")
     kept = {k: v for k, v in before.items() if k not in words and k != "schema"}
     schema = before.get("schema", SETTINGS_SCHEMA)
@@ -159,11 +162,6 @@ def changed(words: Mapping[str, str]) -> UserSettings:
         # Reported with the lines of the present file.
         parse_settings(data or b"", file)
         raise
-
-
-def _is_rate(text: str) -> bool:
-    """Whether a text can be a bit rate; Python refuses to convert thousands of digits."""
-    return text.isdecimal() and len(text) < 10
 
 
 def format_settings(settings: UserSettings) -> bytes:

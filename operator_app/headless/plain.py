@@ -125,7 +125,11 @@ class Plain:
         items = [item for action in own for item in self._lines(action, s)]
         if self._step is Step.RESULTS:
             items.append(
-                _Item(label="Read the results", do=self._read, missing=guards.results_ready(s))
+                _Item(
+                    label="Read the results",
+                    do=lambda: self._terminal.say(lines(results(self.snapshot()))),
+                    missing=guards.results_ready(s),
+                )
             )
         items += self._ways(s)
         items += [item for action in common for item in self._lines(action, s)]
@@ -167,9 +171,6 @@ class Plain:
 
     def _leave(self) -> None:
         self._left = True
-
-    def _read(self) -> None:
-        self._terminal.say(lines(results(self.snapshot())))
 
     # -- UserInterface -----------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from operator_app.config.any_file import Found
@@ -84,7 +84,10 @@ def _chain(
 ) -> Chain:
     seen: list[tuple[str, Identifiability]] = []
     unfit: list[tuple[str, str]] = []
-    for file, loaded in _poses(found, arm):
+    for looked in found.of("poses"):
+        file, loaded = looked.source.file, looked.holds
+        if not isinstance(loaded, LoadedPoses) or loaded.poses.q_rad.shape[1] != arm.joint_count:
+            continue
         try:
             seen.append((file, seen_by(arm, spec.fixture, loaded.poses, unsensed_joints=unsensed)))
         except (SolverError, ValueError) as error:
@@ -100,10 +103,3 @@ def _chain(
         poses=tuple(seen),
         unfit=tuple(unfit),
     )
-
-
-def _poses(found: Found, arm: ArmModel) -> Iterator[tuple[str, LoadedPoses]]:
-    for looked in found.of("poses"):
-        loaded = looked.holds
-        if isinstance(loaded, LoadedPoses) and loaded.poses.q_rad.shape[1] == arm.joint_count:
-            yield looked.source.file, loaded

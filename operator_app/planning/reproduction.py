@@ -79,7 +79,10 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
     quiet = replace(all_three, linearity_of_full_scale=0.0, lengths=None, loads=STIFF)
     taken = capture_specimen(procedure, all_three, poses=poses)
     solution = _calibrated(procedure, taken)
-    printed = {p.name: _printed(all_three, p.name) for p in solution.estimate.parameters}
+    # Table 2, the true values of the specimen without length errors.
+    table2 = all_three.truth.table.stacked()
+    entries = {p.name: DhEntry.parse(p.name) for p in solution.estimate.parameters}
+    printed = {name: float(table2[entry.kind, entry.row]) for name, entry in entries.items()}
     alone = (
         (
             "RVDT curves of the wrist",
@@ -127,12 +130,6 @@ def _calibrated(
         estimator=estimator,
         unsensed_joints=unsensed_joints,
     )
-
-
-def _printed(chosen: Scenario, name: str) -> float:
-    """Return an entry of Table 2, the true value of the specimen without length errors."""
-    entry = DhEntry.parse(name)
-    return float(chosen.truth.table.stacked()[entry.kind, entry.row])
 
 
 def _measured(arm: ArmModel, chosen: Scenario) -> ArmModel:

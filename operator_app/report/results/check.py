@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from operator_app.config.any_file import Found, Looked
     from operator_app.config.errors import Problem
     from operator_app.planning.inspection import Chain
-    from operator_app.planning.outlook import Outlook
     from solver.chain.arm_model import Joint
     from solver.diagnostics.identifiability import Identifiability
 
@@ -175,7 +174,10 @@ def _chain(chain: Chain) -> str:
             + (f"; under load it deflects by {' and '.join(yields)}." if yields else ".")
         ),
         *(paragraph(text) for text in _freedom(chain)),
-        paragraph(_unknowns(found)),
+        paragraph(
+            f"{plural(len(found.parameters), 'parameter')} would be identified: "
+            f"{', '.join(p.name for p in found.parameters)}."
+        ),
     ]
     if found.refusal is not None:
         lines.append(paragraph(f"! {found.refusal}", indent=2))
@@ -247,11 +249,6 @@ def _other_home(chain: Chain) -> list[str]:
     ]
 
 
-def _unknowns(found: Outlook) -> str:
-    shown = [p.name for p in found.parameters]
-    return f"{plural(len(shown), 'parameter')} would be identified: {', '.join(shown)}."
-
-
 def _well(what: str, seen: Identifiability) -> str:
     if seen.directions:
         return paragraph(f"{what} determine only {seen.rank} combinations of the parameters.")
@@ -274,12 +271,16 @@ def found_json(found: Found, chains: Sequence[Chain]) -> dict[str, Any]:
 
 def _chain_data(chain: Chain) -> dict[str, Any]:
     found, arm = chain.outlook, chain.arm
+    sensors: dict[type, str] = {Encoder: "encoder", Rvdt: "rvdt", NoSensor: "none"}
     return {
         "procedure": chain.procedure or None,
         "arm": arm.name,
         "fixture": chain.fixture.name,
         "kind": chain.fixture.kind,
-        "joints": [_joint(k, joint) for k, joint in enumerate(arm.joints, 1)],
+        "joints": [
+            {"joint": k, "name": joint.name, "sensor": sensors[type(joint.sensor)]}
+            for k, joint in enumerate(arm.joints, 1)
+        ],
         "mobility": found.mobility,
         "drives": None
         if found.choice is None
@@ -294,11 +295,6 @@ def _chain_data(chain: Chain) -> dict[str, Any]:
         "unfit": dict(chain.unfit),
         "assumed": list(arm.assumed),
     }
-
-
-def _joint(number: int, joint: Joint) -> dict[str, Any]:
-    kinds: dict[type, str] = {Encoder: "encoder", Rvdt: "rvdt", NoSensor: "none"}
-    return {"joint": number, "name": joint.name, "sensor": kinds[type(joint.sensor)]}
 
 
 def _seen(seen: Identifiability) -> dict[str, Any]:

@@ -154,13 +154,18 @@ def check_closure_without_poses(
     reset = _reset_counters(arm, loop, found)
     if reset:
         where = zero_position(arm, reading.mean_rad, list(reset))
-        remedy = _reset_remedy(list(reset), where)
+        remedy = (
+            f"home joint {' and '.join(map(str, reset))}, then connect again. If it really is {where}, move it by "
+            f"hand by {WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
+        )
         raise ConnectAgainError(_reset_text(reset, where), remedy, probability=probability)
     if probability >= (
         LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
         return probability
-    explaining = _joints_that_explain(loop)
+    # Joints that alone explain the closure error, the likeliest first.
+    fits = _fits_without(loop, loop.joints)
+    explaining = {j: f for j, f in fits.items() if _probability(f) >= EXPLAINED_PROBABILITY}
     raise ClosureRefusedError(
         _not_closing_text(explaining), _not_closing_remedy(explaining), probability=probability
     )
@@ -197,9 +202,7 @@ def _reset_among(
     freed = found.dof - without.dof
     if chdtrc(freed, found.chi2 - without.chi2) >= at_most:
         return {}
-    for joint, explaining in sorted(
-        _fits_without(loop, zeros).items(), key=lambda item: item[1].chi2
-    ):
+    for joint, explaining in _fits_without(loop, zeros).items():
         more = explaining.dof - without.dof
         if (
             more == 0
@@ -220,14 +223,6 @@ def _reset_text(reset: dict[int, float], where: str) -> str:
     return (
         f"the counters of joints {' and '.join(map(str, reset))} are {where}, and the loop does not close with "
         f"these readings; it closes with {instead}. The counters were reset, as after a loss of power"
-    )
-
-
-def _reset_remedy(joints: list[int], where: str) -> str:
-    named = f"joint {' and '.join(map(str, joints))}"
-    return (
-        f"home {named}, then connect again. If it really is {where}, move it by hand by "
-        f"{WHOLE_DEGREES(2.0 * MAX_SAG_RAD).with_unit} while its drives are off"
     )
 
 
@@ -258,19 +253,10 @@ def _not_closing_remedy(explaining: dict[int, ClosureFit]) -> str:
     )
 
 
-def _joints_that_explain(loop: LoopAtReading) -> dict[int, ClosureFit]:
-    """Joints that alone explain the closure error, the likeliest first."""
-    explain = {
-        j: f
-        for j, f in _fits_without(loop, loop.joints).items()
-        if _probability(f) >= EXPLAINED_PROBABILITY
-    }
-    return dict(sorted(explain.items(), key=lambda item: item[1].chi2))
-
-
 def _fits_without(loop: LoopAtReading, joints: tuple[int, ...]) -> dict[int, ClosureFit]:
-    """Close the loop without the reading of each of these joints in turn."""
-    return {j: loop.fit(j) for j in joints}
+    """Close the loop without the reading of each of these joints in turn; the best fit first."""
+    fits = {j: loop.fit(j) for j in joints}
+    return dict(sorted(fits.items(), key=lambda item: item[1].chi2))
 
 
 def _probability(found: ClosureFit) -> float:

@@ -130,14 +130,20 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
             why = (
                 "cannot be verified: the line before it is lost"
                 if known is None
-                else _checksum_problem(line)
+                else "the checksum does not match"
+                if line.rstrip().endswith(b'"}')
+                else "it is not a line"
             )
             found.append(RepairedLine(number=number, event=None, words=f"{why}{_event_hint(line)}"))
             stated = line[-TAIL + 8 : -2]
             known = stated.decode() if re.fullmatch(rb"[0-9a-f]{16}", stated) else None
             continue
         whole, known, words = proof
-        found.append(_read(whole, number, words))
+        try:
+            event = parse_line(whole, number, any_number=True)
+        except BadLineError as error:
+            event, words = None, str(error) + _event_hint(whole)
+        found.append(RepairedLine(number=number, event=event, words=words))
     return _without_invalid(found), torn
 
 
@@ -199,18 +205,6 @@ def _with_bit_restored(line: bytes, before: str) -> bytes | None:
                 return line[:k] + bytes((byte ^ bit,)) + line[k + 1 :]
         begun.update(body[k : k + 1])
     return None
-
-
-def _read(line: bytes, number: int, words: str) -> RepairedLine:
-    try:
-        event = parse_line(line, number, any_number=True)
-    except BadLineError as error:
-        return RepairedLine(number=number, event=None, words=str(error) + _event_hint(line))
-    return RepairedLine(number=number, event=event, words=words)
-
-
-def _checksum_problem(line: bytes) -> str:
-    return "the checksum does not match" if line.rstrip().endswith(b'"}') else "it is not a line"
 
 
 def _event_hint(line: bytes) -> str:

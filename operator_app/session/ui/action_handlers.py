@@ -8,7 +8,6 @@ from dataclasses import replace
 from hardware.arm import DriveState, JointMode
 from operator_app.messages.errors import summary
 from operator_app.session.store.folders import SessionEntry
-from operator_app.session.store.state import SessionState
 from operator_app.session.ui import guards
 from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
@@ -278,13 +277,9 @@ def _in_a_line(entry: SessionEntry) -> str:
     """Return number of poses and stage of a session, or why its journal cannot be read."""
     if entry.state is None:
         return f"cannot be read: {entry.problem}"
-    return f"{len(entry.state.used_poses)} poses, {_stage(entry.state)}"
-
-
-def _stage(state: SessionState) -> str:
-    if state.exported:
-        return "exported"
-    return "solved" if state.solved else "captured"
+    state = entry.state
+    stage = "exported" if state.exported else "solved" if state.solved else "captured"
+    return f"{len(state.used_poses)} poses, {stage}"
 
 
 def procedure(context: ActionContext) -> None:

@@ -216,7 +216,7 @@ class Runner:
             self._waiting_jobs.append(job)
             # Published before the worker gets it: afterwards it might have ended already.
             if self._base.task is None:
-                self._show_task(kind, text)
+                self._show_task(job)
             self._jobs.put(job)
 
     def cancel(self) -> None:
@@ -266,14 +266,6 @@ class Runner:
 
     # -- threads -----------------------------------------------------------------------------------
 
-    def _show_task(self, kind: TaskKind, text: str) -> None:
-        task = RunningTask(kind=kind, text=text, moves=kind in MOVING, started_s=self._monotonic())
-        self.publish(lambda s: replace(s, task=task))
-
-    def _work(self) -> None:
-        with self._supervised():
-            self._run_jobs()
-
     @contextmanager
     def _supervised(self) -> Iterator[None]:
         """Stop the arm if the thread ends by an unexpected exception; the screen raises it."""
@@ -283,22 +275,25 @@ class Runner:
             self.defect = error
             self.stop_quietly()
 
-    def _run_jobs(self) -> None:
-        while True:
-            job = self._jobs.get()
-            if job is None:
-                return
-            if not job.cancel.is_set():
-                self._current = job
-                self._show_task(job.kind, job.text)
-                self._do(job)
-            elif not self._closing.is_set():
-                self.say(Level.INFO, f"{job.text}: cancelled by the operator before it started")
-            self._waiting_jobs.remove(job)
-            self._current = None
-            self.publish(lambda s: replace(s, task=None))
+    def _work(self) -> None:
+        with self._supervised():
+            while (job := self._jobs.get()) is not None:
+                if not job.cancel.is_set():
+                    self._current = job
+                    self._do(job)
+                elif not self._closing.is_set():
+                    self.say(Level.INFO, f"{job.text}: cancelled by the operator before it started")
+                self._waiting_jobs.remove(job)
+                self._current = None
+                self.publish(lambda s: replace(s, task=None))
+
+    def _show_task(self, job: _Job) -> None:
+        moves, started_s = job.kind in MOVING, self._monotonic()
+        task = RunningTask(kind=job.kind, text=job.text, moves=moves, started_s=started_s)
+        self.publish(lambda s: replace(s, task=task))
 
     def _do(self, job: _Job) -> None:
+        self._show_task(job)
         try:
             job.work()
         except Cancelled as ended:
@@ -331,12 +326,9 @@ class Runner:
 
     def _watch(self) -> None:
         with self._supervised():
-            self._watch_loop()
-
-    def _watch_loop(self) -> None:
-        while not self._closing.wait(WATCH_PERIOD_S):
-            now = self._current_snapshot()
-            self._supervisor.check(now, unseen_s=now.now_s - self._polled_s)
+            while not self._closing.wait(WATCH_PERIOD_S):
+                now = self._current_snapshot()
+                self._supervisor.check(now, unseen_s=now.now_s - self._polled_s)
 
     def recording_problem(self) -> str:
         """Return why a recording of the bus ended early; "" if it did not, or was reported already."""

@@ -43,8 +43,6 @@ class JointLimits:
     ----------
     lower_counts, upper_counts
         Range, both ends allowed (607Dh).
-    max_speed_rad_per_s
-        Largest speed of a move.
     max_step_counts
         Largest change of the target in one control period.
     """

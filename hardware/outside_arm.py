@@ -51,8 +51,6 @@ class OutsideArm:
         Function that makes the arm, not yet connected.
     description
         The arm file's joints, whose ranges and speeds are the limits.
-    name
-        Name of the arm in errors.
     keeps_parameters
         Whether it stores a parameter document, according to its offer.
     record_to

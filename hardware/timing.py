@@ -39,8 +39,6 @@ class Timing:
         Silence after which another operator is gone, for nodes that do not state their time-out.
     upload_retry_s
         Pause between attempts to upload; a lapsed token is granted again after the next heartbeat (100 ms).
-    sdo_timeout_s
-        Time-out of every SDO answer.
     answer_timeouts_s
         Time-out of a joint's answer to SYNC; longer in fast forward, where simulated time stands still meanwhile.
     min_misses, lost_after_s

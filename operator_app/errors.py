@@ -107,8 +107,6 @@ class JournalDamagedError(JournalError):
     ----------
     path, line, key
         Location; the key is empty for the whole line.
-    problem
-        The problem, as text.
     events
         Number of valid lines before it.
     """

@@ -126,8 +126,6 @@ class LoopbackBus(can.BusABC):
 
     Parameters
     ----------
-    channel
-        Name of the channel.
     receive_own_messages
         Also deliver this bus object's own frames to itself, with ``is_rx`` false.
     send_only

@@ -55,9 +55,7 @@ class Bench:
     step_rad, speed_rad_per_s
         Angle and speed of the test motion of each joint.
     interrupt
-        Function that simulates Ctrl-C; None if not possible.
-    bounds
-        Limits of the comparisons.
+        Triggers Ctrl-C; None if not possible.
     """
 
     arm: ArmInterface

@@ -44,8 +44,6 @@ class BusMonitor:
 
     Attributes
     ----------
-    frames
-        Number of frames by identifier.
     positions, drives
         Last 6064h and drive state of each joint.
     nodes

@@ -73,12 +73,8 @@ class FoundNode:
     ----------
     device_type, device_name, serial_number
         1000h, 1008h and 1018h; None or "" if absent.
-    drive
-        Whether it is a supported drive.
     position_counts
         6064h of a drive.
-    heard
-        Whether its heartbeat was heard.
     problems, unread, notes
         Differences from the profile; why reading it stopped early (also one of the problems); remarks.
     pdos, room

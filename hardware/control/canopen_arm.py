@@ -56,8 +56,6 @@ class CanopenArm:
         `Pace.FAST_FORWARD` is for simulated arms only: a real one needs SYNC at all times.
     record_to
         File to record the bus to (``.blf`` or another format of python-can); None for none.
-    acceleration_rad_per_s2
-        Acceleration and deceleration of moves.
     timing
         Periods and time-outs of the control loop.
     openers

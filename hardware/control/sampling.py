@@ -29,9 +29,7 @@ class CommandSender:
     Parameters
     ----------
     send
-        Function that puts a frame on the bus.
-    frames
-        Frames of joints 1..n.
+        Puts a frame on the bus.
     latch, watch
         STOP latch, and the monitors of the joints.
     quick_stop

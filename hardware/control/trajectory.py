@@ -90,10 +90,6 @@ class StraightMove:
     ----------
     start_rad, end_rad
         Joint vectors of equal length, rad.
-    speed_rad_per_s, acceleration_rad_per_s2
-        Limits of every joint.
-    period_s
-        Control period.
 
     Attributes
     ----------

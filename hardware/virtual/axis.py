@@ -72,8 +72,6 @@ class AxisSettings:
     ----------
     joint
         1-based number; also the node.
-    scale
-        Scale between counts and radians.
     limits
         Command limits; the speed limit is the overspeed trip level as well.
     max_torque_nm, following_window_counts

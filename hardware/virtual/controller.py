@@ -51,8 +51,6 @@ class VirtualController:
     ----------
     bus
         Open bus of the caller, not closed here; its filters are set.
-    plant
-        Plant that the drives move.
     axes
         Joints 1..n, see `hardware.virtual.axis.arm_axes`.
     arm

@@ -37,14 +37,10 @@ class FaultDescription:
 
     Attributes
     ----------
-    broken
-        What fails.
     says
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
     goes_on
-        Whether a session may also run to its end without such a message.
-    remedy
-        What to do.
+        Whether a session may also run to its end without a message.
     arm
         Reaction of the arm when the fault is reported.
     kept

@@ -64,8 +64,6 @@ class Dynamics:
         Stiffness in position mode, and of a blocked valve.
     damping_nm_s_per_rad, hinge_damping_nm_s_per_rad
         Viscous damping of every joint and of the hinge.
-    period_s
-        Control period.
     """
 
     fixture: FloatArray

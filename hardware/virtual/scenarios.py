@@ -152,9 +152,7 @@ class Scenario:
     linearity_of_full_scale
         Peak linearity deviation of every RVDT, fraction of full scale; 0 for none.
     lengths
-        Errors of the fixed lengths; None for no errors.
-    loads
-        Fixture stiffness and loads.
+        Errors of the fixed lengths; None is off.
     placement
         Number of this mounting of the fixture; each has different noise.
     """

@@ -52,14 +52,8 @@ class SupervisorNode(VirtualNode):
     ----------
     arm
         Model and serial number of the arm.
-    axes
-        Joints of the arm.
-    store
-        Store of committed documents.
     validate
-        Function that strictly parses a document.
-    is_heard
-        Function that returns whether a node's heartbeat is heard.
+        Strict parse of a document.
     control_changed
         Called with the node in control (0: none) on every change.
     set_home_offsets

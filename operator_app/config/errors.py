@@ -27,10 +27,6 @@ class Problem:
     key
         Place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list
         have their own number where there is one, else they are counted from 1.
-    text
-        The problem.
-    remedy
-        The remedy.
     """
 
     file: str

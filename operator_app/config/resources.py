@@ -41,8 +41,6 @@ class Resource:
         Name for messages: the path as typed, or ``packaged:<name>.yaml``.
     folder
         Folder that relative references inside the file start from; None for a packaged file.
-    data
-        Content of the file.
     """
 
     file: str

@@ -162,8 +162,6 @@ class Finding:
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
         Parameters, entries, fixtures or files concerned.
-    poses
-        Labels of the poses concerned.
     size, sigma, unit
         Its size and standard uncertainty, in "rad" or "m"; "" for a number.
     figures

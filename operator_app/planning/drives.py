@@ -44,8 +44,6 @@ class DrivePrediction:
     ----------
     here, region
         Rankings at the present pose and over the reachable region, the best first.
-    manifold
-        The region.
     inexact
         Joints with a linearity deviation above `INEXACT_RAD`: as drives they would miss planned positions, so
         that others are preferred.
@@ -63,12 +61,8 @@ class DriveChoice:
 
     Attributes
     ----------
-    drives
-        Drive joints (1-based).
     sets
         All sets of a plan: `drives` first, then those that reach other poses.
-    reasons
-        Reasons as text.
     prediction, trial
         The rankings; () without a trial.
     """

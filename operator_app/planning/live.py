@@ -41,8 +41,6 @@ class LiveQuality:
         Smallest number of poses that can be solved.
     x
         Parameters: the estimate so far, nominal values before there is one.
-    estimated
-        Whether `x` is an estimate.
     scaled_condition_number, weakest
         Scaled condition number and weakest direction of the captured poses; inf and () with too few.
     history

@@ -39,8 +39,6 @@ class Outlook:
         Distance (n,) of the nearest closed pose from home; None for an open arm, and if none closes.
     mobility
         Freedoms of the chain, the number of drive joints; None if no pose closes.
-    checks
-        Checks of the fixture at home.
     choice
         Drive joints; None for an open arm, and if none can drive.
     refusal

@@ -64,8 +64,6 @@ class Preview:
         Freedoms of the closed chain.
     estimate
         Estimate of the plan; None: nominal values.
-    captured
-        Number of captured poses.
     checks
         Checks of the fixture at the start position.
     seen

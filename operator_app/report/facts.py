@@ -71,8 +71,6 @@ class Facts:
         The verdict in a word or two, and the reasons against a better one.
     causes
         Possible faults, the most probable first.
-    notices
-        Warnings with their remedies.
     data
         Content of the JSON object other than figures with a key.
     """
@@ -109,8 +107,6 @@ def facts_of(
     ----------
     checks
         Cross-validation and jackknife; None where they were not computed.
-    limits
-        Limits of the procedure.
     captured
         Number of captured poses, unused ones included; None where all were used.
     """

@@ -33,12 +33,6 @@ class Subject:
 
     Attributes
     ----------
-    name
-        Name of the session folder.
-    procedure
-        Procedure with the connected arm.
-    state
-        State of the session.
     solution
         The calibration; None if the poses do not determine every parameter, see `unidentifiable`.
     checks

@@ -62,10 +62,6 @@ class FactTable:
     ----------
     ident, title
         Name for links, and caption.
-    rows
-        Rows, with one cell for each column.
-    note
-        A note on how to read it.
     detail
         Whether it is shown on the page only.
     out

@@ -45,14 +45,10 @@ class Strip:
 
     Attributes
     ----------
-    name
-        Name of the row.
     values
         One value for each position on the shared x axis.
     band
         Half-width of the shaded band about zero.
-    odd
-        Whether the row is highlighted.
     """
 
     name: str
@@ -120,8 +116,6 @@ class Bars:
 
     Attributes
     ----------
-    names
-        Names of the rows.
     bars
         By label: one (from, to) for each row.
     marks

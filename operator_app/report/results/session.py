@@ -128,8 +128,6 @@ def session_table_text(folder: Path, state: SessionState, *, procedure: str, tor
 
     Parameters
     ----------
-    procedure
-        Its procedure, as text.
     torn
         Text about a part dropped from the end of the journal; empty if there is none.
     """

@@ -129,8 +129,6 @@ class SessionState:
         Number of captures, with the undone ones: the next pose has number captured + 1.
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
-    readings
-        Check readings.
     resumed
         Whether the session was resumed or the arm connected again since the last check reading.
     placement
@@ -144,8 +142,6 @@ class SessionState:
         agrees. Empty: none.
     verifications
         Number of verifications with new poses.
-    campaign
-        The planned capture.
     solved, exported
         Summaries of the calibration and of its export; empty until there is one.
     solved_utc

@@ -42,13 +42,7 @@ class _Edit:
 
 
 class Operations:
-    """The operations of the seven steps.
-
-    Attributes
-    ----------
-    results
-        Operations of steps 5 to 7.
-    """
+    """The operations of the seven steps."""
 
     def __init__(self, session: Session, publisher: Publisher) -> None:
         self._session = session

@@ -34,8 +34,6 @@ class Sessions:
         Built-in name or path.
     choices
         Options of the command line.
-    root
-        Folder of the session folders.
     join
         Opens the arm of an opening.
     warning

@@ -43,8 +43,6 @@ class Motion:
 
     Attributes
     ----------
-    sync_rate_hz
-        SYNC messages per second.
     speed_rad_per_s
         (n,) slopes of lines fitted to the measured angles.
     still

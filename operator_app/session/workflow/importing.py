@@ -60,8 +60,6 @@ class ImportedSession:
 
     Parameters
     ----------
-    arm, fixture
-        The documents.
     file
         Source of the poses, for messages.
     name

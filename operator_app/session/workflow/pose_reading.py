@@ -57,8 +57,6 @@ class Instrument:
 
     Parameters
     ----------
-    port
-        Source of its lines.
     full_pose
         Whether it must measure the orientation.
     patience_s

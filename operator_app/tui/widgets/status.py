@@ -174,11 +174,6 @@ class Log(Lines, can_focus=False):
     """The newest alarm in full, then the last messages, newest first.
 
     The newest message is always shown, older ones where they fit.
-
-    Attributes
-    ----------
-    alarm
-        The alarm on the screen.
     """
 
     alarm: ShownAlarm | None = None

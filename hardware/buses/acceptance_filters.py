@@ -13,17 +13,8 @@ import can
 from can.interfaces.virtual import VirtualBus
 from can.typechecking import CanFilter
 
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.objects import (
-    COB_EMCY,
-    COB_HEARTBEAT,
-    COB_NMT,
-    COB_RPDO1,
-    COB_SDO_FROM_SERVER,
-    COB_SDO_TO_SERVER,
-    COB_SYNC,
-    SUPERVISOR_NODE,
-)
 
 _ALL_BITS = 0x7FF
 _FUNCTION_CODE = 0x780
@@ -53,27 +44,27 @@ def operator_filters(profile: BusProfile) -> list[CanFilter]:
     """Filters of the operator's end: frames of the arm, and commands of other masters."""
     return [
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.answers),
-        _one(COB_SYNC),
-        _one(COB_NMT),
+        _one(objects.COB_SYNC),
+        _one(objects.COB_NMT),
         _covering(pdo.cob_id for joint in profile.joints for pdo in joint.commands),
         *(
             found
-            for base in (COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER, COB_EMCY)
+            for base in (objects.COB_SDO_FROM_SERVER, objects.COB_SDO_TO_SERVER, objects.COB_EMCY)
             for found in _nodes_of(profile, base)
         ),
-        _filter(COB_HEARTBEAT, _FUNCTION_CODE),  # of every node that may hold the token
+        _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),  # of every node that may hold the token
     ]
 
 
 def controller_filters(joints: int) -> list[CanFilter]:
     """Filters of the arm's end: commands, and the heartbeat of every node that may hold the token."""
     return [
-        _one(COB_SYNC),
-        _joints(COB_RPDO1, joints),
-        _joints(COB_SDO_TO_SERVER, joints),
-        _one(COB_SDO_TO_SERVER + SUPERVISOR_NODE),
-        _one(COB_NMT),
-        _filter(COB_HEARTBEAT, _FUNCTION_CODE),
+        _one(objects.COB_SYNC),
+        _joints(objects.COB_RPDO1, joints),
+        _joints(objects.COB_SDO_TO_SERVER, joints),
+        _one(objects.COB_SDO_TO_SERVER + objects.SUPERVISOR_NODE),
+        _one(objects.COB_NMT),
+        _filter(objects.COB_HEARTBEAT, _FUNCTION_CODE),
     ]
 
 

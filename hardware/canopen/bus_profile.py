@@ -12,24 +12,14 @@ from types import MappingProxyType
 from typing import Final
 
 from hardware.arm import JointMode
-from hardware.canopen.objects import (
-    CONTROLWORD,
-    DEVICE_TYPE_MASK,
-    DRIVE_DEVICE_TYPE,
-    MODE,
-    MODE_CODE,
-    POSITION_ACTUAL,
-    STATUSWORD,
-    TARGET_POSITION,
-    TORQUE_ACTUAL,
-)
+from hardware.canopen import objects
 
 Entry = tuple[int, int, int]
 """Index, sub-index, bits."""
 
-COMMAND_OBJECTS: Final = (CONTROLWORD, TARGET_POSITION, MODE)
+COMMAND_OBJECTS: Final = (objects.CONTROLWORD, objects.TARGET_POSITION, objects.MODE)
 """Objects that the RPDOs of a joint carry together."""
-FEEDBACK_OBJECTS: Final = (STATUSWORD, POSITION_ACTUAL, TORQUE_ACTUAL)
+FEEDBACK_OBJECTS: Final = (objects.STATUSWORD, objects.POSITION_ACTUAL, objects.TORQUE_ACTUAL)
 """Objects that its TPDOs carry on every SYNC."""
 ZERO_OBJECTS: Final = frozenset({0x6071, 0x60B0, 0x60B1, 0x60B2, 0x60FF, *range(0x0001, 0x0020)})
 """Further objects allowed in an RPDO, always sent as 0: target torque, velocity, offsets, dummy entries."""
@@ -109,9 +99,11 @@ class BusProfile:
     joints: tuple[JointProfile, ...]
     supervisor: int | None
     serial_number: str = ""
-    device_type: int = DRIVE_DEVICE_TYPE
-    device_type_mask: int = DEVICE_TYPE_MASK
-    mode_codes: Mapping[JointMode, int] = field(default_factory=lambda: MappingProxyType(MODE_CODE))
+    device_type: int = objects.DRIVE_DEVICE_TYPE
+    device_type_mask: int = objects.DEVICE_TYPE_MASK
+    mode_codes: Mapping[JointMode, int] = field(
+        default_factory=lambda: MappingProxyType(objects.MODE_CODE)
+    )
     configures_pdos: bool = False
     compared: frozenset[int] = frozenset()
     slowest_heartbeat_ms: int = DEFAULT_HEARTBEAT_LIMIT_MS

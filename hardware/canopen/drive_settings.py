@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from hardware.arm_description import JointScale
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import (
     COMMAND_OBJECTS,
     FEEDBACK_OBJECTS,
@@ -17,29 +18,17 @@ from hardware.canopen.bus_profile import (
     Entry,
 )
 from hardware.canopen.maps import IDENTIFIER, NOT_VALID, read_map, read_number, read_records
-from hardware.canopen.objects import (
-    CONTROL_PERIOD,
-    ENCODER_RESOLUTION,
-    FOLLOWING_WINDOW,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
-    MAX_OPERATOR_TIMEOUT_S,
-    OPERATOR_NODE,
-    POSITION_LIMITS,
-    QUICK_STOP_OPTION,
-    RPDO1_COMMUNICATION,
-    RPDO1_MAP,
-    SENSOR,
-    SUPPORTED_MODES,
-    TPDO1_COMMUNICATION,
-    TPDO1_MAP,
-)
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
 
 if TYPE_CHECKING:
     from hardware.canopen.sdo import ObjectAccess
 
-DESCRIPTION_OBJECTS: Final = (POSITION_LIMITS, ENCODER_RESOLUTION, CONTROL_PERIOD, SENSOR)
+DESCRIPTION_OBJECTS: Final = (
+    objects.POSITION_LIMITS,
+    objects.ENCODER_RESOLUTION,
+    objects.CONTROL_PERIOD,
+    objects.SENSOR,
+)
 """Objects that can be compared with an arm file."""
 
 
@@ -79,7 +68,7 @@ def read_pdo_capability(access: ObjectAccess, node: int) -> PdoCapability:
             bits.append((index, 8 * len(access.read(node, index))))
     rpdos, tpdos = (
         tuple(number for number, _ in read_records(access, node, first))
-        for first in (RPDO1_COMMUNICATION, TPDO1_COMMUNICATION)
+        for first in (objects.RPDO1_COMMUNICATION, objects.TPDO1_COMMUNICATION)
     )
     return PdoCapability(taken=rpdos, sent=tpdos, bits=tuple(bits))
 
@@ -88,8 +77,8 @@ def read_pdos(access: ObjectAccess, node: int) -> tuple[ActivePdo, ...]:
     """Read the valid PDOs of a drive, RPDOs first."""
     found = []
     for communication, mapping, sent in (
-        (RPDO1_COMMUNICATION, RPDO1_MAP, False),
-        (TPDO1_COMMUNICATION, TPDO1_MAP, True),
+        (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, False),
+        (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, True),
     ):
         for number, cob_id in read_records(access, node, communication):
             if cob_id & NOT_VALID:
@@ -151,7 +140,7 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
         DriveFacts(
             joint=joint,
             unsupported_modes=_unsupported_modes(access, node, profile),
-            quick_stop_option=read_number(access, node, QUICK_STOP_OPTION, 0),
+            quick_stop_option=read_number(access, node, objects.QUICK_STOP_OPTION, 0),
             operator_timeout_s=operator_timeout_s(access, node),
         )
         for joint, node in enumerate(profile.drives, 1)
@@ -161,7 +150,7 @@ def read_drive_facts(access: ObjectAccess, profile: BusProfile) -> tuple[DriveFa
 def _unsupported_modes(
     access: ObjectAccess, node: int, profile: BusProfile
 ) -> tuple[int, ...] | None:
-    supported = read_number(access, node, SUPPORTED_MODES, 0)
+    supported = read_number(access, node, objects.SUPPORTED_MODES, 0)
     if supported is None:
         return None
     # Codes below 0 are the maker's own modes, which have no bit.
@@ -172,18 +161,19 @@ def _unsupported_modes(
 def operator_timeout_s(access: ObjectAccess, node: int) -> float | None:
     """Silence of node 127 after which a drive stops by itself (1016h); None if it does not monitor it."""
     for entry in _heartbeat_consumers(access, node) or ():
-        if entry >> 16 & 0x7F == OPERATOR_NODE and entry & 0xFFFF:
+        if entry >> 16 & 0x7F == objects.OPERATOR_NODE and entry & 0xFFFF:
             return (entry & 0xFFFF) * 1e-3
     return None
 
 
 def _heartbeat_consumers(access: ObjectAccess, node: int) -> tuple[int, ...] | None:
     """Entries of 1016h; None if the object is absent."""
-    count = read_number(access, node, HEARTBEAT_CONSUMER, 0)
+    count = read_number(access, node, objects.HEARTBEAT_CONSUMER, 0)
     if count is None:
         return None
     return tuple(
-        read_number(access, node, HEARTBEAT_CONSUMER, sub) or 0 for sub in range(1, count + 1)
+        read_number(access, node, objects.HEARTBEAT_CONSUMER, sub) or 0
+        for sub in range(1, count + 1)
     )
 
 
@@ -194,7 +184,7 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
     """
     found, longest_s = [], 0.0
     for node in profile.nodes:
-        period_ms = read_number(access, node, HEARTBEAT_PRODUCER, 0)
+        period_ms = read_number(access, node, objects.HEARTBEAT_PRODUCER, 0)
         if period_ms is None:  # its heartbeat is waited for in any case
             continue
         longest_s = max(longest_s, 1e-3 * period_ms)
@@ -203,7 +193,7 @@ def heartbeat_timeout_s(access: ObjectAccess, profile: BusProfile, min_s: float)
             found.append(
                 ObjectMismatch(
                     node=node,
-                    index=HEARTBEAT_PRODUCER,
+                    index=objects.HEARTBEAT_PRODUCER,
                     sub=0,
                     expected=f"a heartbeat every 1 .. {profile.slowest_heartbeat_ms} ms",
                     found=f"{period_ms} ms",
@@ -235,16 +225,20 @@ def operator_monitoring_differences(
     if watched is None:
         return None
     if any(
-        value >> 16 & 0x7F == OPERATOR_NODE and 0 < value & 0xFFFF <= 1e3 * MAX_OPERATOR_TIMEOUT_S
+        value >> 16 & 0x7F == objects.OPERATOR_NODE
+        and 0 < value & 0xFFFF <= 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
         for value in watched
     ):
         return ()
     seen = ", ".join(f"{value:08X}h" for value in watched) or "no entry"
-    expected = f"a time-out of at most {1e3 * MAX_OPERATOR_TIMEOUT_S:.0f} ms for the heartbeat of node {OPERATOR_NODE}"
+    limit_ms = 1e3 * objects.MAX_OPERATOR_TIMEOUT_S
+    expected = (
+        f"a time-out of at most {limit_ms:.0f} ms for the heartbeat of node {objects.OPERATOR_NODE}"
+    )
     return (
         ObjectMismatch(
             node=node,
-            index=HEARTBEAT_CONSUMER,
+            index=objects.HEARTBEAT_CONSUMER,
             expected=expected,
             found=seen,
             remedy=ProfileRemedy.NONE,
@@ -258,7 +252,7 @@ def following_windows_counts(
     """Limit of each joint's distance from its target: a third of 6065h, but at least 10 counts and at most 1 deg."""
     windows = []
     for node, scale in zip(profile.drives, scales, strict=True):
-        drive_window = read_number(access, node, FOLLOWING_WINDOW, 0)
+        drive_window = read_number(access, node, objects.FOLLOWING_WINDOW, 0)
         upper = FOLLOWING_RAD * scale.density
         window = FOLLOWING_FRACTION * drive_window if drive_window else upper
         windows.append(max(min(window, upper), MIN_WINDOW_COUNTS))

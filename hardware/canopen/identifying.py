@@ -12,30 +12,10 @@ from hardware.arm_description import (
     JointDescription,
     JointScale,
 )
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile, JointProfile
 from hardware.canopen.maps import ABSENT, read_number
-from hardware.canopen.objects import (
-    ARM,
-    ARM_JOINTS,
-    ARM_MODEL,
-    ARM_SERIAL,
-    CONTROL_PERIOD,
-    DEVICE_NAME,
-    DEVICE_TYPE,
-    ENCODER_RESOLUTION,
-    IDENTITY,
-    IDENTITY_PRODUCT,
-    IDENTITY_REVISION,
-    IDENTITY_SERIAL,
-    IDENTITY_VENDOR,
-    POSITION_LIMITS,
-    RATED_TORQUE,
-    SENSOR,
-    SENSOR_BITS,
-    SENSOR_FULL_SCALE,
-    SENSOR_KIND,
-    SensorKind,
-)
+from hardware.canopen.objects import SensorKind
 from hardware.canopen.sdo import ObjectAccess
 from hardware.command_limits import JointLimits, joint_limits
 from hardware.errors import SdoRefused, WrongArm
@@ -54,8 +34,8 @@ def read_identity(
         nodes.append((supervisor, "supervisor"))
     model, serial_number = description.model, profile.serial_number
     if supervisor is not None:
-        model = access.read_text(supervisor, ARM, ARM_MODEL)
-        serial_number = access.read_text(supervisor, ARM, ARM_SERIAL)
+        model = access.read_text(supervisor, objects.ARM, objects.ARM_MODEL)
+        serial_number = access.read_text(supervisor, objects.ARM, objects.ARM_SERIAL)
     return ArmIdentity(
         model=model,
         serial_number=serial_number,
@@ -64,12 +44,15 @@ def read_identity(
             NodeIdentity(
                 node=node,
                 role=role,
-                device_name=_text(access, node, DEVICE_NAME),
+                device_name=_text(access, node, objects.DEVICE_NAME),
                 # CiA 301 requires the vendor only.
-                vendor_id=access.read_unsigned(node, IDENTITY, IDENTITY_VENDOR),
-                product_code=read_number(access, node, IDENTITY, IDENTITY_PRODUCT) or 0,
-                revision=read_number(access, node, IDENTITY, IDENTITY_REVISION) or 0,
-                serial_number=read_number(access, node, IDENTITY, IDENTITY_SERIAL) or 0,
+                vendor_id=access.read_unsigned(node, objects.IDENTITY, objects.IDENTITY_VENDOR),
+                product_code=read_number(access, node, objects.IDENTITY, objects.IDENTITY_PRODUCT)
+                or 0,
+                revision=read_number(access, node, objects.IDENTITY, objects.IDENTITY_REVISION)
+                or 0,
+                serial_number=read_number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
+                or 0,
             )
             for node, role in nodes
         ),
@@ -148,10 +131,10 @@ def read_rated_torques_nm(access: ObjectAccess, profile: BusProfile) -> tuple[fl
             found.append(joint.rated_torque_nm)
             continue
         try:
-            found.append(access.read_unsigned(joint.node, RATED_TORQUE) * 1e-3)
+            found.append(access.read_unsigned(joint.node, objects.RATED_TORQUE) * 1e-3)
         except SdoRefused as refusal:
             raise WrongArm(
-                f"Joint {number} states no rated torque ({RATED_TORQUE:04X}h), the unit of its torques. Give "
+                f"Joint {number} states no rated torque ({objects.RATED_TORQUE:04X}h), the unit of its torques. Give "
                 f"rated_torque_nm for it in the bus profile {profile.name}."
             ) from refusal
     return tuple(found)
@@ -164,7 +147,7 @@ def _arm_differences(
         yield f"its model is {identity.model!r}, expected {description.model!r}"
     if supervisor is None:
         return
-    joints = access.read_unsigned(supervisor, ARM, ARM_JOINTS)
+    joints = access.read_unsigned(supervisor, objects.ARM, objects.ARM_JOINTS)
     if joints != len(description.joints):
         yield f"it has {joints} joints, expected {len(description.joints)}"
 
@@ -178,25 +161,25 @@ def _joint_differences(
     period_s: float,
 ) -> Iterable[str]:
     node = profile.drives[joint - 1]
-    device = access.read_unsigned(node, DEVICE_TYPE)
+    device = access.read_unsigned(node, objects.DEVICE_TYPE)
     if not profile.is_drive(device):
         yield f"is not a CiA 402 servo drive (1000h = {device:08X}h)"
         return
     yield from _sensor_differences(access, joint, expected, profile)
-    if POSITION_LIMITS in profile.compared:
+    if objects.POSITION_LIMITS in profile.compared:
         yield from _range_differences(access, node, limits)
-    if CONTROL_PERIOD not in profile.compared:
+    if objects.CONTROL_PERIOD not in profile.compared:
         return
     value, index = (
-        access.read_unsigned(node, CONTROL_PERIOD, 1),
-        access.read_signed(node, CONTROL_PERIOD, 2),
+        access.read_unsigned(node, objects.CONTROL_PERIOD, 1),
+        access.read_signed(node, objects.CONTROL_PERIOD, 2),
     )
     if abs(value * 10.0**index - period_s) > 1e-9:
         yield f"has a control period of {value * 10.0**index:g} s, expected {period_s:g} s"
 
 
 def _range_differences(access: ObjectAccess, node: int, limits: JointLimits) -> Iterable[str]:
-    ends = tuple(access.read_signed(node, POSITION_LIMITS, sub) for sub in (1, 2))
+    ends = tuple(access.read_signed(node, objects.POSITION_LIMITS, sub) for sub in (1, 2))
     if ends != (limits.lower_counts, limits.upper_counts):
         yield (
             f"has the range {ends[0]} .. {ends[1]} counts, expected "
@@ -209,15 +192,21 @@ def _sensor_differences(
 ) -> Iterable[str]:
     drive, sensor = profile.joints[joint - 1], expected.sensor
     node = drive.node
-    kind = access.read_unsigned(node, SENSOR, SENSOR_KIND) if SENSOR in profile.compared else None
+    kind = (
+        access.read_unsigned(node, objects.SENSOR, objects.SENSOR_KIND)
+        if objects.SENSOR in profile.compared
+        else None
+    )
     if isinstance(sensor, EncoderDescription):
         if kind not in (None, SensorKind.ENCODER):
             yield f"has sensor kind {kind}, expected an encoder ({SensorKind.ENCODER:d})"
             return
-        if ENCODER_RESOLUTION not in profile.compared:
+        if objects.ENCODER_RESOLUTION not in profile.compared:
             return
         per_rev = sensor.counts_per_rev if drive.counts_per_rev is None else drive.counts_per_rev
-        counts, turns = (access.read_unsigned(node, ENCODER_RESOLUTION, sub) for sub in (1, 2))
+        counts, turns = (
+            access.read_unsigned(node, objects.ENCODER_RESOLUTION, sub) for sub in (1, 2)
+        )
         if counts != per_rev * turns:
             yield (
                 f"has an encoder of {counts} counts in {turns} turn(s), expected {per_rev} a turn"
@@ -228,8 +217,8 @@ def _sensor_differences(
     if kind != SensorKind.RVDT:
         yield f"has sensor kind {kind}, expected an RVDT ({SensorKind.RVDT:d})"
         return
-    bits = access.read_unsigned(node, SENSOR, SENSOR_BITS)
-    full_scale = access.read_unsigned(node, SENSOR, SENSOR_FULL_SCALE)
+    bits = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_BITS)
+    full_scale = access.read_unsigned(node, objects.SENSOR, objects.SENSOR_FULL_SCALE)
     if bits != sensor.bits:
         yield f"has a converter of {bits} bits, expected {sensor.bits}"
     if abs(full_scale - sensor.full_scale_microdegrees) > 1:

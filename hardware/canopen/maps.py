@@ -10,26 +10,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile, Entry, JointProfile, Pdo, format_map
-from hardware.canopen.objects import (
-    COB_EMCY,
-    COB_HEARTBEAT,
-    COB_NMT,
-    COB_SDO_FROM_SERVER,
-    COB_SDO_TO_SERVER,
-    COB_SYNC,
-    CONTROL_PERIOD_S,
-    DEVICE_TYPE,
-    EMCY_COB_ID,
-    POSITION_ACTUAL,
-    RPDO1_COMMUNICATION,
-    RPDO1_MAP,
-    SYNC_COB_ID,
-    TPDO1_COMMUNICATION,
-    TPDO1_MAP,
-    TPDO_EVERY_SYNC,
-    Abort,
-)
+from hardware.canopen.objects import Abort
 from hardware.errors import MappingMismatch, ObjectMismatch, ProfileRemedy, SdoRefused
 
 if TYPE_CHECKING:
@@ -44,22 +27,22 @@ NOT_VALID, EXTENDED, GENERATES_SYNC = 1 << 31, 1 << 29, 1 << 30
 IDENTIFIER = 0x1FFFFFFF
 ON_RECEIPT = (254, 255)
 """Transmission types of RPDOs: STOP must not wait for a SYNC."""
-EVERY_SYNC = (TPDO_EVERY_SYNC,)
+EVERY_SYNC = (objects.TPDO_EVERY_SYNC,)
 _SYNC_COUNTER = 0x1019
 """Synchronous counter overflow value; if not 0, SYNC carries a counter."""
 MAX_PDOS, PDOS_PER_AXIS, MAX_ABSENT_PDOS = 512, 64, 16
 """CiA 301 has 512 PDOs each way, 64 for each axis (CiA 402). Which exist must be tried: on the first axis until
 so many in a row are absent, on the others if their first exists."""
-INHIBIT_S, MAX_INHIBIT_S = 1e-4, 0.5 * CONTROL_PERIOD_S
+INHIBIT_S, MAX_INHIBIT_S = 1e-4, 0.5 * objects.CONTROL_PERIOD_S
 """Unit of 1800h sub 3, and the inhibit time from which a TPDO may miss a SYNC."""
 INHIBIT, SYNC_START = 3, 6
 """Sub-indices of 1800h."""
 _RESERVED = frozenset(
     {
-        COB_NMT,
-        *range(COB_SYNC, COB_EMCY + 0x80),
-        *range(COB_SDO_FROM_SERVER, COB_SDO_TO_SERVER + 0x80),
-        *range(COB_HEARTBEAT, COB_HEARTBEAT + 0x80),
+        objects.COB_NMT,
+        *range(objects.COB_SYNC, objects.COB_EMCY + 0x80),
+        *range(objects.COB_SDO_FROM_SERVER, objects.COB_SDO_TO_SERVER + 0x80),
+        *range(objects.COB_HEARTBEAT, objects.COB_HEARTBEAT + 0x80),
     }
 )
 """Identifiers of NMT, SYNC, and of EMCY, SDO and heartbeat of all nodes."""
@@ -76,7 +59,7 @@ def check_mapping(access: ObjectAccess, profile: BusProfile, silent: Iterable[in
     found = [
         text
         for node in profile.drives
-        if node not in absent and profile.is_drive(access.read_unsigned(node, DEVICE_TYPE))
+        if node not in absent and profile.is_drive(access.read_unsigned(node, objects.DEVICE_TYPE))
         for text in pdo_differences(access, node, profile)
     ]
     if found:
@@ -89,11 +72,13 @@ def check_positions(
     """Compare positions by PDO with 6064h by SDO while the joints are at rest; raises `MappingMismatch`."""
     found = []
     for joint, by_pdo, scale in zip(profile.joints, counts, scales, strict=True):
-        by_sdo = access.read_signed(joint.node, POSITION_ACTUAL)
+        by_sdo = access.read_signed(joint.node, objects.POSITION_ACTUAL)
         if abs(by_pdo - by_sdo) > POSITION_AGREEMENT_RAD * scale.density + 1.0:
-            carrier = next(pdo.number for pdo in joint.answers if POSITION_ACTUAL in pdo.carried)
+            carrier = next(
+                pdo.number for pdo in joint.answers if objects.POSITION_ACTUAL in pdo.carried
+            )
             expected, seen = f"the {by_sdo} counts that it holds", f"{by_pdo} in TPDO{carrier}"
-            found.append(_difference(joint.node, POSITION_ACTUAL, None, expected, seen))
+            found.append(_difference(joint.node, objects.POSITION_ACTUAL, None, expected, seen))
     if found:
         raise MappingMismatch(found)
 
@@ -106,8 +91,8 @@ def check_communication(access: ObjectAccess, profile: BusProfile) -> None:
 
 def _communication(access: ObjectAccess, node: int) -> Iterator[ObjectMismatch]:
     found = [
-        *_cob_id(access, node, SYNC_COB_ID, 0, COB_SYNC, refused=GENERATES_SYNC),
-        *_cob_id(access, node, EMCY_COB_ID, 0, COB_EMCY + node, refused=NOT_VALID),
+        *_cob_id(access, node, objects.SYNC_COB_ID, 0, objects.COB_SYNC, refused=GENERATES_SYNC),
+        *_cob_id(access, node, objects.EMCY_COB_ID, 0, objects.COB_EMCY + node, refused=NOT_VALID),
     ]
     counter = read_number(access, node, _SYNC_COUNTER, 0)
     if counter:
@@ -124,8 +109,8 @@ PdoRecords = tuple[Pdo, int, int, tuple[int, ...]]
 def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
     """The PDOs of a joint, RPDOs first."""
     for communication, mapping, types, pdos in (
-        (RPDO1_COMMUNICATION, RPDO1_MAP, ON_RECEIPT, joint.commands),
-        (TPDO1_COMMUNICATION, TPDO1_MAP, EVERY_SYNC, joint.answers),
+        (objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, ON_RECEIPT, joint.commands),
+        (objects.TPDO1_COMMUNICATION, objects.TPDO1_MAP, EVERY_SYNC, joint.answers),
     ):
         for pdo in pdos:
             yield pdo, communication + pdo.number - 1, mapping + pdo.number - 1, types
@@ -133,7 +118,7 @@ def pdo_records(joint: JointProfile) -> Iterator[PdoRecords]:
 
 def pdo_name(communication: int, number: int) -> str:
     """``TPDO1``, ``RPDO3``; `communication` is the index of its record."""
-    return f"{'T' if communication >= TPDO1_COMMUNICATION else 'R'}PDO{number}"
+    return f"{'T' if communication >= objects.TPDO1_COMMUNICATION else 'R'}PDO{number}"
 
 
 def pdo_differences(
@@ -185,8 +170,8 @@ def conflicting_pdos(
         pdo.cob_id for each in profile.joints for pdo in (*each.commands, *each.answers)
     }
     for communication, pdos in (
-        (RPDO1_COMMUNICATION, joint.commands),
-        (TPDO1_COMMUNICATION, joint.answers),
+        (objects.RPDO1_COMMUNICATION, joint.commands),
+        (objects.TPDO1_COMMUNICATION, joint.answers),
     ):
         used = {pdo.number for pdo in pdos}
         for number, value in read_records(access, node, communication):

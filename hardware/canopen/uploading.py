@@ -8,23 +8,9 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from hardware.arm import UploadReceipt
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
-from hardware.canopen.objects import (
-    COMMAND,
-    DIGEST,
-    DIGEST_LENGTH,
-    DIGEST_SHA256,
-    DOCUMENT,
-    HOME_OFFSET,
-    REFUSAL,
-    SLOTS,
-    SLOTS_ACTIVE,
-    SLOTS_STAGED,
-    TOKEN,
-    Abort,
-    ParameterCommand,
-    Slot,
-)
+from hardware.canopen.objects import Abort, ParameterCommand, Slot
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import (
     BusError,
@@ -45,7 +31,7 @@ def read_document(access: ObjectAccess, profile: BusProfile) -> bytes:
     if profile.supervisor is None:
         return b""
     try:
-        return access.read(profile.supervisor, DOCUMENT)
+        return access.read(profile.supervisor, objects.DOCUMENT)
     except SdoRefused as refused:
         if refused.code == Abort.NO_DATA:
             return b""
@@ -114,7 +100,9 @@ def upload(
                 reason = refusal(access, attempt.supervisor)
                 why = UploadRefused(reason or str(lost))
                 if lost.code == Abort.LOCAL_CONTROL:
-                    why = ControlDenied(access.read_unsigned(attempt.supervisor, TOKEN), reason)
+                    why = ControlDenied(
+                        access.read_unsigned(attempt.supervisor, objects.TOKEN), reason
+                    )
             raise why from lost
     raise AssertionError("unreachable: the last attempt returns or raises")
 
@@ -142,15 +130,15 @@ class _Attempt:
         if self.commit_pending():
             return
         self.commit_sent = False
-        self._access.write(self.supervisor, DOCUMENT, 0, self._document)
-        self._access.command(self.supervisor, COMMAND, 0, ParameterCommand.STAGE)
+        self._access.write(self.supervisor, objects.DOCUMENT, 0, self._document)
+        self._access.command(self.supervisor, objects.COMMAND, 0, ParameterCommand.STAGE)
         _compare(self._access, self.supervisor, self._document)
 
     def commit(self) -> None:
         """Activate the staged document and check that it is active."""
         try:
             self.commit_sent = True
-            self._access.command(self.supervisor, COMMAND, 0, ParameterCommand.COMMIT)
+            self._access.command(self.supervisor, objects.COMMAND, 0, ParameterCommand.COMMIT)
         except SdoRefused:
             self.commit_sent = self._answer_missed
             raise
@@ -165,38 +153,40 @@ class _Attempt:
         return (
             self.commit_sent
             and not self.commit_pending()
-            and self._access.read(self.supervisor, DIGEST, DIGEST_SHA256)
+            and self._access.read(self.supervisor, objects.DIGEST, objects.DIGEST_SHA256)
             == hashlib.sha256(self._document).digest()
         )
 
     def commit_pending(self) -> bool:
         """Whether a commit was sent, and the document is still staged."""
         return self.commit_sent and bool(
-            self._access.read_unsigned(self.supervisor, SLOTS, SLOTS_STAGED)
+            self._access.read_unsigned(self.supervisor, objects.SLOTS, objects.SLOTS_STAGED)
         )
 
 
 def _receipt(access: ObjectAccess, supervisor: int, profile: BusProfile) -> UploadReceipt:
     """Read back the active document's digest and home offsets."""
-    sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
-    active = access.read_unsigned(supervisor, SLOTS, SLOTS_ACTIVE)
+    sha256 = access.read(supervisor, objects.DIGEST, objects.DIGEST_SHA256)
+    active = access.read_unsigned(supervisor, objects.SLOTS, objects.SLOTS_ACTIVE)
     return UploadReceipt(
         slot=Slot(active).name,
         sha256=sha256.hex(),
-        length=access.read_unsigned(supervisor, DIGEST, DIGEST_LENGTH),
-        home_offset_counts=tuple(access.read_signed(node, HOME_OFFSET) for node in profile.drives),
+        length=access.read_unsigned(supervisor, objects.DIGEST, objects.DIGEST_LENGTH),
+        home_offset_counts=tuple(
+            access.read_signed(node, objects.HOME_OFFSET) for node in profile.drives
+        ),
     )
 
 
 def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
     """Compare the staged document with the one sent, byte for byte and by digest; else drop it."""
-    staged = access.read(supervisor, DOCUMENT)
-    sha256 = access.read(supervisor, DIGEST, DIGEST_SHA256)
-    length = access.read_unsigned(supervisor, DIGEST, DIGEST_LENGTH)
+    staged = access.read(supervisor, objects.DOCUMENT)
+    sha256 = access.read(supervisor, objects.DIGEST, objects.DIGEST_SHA256)
+    length = access.read_unsigned(supervisor, objects.DIGEST, objects.DIGEST_LENGTH)
     digest = hashlib.sha256(document).digest()
     if staged == document and length == len(document) and sha256 == digest:
         return
-    access.command(supervisor, COMMAND, 0, ParameterCommand.ROLL_BACK)
+    access.command(supervisor, objects.COMMAND, 0, ParameterCommand.ROLL_BACK)
     at = next((k for k, (a, b) in enumerate(zip(staged, document, strict=False)) if a != b), None)
     where = f"{len(staged)} bytes came back" if at is None else f"byte {at} differs"
     raise UploadRefused(
@@ -208,6 +198,6 @@ def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
 def refusal(access: ObjectAccess, supervisor: int) -> str:
     """The supervisor's reason for its last refusal (2004h); empty if there is none."""
     try:
-        return access.read_text(supervisor, REFUSAL)
+        return access.read_text(supervisor, objects.REFUSAL)
     except SdoRefused:
         return ""

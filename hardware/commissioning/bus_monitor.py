@@ -7,25 +7,11 @@ from collections.abc import Iterator
 from typing import Final
 
 from hardware.arm import DriveState
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP, state_of
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.objects import (
-    COB_EMCY,
-    COB_HEARTBEAT,
-    COB_NMT,
-    COB_SDO_FROM_SERVER,
-    COB_SDO_TO_SERVER,
-    COB_SYNC,
-    CONTROLWORD,
-    JOINT_MODE,
-    MODE,
-    OPERATOR_NODE,
-    POSITION_ACTUAL,
-    STATUSWORD,
-    NmtState,
-    emergency_text,
-)
+from hardware.canopen.objects import NmtState, emergency_text
 
 SILENT_S: Final = 1.5
 """Time without heartbeat after which a node is reported as silent."""
@@ -75,18 +61,21 @@ class BusMonitor:
     def take_in(self, identifier: int, data: bytes, now_s: float) -> Iterator[str]:
         """Take in a frame; yield one sentence for each change that it shows."""
         self.frames[identifier] += 1
-        if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
-            yield from self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
+        if (
+            objects.COB_HEARTBEAT < identifier <= objects.COB_HEARTBEAT + objects.OPERATOR_NODE
+            and len(data) == 1
+        ):
+            yield from self._heartbeat(identifier - objects.COB_HEARTBEAT, data[0] & 0x7F, now_s)
         elif identifier in self._answers:
             yield from self._status(identifier, data)
         elif identifier in self._commands:
             yield from self._command(identifier, data)
-        elif COB_EMCY < identifier <= COB_EMCY + OPERATOR_NODE:
+        elif objects.COB_EMCY < identifier <= objects.COB_EMCY + objects.OPERATOR_NODE:
             code = unpack_emergency(data)
             if code is not None:
                 text = f"{emergency_text(code)} ({code:04X}h)" if code else "its error has ended"
-                yield f"{self._who(identifier - COB_EMCY)}: {text}"
-        elif identifier == COB_NMT and len(data) == 2:
+                yield f"{self._who(identifier - objects.COB_EMCY)}: {text}"
+        elif identifier == objects.COB_NMT and len(data) == 2:
             to = self._who(data[1]) if data[1] else "all nodes"
             yield f"NMT command to {to}: {_NMT.get(data[0], f'{data[0]}')}"
         else:
@@ -103,7 +92,7 @@ class BusMonitor:
         """Summary as JSON data."""
         return {
             "frames": sum(self.frames.values()),
-            "syncs": self.frames[COB_SYNC],
+            "syncs": self.frames[objects.COB_SYNC],
             "nodes": {str(node): _state(state) for node, state in sorted(self.nodes.items())},
             "silent": sorted(self._silent),
             "joints": {
@@ -129,16 +118,18 @@ class BusMonitor:
         state = self._states[joint]
         if not answer.read_into(state, data):
             return
-        if POSITION_ACTUAL in answer.indices:
+        if objects.POSITION_ACTUAL in answer.indices:
             self.positions[joint] = state[1]
-        if STATUSWORD in answer.indices and self.drives.get(joint) is not state_of(state[0]):
+        if objects.STATUSWORD in answer.indices and self.drives.get(joint) is not state_of(
+            state[0]
+        ):
             self.drives[joint] = state_of(state[0])
             yield f"joint {joint}: drive {self.drives[joint].value}"
 
     def _command(self, identifier: int, data: bytes) -> Iterator[str]:
         joint, frames = self._commands[identifier]
         found = frames.decode_command(identifier, data)
-        word, mode = found.get(CONTROLWORD), found.get(MODE)
+        word, mode = found.get(objects.CONTROLWORD), found.get(objects.MODE)
         if word is not None and word != CONTROLWORD_QUICK_STOP:
             self._stopped.discard(joint)
         elif word is not None and joint not in self._stopped:
@@ -146,11 +137,11 @@ class BusMonitor:
             yield f"joint {joint}: quick stop commanded"
         if mode is not None and self._modes.get(joint) != mode:
             self._modes[joint] = mode
-            name = JOINT_MODE.get(mode)
+            name = objects.JOINT_MODE.get(mode)
             yield f"joint {joint}: {f'mode {mode}' if name is None else name.value} mode commanded"
 
     def _who(self, node: int) -> str:
-        if node == OPERATOR_NODE:
+        if node == objects.OPERATOR_NODE:
             return "the operator (node 127)"
         joint = self._joint_of.get(node)
         return f"node {node}" if joint is None else f"joint {joint}"
@@ -159,10 +150,13 @@ class BusMonitor:
         if len(data) != 8:
             return
         place = f"{int.from_bytes(data[1:3], 'little'):04X}h sub {data[3]}"
-        to, answer = identifier - COB_SDO_TO_SERVER, identifier - COB_SDO_FROM_SERVER
-        if 0 < to <= OPERATOR_NODE and data[0] >> 5 == _INITIATE_DOWNLOAD:
+        to, answer = (
+            identifier - objects.COB_SDO_TO_SERVER,
+            identifier - objects.COB_SDO_FROM_SERVER,
+        )
+        if 0 < to <= objects.OPERATOR_NODE and data[0] >> 5 == _INITIATE_DOWNLOAD:
             yield f"{self._who(to)}: {place} is written"
-        elif 0 < answer <= OPERATOR_NODE and data[0] == _ABORT:
+        elif 0 < answer <= objects.OPERATOR_NODE and data[0] == _ABORT:
             code = int.from_bytes(data[4:8], "little")
             yield f"{self._who(answer)}: refuses {place} ({code:08X}h)"
 

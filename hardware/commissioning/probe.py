@@ -18,7 +18,7 @@ import can
 
 from hardware.buses.python_can import BusSettings, open_bus
 from hardware.buses.shared_bus import SharedBus
-from hardware.canopen import maps
+from hardware.canopen import maps, objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.drive_settings import (
     NO_PDO_CAPABILITY,
@@ -28,20 +28,6 @@ from hardware.canopen.drive_settings import (
     read_description_objects,
     read_pdo_capability,
     read_pdos,
-)
-from hardware.canopen.objects import (
-    ARM,
-    ARM_JOINTS,
-    COB_HEARTBEAT,
-    COB_SDO_FROM_SERVER,
-    COB_SDO_TO_SERVER,
-    DEVICE_NAME,
-    DEVICE_TYPE,
-    IDENTITY,
-    IDENTITY_SERIAL,
-    OPERATOR_NODE,
-    POSITION_ACTUAL,
-    TOKEN,
 )
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, HardwareError, SdoRefused
@@ -60,9 +46,11 @@ NO_OPERATOR_MONITORING: Final = (
 _POLL_S: Final = 0.02
 _MAX_ANSWER_PERIODS: Final = 10
 """Limit of the wait for answers, in such silences."""
-_READ_DEVICE_TYPE: Final = bytes([0x40, DEVICE_TYPE & 0xFF, DEVICE_TYPE >> 8, 0, 0, 0, 0, 0])
+_READ_DEVICE_TYPE: Final = bytes(
+    [0x40, objects.DEVICE_TYPE & 0xFF, objects.DEVICE_TYPE >> 8, 0, 0, 0, 0, 0]
+)
 _UPLOAD_ANSWER: Final = 2
-_SUPERVISES: Final = ((ARM, ARM_JOINTS), (TOKEN, 0))
+_SUPERVISES: Final = ((objects.ARM, objects.ARM_JOINTS), (objects.TOKEN, 0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -169,10 +157,17 @@ class _Listener:
         identifier, data = message.arbitration_id, bytes(message.data)
         if text := describe_master_frame(self._profile, identifier, data):
             self.masters[text] += 1
-        if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE and len(data) == 1:
-            self.heartbeats[identifier - COB_HEARTBEAT] += 1
-        elif COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
-            node = identifier - COB_SDO_FROM_SERVER
+        if (
+            objects.COB_HEARTBEAT < identifier <= objects.COB_HEARTBEAT + objects.OPERATOR_NODE
+            and len(data) == 1
+        ):
+            self.heartbeats[identifier - objects.COB_HEARTBEAT] += 1
+        elif (
+            objects.COB_SDO_FROM_SERVER
+            < identifier
+            <= objects.COB_SDO_FROM_SERVER + objects.OPERATOR_NODE
+        ):
+            node = identifier - objects.COB_SDO_FROM_SERVER
             if len(data) == 8 and data[1:4] == _READ_DEVICE_TYPE[1:4]:
                 self.answers[node] += 1
                 if data[0] >> 5 == _UPLOAD_ANSWER:
@@ -202,7 +197,7 @@ def probe(
             busy = f"another program uses this bus: {others}"
             return Probe(busy=busy, heard=tuple(sorted(listener.heartbeats)), nodes=())
         for node in NODES:
-            wire.send(COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
+            wire.send(objects.COB_SDO_TO_SERVER + node, _READ_DEVICE_TYPE)
             if node % 16 == 0:
                 listener.listen(_POLL_S)  # slow adapters take a few frames at a time
         listener.wait_for_answers(answers_s)
@@ -246,8 +241,8 @@ def _read_node(
     else:
         try:
             with suppress(SdoRefused):
-                name = access.read_text(node, DEVICE_NAME)
-            serial = _number(access, node, IDENTITY, IDENTITY_SERIAL)
+                name = access.read_text(node, objects.DEVICE_NAME)
+            serial = _number(access, node, objects.IDENTITY, objects.IDENTITY_SERIAL)
             if drive and node in profile.drives:
                 problems += map(str, maps.pdo_differences(access, node, profile))
             elif drive:
@@ -264,7 +259,7 @@ def _read_node(
                 pdos = read_pdos(access, node)
                 described = read_description_objects(access, node)
                 room = read_pdo_capability(access, node)
-                position = access.read_signed(node, POSITION_ACTUAL)
+                position = access.read_signed(node, objects.POSITION_ACTUAL)
         except HardwareError as error:
             unread = str(error)
     if unread:

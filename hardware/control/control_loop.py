@@ -15,15 +15,10 @@ import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cyclic import Abandoned, Sample, Setpoints, frames_of
-from hardware.canopen.objects import (
-    COB_HEARTBEAT,
-    COB_SDO_FROM_SERVER,
-    COB_SYNC,
-    OPERATOR_NODE,
-    NmtState,
-)
+from hardware.canopen.objects import NmtState
 from hardware.control.sampling import CommandSender, CyclicView, Sampler
 from hardware.control.stop_line import StopLatch
 from hardware.control.tasks import LoopTask, Steps, TaskQueue
@@ -270,7 +265,7 @@ class ControlLoop:
             self._sender.send(self.commands, self.sample.sync_count, moving=self.moving)
         self._sampler.open()
         self._synced_s = self._clock()
-        self._wire.send(COB_SYNC, b"")
+        self._wire.send(objects.COB_SYNC, b"")
         deadline = self._clock() + self._answer_timeout_s
         frames_left = FRAMES_AT_A_TIME
         while self._sampler.waiting > 0 and not self._closing and frames_left > 0:
@@ -315,7 +310,11 @@ class ControlLoop:
         identifier: int = message.arbitration_id
         if self._sampler.note(identifier, message.data, came_s, late_s):
             return True
-        if COB_SDO_FROM_SERVER < identifier <= COB_SDO_FROM_SERVER + OPERATOR_NODE:
+        if (
+            objects.COB_SDO_FROM_SERVER
+            < identifier
+            <= objects.COB_SDO_FROM_SERVER + objects.OPERATOR_NODE
+        ):
             self._on_sdo(identifier, bytes(message.data))
         else:
             if self._watching:
@@ -329,7 +328,9 @@ class ControlLoop:
         now = self._clock()
         if self._beating and now >= self._next_beat_s:
             self._next_beat_s = now + self._timing.heartbeat_period_s
-            self._wire.send(COB_HEARTBEAT + OPERATOR_NODE, bytes([NmtState.OPERATIONAL]))
+            self._wire.send(
+                objects.COB_HEARTBEAT + objects.OPERATOR_NODE, bytes([NmtState.OPERATIONAL])
+            )
 
     def _wait_for_tick(self) -> None:
         """Receive frames until the next control period begins; after a late period the schedule restarts from now."""

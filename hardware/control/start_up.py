@@ -18,7 +18,7 @@ from typing import Final
 from hardware.arm import ArmIdentity, DriveState
 from hardware.arm_description import JointScale
 from hardware.buses.python_can import ArmOnBus
-from hardware.canopen import identifying
+from hardware.canopen import identifying, objects
 from hardware.canopen.cia402 import POWERED_STATES, state_of
 from hardware.canopen.configuring import configure, zero_residual_torques
 from hardware.canopen.cyclic import Sample, Setpoints
@@ -29,15 +29,7 @@ from hardware.canopen.drive_settings import (
     operator_timeout_s,
 )
 from hardware.canopen.maps import check_communication, check_mapping, check_positions
-from hardware.canopen.objects import (
-    COB_NMT,
-    ERROR_CODE,
-    OPERATOR_NODE,
-    STATUSWORD,
-    TOKEN,
-    NmtCommand,
-    NmtState,
-)
+from hardware.canopen.objects import NmtCommand, NmtState
 from hardware.canopen.sdo import ObjectAccess
 from hardware.control import motion_steps
 from hardware.control.control_loop import ControlLoop
@@ -99,8 +91,8 @@ def require_unused(
         free token is no reason: no operator uses it, and connecting enables nothing.
     """
     profile = nodes.profile
-    statuswords = [(node, STATUSWORD) for node in profile.drives]
-    tokens = [] if profile.supervisor is None else [(profile.supervisor, TOKEN)]
+    statuswords = [(node, objects.STATUSWORD) for node in profile.drives]
+    tokens = [] if profile.supervisor is None else [(profile.supervisor, objects.TOKEN)]
     values = _read_all(access, (*statuswords, *tokens))
     if values:  # again where a frame may have been lost
         values |= _read_all(access, [key for key in (*statuswords, *tokens) if key not in values])
@@ -115,7 +107,7 @@ def require_unused(
         if holder in nodes.foreign_nodes:
             raise ControlDenied(holder)
         # A node without an answer keeps its last value.
-        values |= _read_all(access, [*((node, STATUSWORD) for node in enabled), *tokens])
+        values |= _read_all(access, [*((node, objects.STATUSWORD) for node in enabled), *tokens])
         enabled, holder = _powered(values), _token_holder(values)
         if not enabled and not holder:
             return
@@ -126,18 +118,22 @@ def require_unused(
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    """Drives with power on their motors, and their states."""
-    states = {node: state_of(word) for (node, index), word in values.items() if index == STATUSWORD}
+    """Drives with power on their motors, with their state."""
+    states = {
+        node: state_of(word)
+        for (node, index), word in values.items()
+        if index == objects.STATUSWORD
+    }
     return {node: state for node, state in states.items() if state in POWERED_STATES}
 
 
 def _token_holder(values: Mapping[_Object, int]) -> int:
     """Node in control; 0 if none."""
-    return next((holder for (_, index), holder in values.items() if index == TOKEN), 0)
+    return next((holder for (_, index), holder in values.items() if index == objects.TOKEN), 0)
 
 
-def _read_all(access: ObjectAccess, objects: Sequence[_Object]) -> dict[_Object, int]:
-    """Read objects in parallel, since each absent node costs a time-out; return the values of those that answer."""
+def _read_all(access: ObjectAccess, wanted: Sequence[_Object]) -> dict[_Object, int]:
+    """Values of the objects that are answered, read in parallel: each absent node costs a time-out."""
 
     def read(key: _Object) -> int | None:
         try:
@@ -145,8 +141,8 @@ def _read_all(access: ObjectAccess, objects: Sequence[_Object]) -> dict[_Object,
         except HardwareError:
             return None
 
-    with ThreadPoolExecutor(max(len(objects), 1)) as pool:
-        answers = zip(objects, pool.map(read, objects), strict=True)
+    with ThreadPoolExecutor(max(len(wanted), 1)) as pool:
+        answers = zip(wanted, pool.map(read, wanted), strict=True)
         return {key: value for key, value in answers if value is not None}
 
 
@@ -232,7 +228,7 @@ class StartUp:
         _require(self._send_nmt(NmtCommand.START, started))
         token = 0
         if profile.supervisor is not None:
-            token = access.read_unsigned(profile.supervisor, TOKEN)
+            token = access.read_unsigned(profile.supervisor, objects.TOKEN)
         loop.begin_sync()
         first = loop.run(
             motion_steps.first_complete_sample(loop), despite=(DriveFault, Stopped, DriveDiverged)
@@ -245,7 +241,7 @@ class StartUp:
         """Listen for `for_s` seconds; raise for another operator or master."""
         nodes = self._loop.nodes
         if nodes.wait_for_other_operator(for_s):
-            raise ControlDenied(OPERATOR_NODE)
+            raise ControlDenied(objects.OPERATOR_NODE)
         self.raise_if_cancelled()
         if nodes.foreign_command:
             raise OtherMaster(
@@ -324,7 +320,7 @@ class StartUp:
     def _command_nodes(self, command: NmtCommand, nodes: Iterable[int] = ()) -> None:
         """Send an NMT command to these nodes, or to all of the arm, but never to others on the bus."""
         for node in nodes or self._profile.nodes:
-            self._send(COB_NMT, bytes([command, node]))
+            self._send(objects.COB_NMT, bytes([command, node]))
 
     def _require_unique_nodes(self) -> None:
         if duplicates := self._access.duplicate_nodes():
@@ -333,7 +329,7 @@ class StartUp:
     def _read_fault_codes(self, first: Sample) -> None:
         """Read 603Fh of drives in fault: their emergencies were sent before this program listened."""
         codes = {
-            node: self._access.read_unsigned(node, ERROR_CODE)
+            node: self._access.read_unsigned(node, objects.ERROR_CODE)
             for node, status in zip(self._profile.drives, first.statuswords, strict=True)
             if state_of(status) in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
         }

@@ -12,25 +12,13 @@ from collections.abc import Callable
 from typing import Final
 
 from hardware.arm import Fault
+from hardware.canopen import objects
 from hardware.canopen.bus_profile import BusProfile
 from hardware.canopen.cia402 import CONTROLWORD_QUICK_STOP
 from hardware.canopen.cyclic import frames_of, unpack_emergency
-from hardware.canopen.objects import (
-    COB_EMCY,
-    COB_HEARTBEAT,
-    COB_NEXT_PDO,
-    COB_NMT,
-    COB_RPDO1,
-    COB_SDO_TO_SERVER,
-    COB_SYNC,
-    CONTROLWORD,
-    OPERATOR_NODE,
-    NmtCommand,
-    NmtState,
-    emergency_text,
-)
+from hardware.canopen.objects import NmtCommand, NmtState, emergency_text
 
-_RPDOS: Final = tuple(COB_RPDO1 + at * COB_NEXT_PDO for at in range(4))
+_RPDOS: Final = tuple(objects.COB_RPDO1 + at * objects.COB_NEXT_PDO for at in range(4))
 """Base identifiers of RPDO1..4 in CiA 301's predefined connection set."""
 _WRITES: Final = {1: True, 2: False, 5: False, 6: True}
 """Whether an SDO client command specifier (download, upload, block upload, block download) writes."""
@@ -44,21 +32,21 @@ def describe_master_frame(profile: BusProfile, identifier: int, data: bytes) -> 
     TPDOs of the profile count as frames of the nodes, whatever their identifiers.
     """
     cob_id = f"({identifier:03X}h)"
-    if identifier == COB_NMT:
+    if identifier == objects.COB_NMT:
         return f"{_describe_nmt(data)} {cob_id}"
-    if identifier == COB_SYNC:
+    if identifier == objects.COB_SYNC:
         return f"SYNC {cob_id}"
-    if identifier == COB_HEARTBEAT + OPERATOR_NODE:
-        return f"the heartbeat of an operator, node {OPERATOR_NODE} {cob_id}"
-    if COB_SDO_TO_SERVER < identifier <= COB_SDO_TO_SERVER + OPERATOR_NODE:
-        return f"{_describe_sdo(data)} node {identifier - COB_SDO_TO_SERVER} {cob_id}"
+    if identifier == objects.COB_HEARTBEAT + objects.OPERATOR_NODE:
+        return f"the heartbeat of an operator, node {objects.OPERATOR_NODE} {cob_id}"
+    if objects.COB_SDO_TO_SERVER < identifier <= objects.COB_SDO_TO_SERVER + objects.OPERATOR_NODE:
+        return f"{_describe_sdo(data)} node {identifier - objects.COB_SDO_TO_SERVER} {cob_id}"
     for joint, drive in enumerate(profile.joints, 1):
         if any(pdo.cob_id == identifier for pdo in drive.answers):
             return ""
         if any(pdo.cob_id == identifier for pdo in drive.commands):
             return f"a command to joint {joint} {cob_id}"
     for number, base in enumerate(_RPDOS, 1):
-        if base < identifier <= base + OPERATOR_NODE:
+        if base < identifier <= base + objects.OPERATOR_NODE:
             return f"a command to node {identifier - base}, RPDO{number} {cob_id}"
     return ""
 
@@ -143,13 +131,13 @@ class NodeMonitor:
 
     def note(self, identifier: int, data: bytes | bytearray, now_s: float, sync_count: int) -> None:
         """Take in a heartbeat or an emergency; ignore other frames."""
-        if COB_HEARTBEAT < identifier <= COB_HEARTBEAT + OPERATOR_NODE:
+        if objects.COB_HEARTBEAT < identifier <= objects.COB_HEARTBEAT + objects.OPERATOR_NODE:
             if len(data) == 1:
-                self._heartbeat(identifier - COB_HEARTBEAT, data[0] & 0x7F, now_s)
-        elif COB_EMCY < identifier <= COB_EMCY + OPERATOR_NODE:
+                self._heartbeat(identifier - objects.COB_HEARTBEAT, data[0] & 0x7F, now_s)
+        elif objects.COB_EMCY < identifier <= objects.COB_EMCY + objects.OPERATOR_NODE:
             code = unpack_emergency(data)
             if code is not None:
-                self._emergency(identifier - COB_EMCY, code, sync_count)
+                self._emergency(identifier - objects.COB_EMCY, code, sync_count)
 
     def expect_boot_up(self) -> None:
         """Clear everything heard; call before resetting the nodes."""
@@ -228,7 +216,7 @@ class NodeMonitor:
         return happened()
 
     def _heartbeat(self, node: int, state: int, now_s: float) -> None:
-        if node == OPERATOR_NODE:
+        if node == objects.OPERATOR_NODE:
             with self._changed:
                 self.other_operator_at_s = now_s
                 self._changed.notify_all()
@@ -263,16 +251,19 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _describe_command(self, identifier: int, data: bytes) -> str:
-        """Describe a frame if it is a command; empty for any other frame, and for a quick stop."""
-        if identifier == COB_SYNC and len(data) <= 1:  # with a counter or without
+        """Describe a frame that commands; empty for any other frame, and for a quick stop."""
+        if identifier == objects.COB_SYNC and len(data) <= 1:  # with a counter or without
             return "a SYNC (080h)"
-        if identifier == COB_NMT:
+        if identifier == objects.COB_NMT:
             return "an NMT command (000h)"
         if identifier in self._commanded:
             joint, frames = self._commanded[identifier]
-            if frames.decode_command(identifier, data).get(CONTROLWORD) == CONTROLWORD_QUICK_STOP:
+            if (
+                frames.decode_command(identifier, data).get(objects.CONTROLWORD)
+                == CONTROLWORD_QUICK_STOP
+            ):
                 return ""  # our own STOP by its own handle, or that of another program
             return f"a command to joint {joint} ({identifier:03X}h)"
-        node = identifier - COB_SDO_TO_SERVER
+        node = identifier - objects.COB_SDO_TO_SERVER
         writes, index = initiated_transfer(data) or (False, 0)
         return f"a write to {index:04X}h of node {node}" if writes and node in self.nodes else ""

@@ -12,17 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hardware.canopen.objects import (
-    COB_TPDO1,
-    HEARTBEAT_CONSUMER,
-    HEARTBEAT_PRODUCER,
-    SUPERVISOR_NODE,
-    TPDO1_MAP,
-    VELOCITY_ACTUAL,
-    EmergencyCode,
-    NmtCommand,
-    joint_node,
-)
+from hardware.canopen import objects
+from hardware.canopen.objects import EmergencyCode, NmtCommand, joint_node
 from hardware.virtual.axis import FixturePort
 from hardware.virtual.disturbances import Disturbances, FaultyWire, FrameFaults
 from hardware.virtual.drive_node import DriveNode
@@ -73,8 +64,8 @@ class FaultInjector:
         self._disturb(lambda now: now.no_heartbeat.discard(node))
 
     def slow_heartbeat(self, joint: int, period_s: float) -> None:
-        """Give a drive another heartbeat period, as 1017h then shows."""
-        self.override_object(joint, HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
+        """Give a drive another heartbeat period, shown in 1017h."""
+        self.override_object(joint, objects.HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
         self._disturb(lambda now: now.heartbeat_period_s.update({joint: period_s}))
 
     def lose_tpdos(self, joint: int, count: int) -> None:
@@ -91,12 +82,12 @@ class FaultInjector:
     def swap_tpdo_id(self, joint: int) -> None:
         """Send a joint's TPDO1 with the identifier of the next joint (for the last joint, of the first)."""
         node, other = self._drive(joint), joint % len(self._target.drives) + 1
-        wrong_id = COB_TPDO1 + joint_node(other)
+        wrong_id = objects.COB_TPDO1 + joint_node(other)
         self._target.post(lambda: setattr(node, "tpdo1_id", wrong_id))
 
     def report_speed(self, joint: int) -> None:
-        """Map a drive's speed into TPDO1 in place of its position, as 1A00h then shows."""
-        self.override_object(joint, TPDO1_MAP, 2, VELOCITY_ACTUAL << 16 | 32)
+        """Map a drive's speed into TPDO1 in place of its position, shown in 1A00h."""
+        self.override_object(joint, objects.TPDO1_MAP, 2, objects.VELOCITY_ACTUAL << 16 | 32)
         self._on_node(joint, lambda node: setattr(node, "reports_speed", True))
 
     def stall_sdo(self, node: int) -> None:
@@ -138,8 +129,8 @@ class FaultInjector:
         self._target.unhang()
 
     def stop_watching(self, joint: int) -> None:
-        """Let a drive ignore the loss of the operator's heartbeat, as 1016h then shows."""
-        self.override_object(joint, HEARTBEAT_CONSUMER, 1, 0)
+        """Let a drive ignore the loss of the operator's heartbeat, shown in 1016h."""
+        self.override_object(joint, objects.HEARTBEAT_CONSUMER, 1, 0)
         self._set(joint, "ignores_heartbeat")
 
     def storm(self, joint: int) -> None:
@@ -291,7 +282,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
         "bus-flicker": lambda faults, _joint: faults.leave_bus(0.2),
         "bus-off": lambda faults, _joint: faults.leave_bus(3.0),
         "silent-node": FaultInjector.silence,
-        "silent-supervisor": lambda faults, _joint: faults.silence(SUPERVISOR_NODE),
+        "silent-supervisor": lambda faults, _joint: faults.silence(objects.SUPERVISOR_NODE),
         "no-heartbeat": FaultInjector.stop_heartbeat,
         "other-heartbeat": lambda faults, joint: faults.slow_heartbeat(joint, 5.0),
         "missed-answers": lambda faults, joint: faults.lose_tpdos(joint, 10),
@@ -299,7 +290,7 @@ FAULT_KINDS: Mapping[str, FaultAction] = MappingProxyType(
         "wrong-node": FaultInjector.swap_tpdo_id,
         "other-map": FaultInjector.report_speed,
         "sdo-stall": FaultInjector.stall_sdo,
-        "sdo-stall-supervisor": lambda faults, _joint: faults.stall_sdo(SUPERVISOR_NODE),
+        "sdo-stall-supervisor": lambda faults, _joint: faults.stall_sdo(objects.SUPERVISOR_NODE),
         "sdo-abort": FaultInjector.refuse_sdo,
         "restart-node": FaultInjector.restart_node,
         "restart": lambda faults, _joint: faults.restart(),

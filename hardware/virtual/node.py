@@ -17,16 +17,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from hardware.buses.shared_bus import Frame
 from hardware.canopen import objects
-from hardware.canopen.objects import (
-    COB_SDO_FROM_SERVER,
-    COB_SDO_TO_SERVER,
-    ERROR_HISTORY,
-    Abort,
-    EmergencyCode,
-    ErrorBit,
-    NmtCommand,
-    NmtState,
-)
+from hardware.canopen.objects import Abort, EmergencyCode, ErrorBit, NmtCommand, NmtState
 from hardware.eds import node_dictionary, variables
 from hardware.virtual.disturbances import Disturbances
 from hardware.virtual.sdo_server import NodeSdoServer
@@ -64,7 +55,7 @@ class VirtualNode(canopen.LocalNode):
         self.serve(objects.ERROR_REGISTER, 0, lambda: int(self.error_register))
         self.serve(objects.ERROR_FIELD, 0, lambda: len(self._history))
         self.accept(objects.ERROR_FIELD, 0, self._clear_history)
-        for k in range(ERROR_HISTORY):
+        for k in range(objects.ERROR_HISTORY):
             self.serve(objects.ERROR_FIELD, k + 1, lambda k=k: self._history_entry(k))  # type: ignore[misc]
         self.serve(objects.IDENTITY, objects.IDENTITY_SERIAL, lambda: serial_number)
 
@@ -122,7 +113,7 @@ class VirtualNode(canopen.LocalNode):
         """Send EMCY for an error, or for its end (`NONE`), and update 1001h and 1003h."""
         self.error_register = register
         if code is not EmergencyCode.NONE:
-            self._history = [int(code), *self._history][:ERROR_HISTORY]
+            self._history = [int(code), *self._history][: objects.ERROR_HISTORY]
         if self.state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
             data = objects.EMCY.pack(code, register, bytes(5))
             self.network.send_message(objects.COB_EMCY + self.number, data)
@@ -241,11 +232,11 @@ class ControllerNetwork(canopen.Network):
 
     def notify(self, can_id: int, data: bytearray, timestamp: float) -> None:
         """Pass a frame to its node, unless an SDO fault stops it."""
-        node = can_id - COB_SDO_TO_SERVER
+        node = can_id - objects.COB_SDO_TO_SERVER
         if node in self._disturbances.stalled_sdo:
             return
         if node in self._disturbances.refused_sdo and data[0] != _ABORT:
             answer = _ABORTED.pack(_ABORT, bytes(data[1:4]), Abort.GENERAL)
-            self.send_message(COB_SDO_FROM_SERVER + node, answer)
+            self.send_message(objects.COB_SDO_FROM_SERVER + node, answer)
             return
         super().notify(can_id, data, timestamp)

@@ -64,14 +64,6 @@ class _Stream(IntEnum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LengthErrors:
-    """Errors of the maker's lengths: magnitude `smallest_m` to `largest_m`, either sign."""
-
-    smallest_m: float
-    largest_m: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Loads:
     """Stiffness of the fixture and the loads on it.
 
@@ -152,7 +144,7 @@ class Scenario:
     linearity_of_full_scale
         Peak linearity deviation of every RVDT, fraction of full scale; 0 for none.
     lengths
-        Errors of the fixed lengths; None is off.
+        Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None is off.
     placement
         Number of this mounting of the fixture; each has different noise.
     """
@@ -164,7 +156,7 @@ class Scenario:
     encoders_only: bool = False
     noise: bool = True
     linearity_of_full_scale: float = 0.0
-    lengths: LengthErrors | None = None
+    lengths: tuple[float, float] | None = None
     loads: Loads = STIFF
     placement: int = 1
 
@@ -179,12 +171,9 @@ class Scenario:
         """True geometry with length errors."""
         if self.lengths is None:
             return self.truth
-        return with_length_errors(
-            self.truth,
-            smallest_m=self.lengths.smallest_m,
-            largest_m=self.lengths.largest_m,
-            rng=self._rng(_Stream.LENGTHS),
-        )
+        smallest_m, largest_m = self.lengths
+        rng = self._rng(_Stream.LENGTHS)
+        return with_length_errors(self.truth, smallest_m=smallest_m, largest_m=largest_m, rng=rng)
 
     def curves(self, arm: ArmModel) -> tuple[LinearityDeviation | None, ...]:
         """Linearity deviation of every joint of `arm`; None for an encoder, or without such deviations."""
@@ -268,7 +257,7 @@ def scenario(name: str, seed: int = 0) -> Scenario:
                 truth=paper_loop(),
                 specimen=8,
                 linearity_of_full_scale=0.019,
-                lengths=LengthErrors(smallest_m=0.001, largest_m=0.002),
+                lengths=(0.001, 0.002),
                 loads=COMPLIANT,
             )
         case "wild":

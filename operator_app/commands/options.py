@@ -232,22 +232,18 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
         raise UsageError("--seed: a seed is a whole number from zero")
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
         raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
+    as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
     return Choices(
-        poses=getattr(args, "poses", None),
-        plan=getattr(args, "plan", None),
-        estimator=getattr(args, "estimator", None),
         unsensed_joints=given_joints(getattr(args, "unsensed", None)),
         length_tolerance_m=tolerance_m(args) if hasattr(args, "length_tolerance") else None,
         upload=False if getattr(args, "no_upload", False) else None,
         interface=args.interface,
         channel=args.channel,
         bitrate=args.bitrate,
-        profile=getattr(args, "profile", None),
         scenario=args.scenario,
         seed=args.seed,
-        tracker=getattr(args, "tracker", None),
         operator=_operator_name() if journal else None,
-        placements=getattr(args, "placements", None),
+        **{name: getattr(args, name, None) for name in as_typed},
     )
 
 

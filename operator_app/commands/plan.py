@@ -21,7 +21,8 @@ from operator_app.safe_output import as_json, say
 if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
     from operator_app.planning.advice import RankedPlacement
-    from operator_app.planning.preview import PlanningBasis, Preview
+    from operator_app.planning.preview import Preview
+    from solver.arrays import FloatArray
 
 DEFAULT_POSES = 12
 """Poses of a plan if the procedure is for explored ones."""
@@ -66,7 +67,7 @@ def execute(args: argparse.Namespace) -> int:
         raise UsageError("--poses: plan at least 1")
     if args.tries < 1:
         raise UsageError("--tries: at least 1")
-    procedure, known, basis = _of_session(args) if args.session else _of_files(args)
+    procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
     poses = args.poses or (capture.poses if capture.strategy == "planned" else DEFAULT_POSES)
     shown = preview(
@@ -77,7 +78,7 @@ def execute(args: argparse.Namespace) -> int:
         unsensed_joints=procedure.unsensed_joints,
         samples=capture.samples_per_pose,
         seed=capture.seed,
-        known=known,
+        known_rad=known_rad,
     )
     shown = replace(shown, checks=(*fixed_parameter_checks(procedure), *shown.checks))
     advice = _advice(args, procedure, shown, poses) if args.advise else None
@@ -109,7 +110,7 @@ def _code(shown: Preview) -> ExitCode:
     return ExitCode.NOT_IDENTIFIABLE if refused else ExitCode.ACCEPTED
 
 
-def _of_files(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
+def _of_files(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
     """Return the procedure with the arm and fixture of the options, without captured poses.
 
     The drive joints of the procedure apply to its own arm; for another arm, or another kind of fixture in the default
@@ -143,10 +144,9 @@ def _of_files(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None
     return procedure, None, "nominal geometry"
 
 
-def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | None, str]:
+def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None, str]:
     """Return the session's procedure and captured poses."""
     from operator_app.effective_procedure import effective_procedure
-    from operator_app.planning.preview import PlanningBasis
     from operator_app.session.store.folders import read_session
     from operator_app.session.workflow.opening import Choices, resume
 
@@ -165,8 +165,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, PlanningBasis | No
     if procedure.position_joints is None and state.drives:
         procedure = replace(procedure, position_joints=state.drives)
     readings = state.pose_set().q_rad
-    known = PlanningBasis(readings_rad=readings, start_rad=state.used_poses[-1].mean_rad)
-    return procedure, known, f"the estimate of {len(readings)} poses in {opening.folder}"
+    return procedure, readings, f"the estimate of {len(readings)} poses in {opening.folder}"
 
 
 def _advice(

@@ -27,17 +27,6 @@ from solver.diagnostics.identifiability import Identifiability, identifiability
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlanningBasis:
-    """Captured poses on which a plan is based.
-
-    `readings_rad`: captured poses (m, n). `start_rad`: present position (n,).
-    """
-
-    readings_rad: FloatArray
-    start_rad: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedPose:
     """One pose of a plan.
 
@@ -103,9 +92,9 @@ def preview(
     unsensed_joints: tuple[int, ...] = (),
     samples: int = 1,
     seed: int = 0,
-    known: PlanningBasis | None = None,
+    known_rad: FloatArray | None = None,
 ) -> Preview:
-    """Plan `poses` poses, from home or from the poses of a session.
+    """Plan `poses` poses, from home or from the poses of a session, `known_rad` (m, n), the last of which it is at.
 
     Raises `SessionError` if no plan can be made, `SolverError` if the captured poses are too few for an estimate.
     """
@@ -118,9 +107,9 @@ def preview(
         seed=seed,
     )
     x, start, estimate = nominal_vector(task.model.parameters), arm.home_rad, None
-    if known is not None:
-        start = known.start_rad
-        estimate = implicit_interim(task.model, task.noise)(known.readings_rad)
+    if known_rad is not None:
+        start = known_rad[-1]
+        estimate = implicit_interim(task.model, task.noise)(known_rad)
         if not estimate.trusted:
             raise SessionError(
                 f"the poses so far give no estimate to plan on ({estimate.text})",
@@ -140,7 +129,7 @@ def preview(
             x,
             start,
             poses,
-            captured=None if known is None else known.readings_rad,
+            captured=known_rad,
             covariance=None if estimate is None else estimate.covariance,
         )
     except ValueError as error:
@@ -154,13 +143,13 @@ def preview(
         parameters=task.model.parameters,
         mobility=mobility,
         estimate=estimate,
-        captured=0 if known is None else len(known.readings_rad),
+        captured=0 if known_rad is None else len(known_rad),
         checks=fixture.setup_checks(
             arm, start, None if estimate is None else in_order(fixture.model(arm), task.model, x)
         ),
         seen=plan.design
-        if known is None
-        else identifiability(task.model, x, np.concatenate((known.readings_rad, plan.poses_rad))),
+        if known_rad is None
+        else identifiability(task.model, x, np.concatenate((known_rad, plan.poses_rad))),
         choice=choice,
         plan=plan,
         poses=_visited(task, plan, choice.drives),

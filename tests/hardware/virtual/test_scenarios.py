@@ -9,7 +9,7 @@ from hardware.arm import JointMode
 from hardware.virtual import SCENARIOS
 from hardware.virtual.axis import JointCommand
 from hardware.virtual.plant import Plant
-from hardware.virtual.scenarios import STIFF, LengthErrors, Scenario, scenario
+from hardware.virtual.scenarios import STIFF, Scenario, scenario
 from hardware.virtual.true_loop import PAPER_HOME_RAD, LoopTruth, paper_loop
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -73,7 +73,7 @@ def test_each_error_source_switches_alone(sarcos: ArmModel) -> None:
     assert kept is not None
     assert was is not None
     np.testing.assert_array_equal(kept.coefficients_rad, was.coefficients_rad)
-    longer = replace(reported, lengths=LengthErrors(smallest_m=0.004, largest_m=0.005))
+    longer = replace(reported, lengths=(0.004, 0.005))
     difference = longer.true_loop().table.s_m[2:7] - paper_loop().table.s_m[2:7]
     assert np.all((np.abs(difference) >= 0.004) & (np.abs(difference) <= 0.005))
 

@@ -55,7 +55,7 @@ class Bench:
     step_rad, speed_rad_per_s
         Angle and speed of the test motion of each joint.
     interrupt
-        Triggers Ctrl-C; None if not possible.
+        Function that simulates Ctrl-C; None if not possible.
     """
 
     arm: ArmInterface

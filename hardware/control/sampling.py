@@ -29,7 +29,7 @@ class CommandSender:
     Parameters
     ----------
     send
-        Puts a frame on the bus.
+        Function that puts a frame on the bus.
     latch, watch
         STOP latch, and the monitors of the joints.
     quick_stop

@@ -118,7 +118,7 @@ def require_unused(
 
 
 def _powered(values: Mapping[_Object, int]) -> dict[int, DriveState]:
-    """Drives with power on their motors, with their state."""
+    """Drives with power on their motors, and their states."""
     states = {
         node: state_of(word)
         for (node, index), word in values.items()
@@ -133,7 +133,7 @@ def _token_holder(values: Mapping[_Object, int]) -> int:
 
 
 def _read_all(access: ObjectAccess, wanted: Sequence[_Object]) -> dict[_Object, int]:
-    """Values of the objects that are answered, read in parallel: each absent node costs a time-out."""
+    """Read objects in parallel, since each absent node costs a time-out; return the values of those that answer."""
 
     def read(key: _Object) -> int | None:
         try:

@@ -70,7 +70,7 @@ class StopLine:
         Handle used for STOP only; `close` shuts it down. None if the adapter opens only once: STOP then uses the
         shared handle, past its lock.
     spare
-        Shared bus: takes frames that `bus` does not, and records those sent.
+        Shared bus: sends the frames that `bus` does not accept, and records those sent.
     """
 
     def __init__(

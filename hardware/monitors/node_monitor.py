@@ -251,7 +251,7 @@ class NodeMonitor:
         self.faults = (*self.faults, fault)
 
     def _describe_command(self, identifier: int, data: bytes) -> str:
-        """Describe a frame that commands; empty for any other frame, and for a quick stop."""
+        """Describe a frame if it is a command; empty for any other frame, and for a quick stop."""
         if identifier == objects.COB_SYNC and len(data) <= 1:  # with a counter or without
             return "a SYNC (080h)"
         if identifier == objects.COB_NMT:

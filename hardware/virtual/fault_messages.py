@@ -40,7 +40,7 @@ class FaultDescription:
     says
         Parts of possible messages to the operator; ``{joint}`` is the joint at fault.
     goes_on
-        Whether a session may also run to its end without a message.
+        Whether a session may also run to its end without such a message.
     arm
         Reaction of the arm when the fault is reported.
     kept

@@ -64,7 +64,7 @@ class FaultInjector:
         self._disturb(lambda now: now.no_heartbeat.discard(node))
 
     def slow_heartbeat(self, joint: int, period_s: float) -> None:
-        """Give a drive another heartbeat period, shown in 1017h."""
+        """Give a drive another heartbeat period, as 1017h then shows."""
         self.override_object(joint, objects.HEARTBEAT_PRODUCER, 0, round(period_s * 1e3))
         self._disturb(lambda now: now.heartbeat_period_s.update({joint: period_s}))
 
@@ -86,7 +86,7 @@ class FaultInjector:
         self._target.post(lambda: setattr(node, "tpdo1_id", wrong_id))
 
     def report_speed(self, joint: int) -> None:
-        """Map a drive's speed into TPDO1 in place of its position, shown in 1A00h."""
+        """Map a drive's speed into TPDO1 in place of its position, as 1A00h then shows."""
         self.override_object(joint, objects.TPDO1_MAP, 2, objects.VELOCITY_ACTUAL << 16 | 32)
         self._on_node(joint, lambda node: setattr(node, "reports_speed", True))
 
@@ -129,7 +129,7 @@ class FaultInjector:
         self._target.unhang()
 
     def stop_watching(self, joint: int) -> None:
-        """Let a drive ignore the loss of the operator's heartbeat, shown in 1016h."""
+        """Let a drive ignore the loss of the operator's heartbeat, as 1016h then shows."""
         self.override_object(joint, objects.HEARTBEAT_CONSUMER, 1, 0)
         self._set(joint, "ignores_heartbeat")
 

@@ -144,7 +144,7 @@ class Scenario:
     linearity_of_full_scale
         Peak linearity deviation of every RVDT, fraction of full scale; 0 for none.
     lengths
-        Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None is off.
+        Smallest and largest magnitude of the errors of the fixed lengths, m, of either sign; None for no errors.
     placement
         Number of this mounting of the fixture; each has different noise.
     """

@@ -53,7 +53,7 @@ class SupervisorNode(VirtualNode):
     arm
         Model and serial number of the arm.
     validate
-        Strict parse of a document.
+        Function that strictly parses a document.
     control_changed
         Called with the node in control (0: none) on every change.
     set_home_offsets

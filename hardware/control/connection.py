@@ -50,6 +50,8 @@ class Connection:
     ----------
     loop, access, stop_line
         Cyclic traffic, object access, STOP.
+    limits, scales
+        Limits and scales of joints 1..n.
     modes
         6061h of each drive as last read; None for neither position nor free.
     token

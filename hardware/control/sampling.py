@@ -30,6 +30,8 @@ class CommandSender:
     ----------
     send
         Function that puts a frame on the bus.
+    frames
+        Frames of joints 1..n.
     latch, watch
         STOP latch, and the monitors of the joints.
     quick_stop

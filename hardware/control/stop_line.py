@@ -71,6 +71,8 @@ class StopLine:
         shared handle, past its lock.
     spare
         Shared bus: sends the frames that `bus` does not accept, and records those sent.
+    frames
+        Frames of joints 1..n.
     """
 
     def __init__(

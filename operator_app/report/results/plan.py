@@ -208,7 +208,7 @@ def _placement(
         ", ".join(
             f"{name.replace('_n', f'_{joints}')} {kind(v).shown}"
             for name, v in _entries(report.mounted).items()
-            if name.startswith(ANGLES) is angles
+            if name.startswith(ANGULAR) is angles
         )
         + f" {kind.quantity.unit}"
         for kind, angles in ((MOUNTED_LENGTH, False), (NOMINAL_TWIST, True))
@@ -240,7 +240,7 @@ def _placement(
     return "\n".join(("", paragraph(head, indent=3), *below))
 
 
-ANGLES = ("alpha", "theta")
+ANGULAR = ("alpha", "theta")
 """Beginnings of the names of entries that are angles."""
 
 
@@ -316,7 +316,7 @@ def _placement_json(
         "tilt_deg": math.degrees(report.mounted.tilt_rad),
         "shift_mm": 1e3 * report.mounted.shift_m,
         "placement": dict(
-            (f"{name}_deg", math.degrees(v)) if name.startswith(ANGLES) else (f"{name}_mm", 1e3 * v)
+            (f"{name}_deg", math.degrees(v)) if name.startswith(ANGULAR) else (f"{name}_mm", 1e3 * v)
             for name, v in _entries(report.mounted).items()
         ),
         "mobility": report.mobility,

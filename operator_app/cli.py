@@ -132,7 +132,7 @@ def _dispatch(argv: Sequence[str]) -> int:
 
 
 def _with_their_options(words: Sequence[str]) -> list[str]:
-    """Join ``--base-point -60,0,80``: argparse takes a value that begins with a minus for an option."""
+    """Join ``--base-point -60,0,80`` into one word: argparse takes a value that begins with a minus for an option."""
     joined: list[str] = []
     for word in words:
         if NUMBERS.fullmatch(word) and joined and OPTION.fullmatch(joined[-1]):
@@ -143,7 +143,7 @@ def _with_their_options(words: Sequence[str]) -> list[str]:
 
 
 def _in_words(error: Exception) -> str:
-    """Return the message of an error: one line for each problem of a file, else one line."""
+    """Return the message of an error: one line for each problem of a file, or a single line."""
     from operator_app.config.errors import ConfigError
 
     text = f"sarcal: {error}"
@@ -159,7 +159,7 @@ ALSO_CALLED = {
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports unknown commands with a suggestion; makes typed text harmless."""
+    """Reports unknown commands with a suggestion; removes control characters from typed text."""
 
     def error(self, message: str) -> NoReturn:
         if unknown := re.match(r"argument COMMAND: invalid choice: '(.*?)'", message):
@@ -194,7 +194,7 @@ class _CommandParser(_Parser):
 
 
 class _Version(argparse.Action):
-    """Looks up the version only when needed: the import is slow."""
+    """Looks up the version only when it is asked for, as the import is slow."""
 
     def __call__(
         self,

@@ -84,12 +84,12 @@ def open_arm(
     speed: float = 1.0,
     record_to: Path | None = None,
 ) -> Iterator[Rig]:
-    """Open the arm of a session; on the embedded bus with its virtual controller.
+    """Open the arm of a session; on the embedded bus, start its virtual controller too.
 
     Parameters
     ----------
     pace
-        Default: fast-forward for the embedded virtual arm, real time on any other bus.
+        None: fast-forward for the embedded virtual arm, real time on any other bus.
     speed
         Factor by which the embedded virtual arm runs faster than real time.
 
@@ -98,7 +98,7 @@ def open_arm(
     BusError
         The bus cannot be opened.
     SessionError
-        The session was imported: no arm captured its poses.
+        The session was imported, so that no arm belongs to it.
     """
     if opening.imported:
         raise SessionError(
@@ -175,7 +175,7 @@ def open_arm(
 def _outside_arm(
     found: ArmOffer, opening: Opening, bus: BusSettings, record_to: Path | None
 ) -> Iterator[OutsideArm]:
-    """Open an arm of another package; leave it held at the end."""
+    """Open an arm of another package; at the end it holds its position."""
     if record_to is not None and not found.records:
         raise SessionError(
             f"the arm {bus.interface} cannot record its bus",
@@ -231,14 +231,14 @@ def unattended(
     record_to: Path | None = None,
     cut_short: Callable[[CutShort], None] = lambda _: None,
 ) -> Iterator[Session]:
-    """Open a session for a command; at the end, whatever the cause, hold the arm and close the journal.
+    """Open a session for a command; however it ends, hold the arm and close the journal.
 
     Calls `cut_short` with a session that ended early. A session without an arm leaves no folder.
 
     Raises
     ------
     NotLetGoError
-        The session has ended or was interrupted, and the arm is not known to be held.
+        The session has ended or was interrupted, and the arm did not confirm that it holds.
     JournalLostError
         The session has ended, and its journal is lost.
     """
@@ -297,7 +297,7 @@ def _completed(choices: Choices, bus: BusSettings, *, embedded: bool) -> Choices
 def _instrument(
     procedure: Procedure, choices: Choices, controller: VirtualController | None
 ) -> Instrument | None:
-    """Return the instrument: of the options, else of the virtual arm, else of the procedure."""
+    """Return the instrument: from the options or, if not there, of the virtual arm or, if none, of the procedure."""
     fixture = procedure.fixture.fixture
     if not isinstance(fixture, Measured):
         return None

@@ -1,4 +1,4 @@
-"""Parameters documents from files and journals: one by reference, or the history of an arm."""
+"""Reads parameters documents from files and journals: a single one, or the history of an arm."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def parameters_at(reference: str, root: Path) -> ParametersDocument:
     Parameters
     ----------
     reference
-        A file; a session's folder, its name below `root`, or ``latest``.
+        A file; or a session: its folder, its name in folder `root`, or ``latest``.
 
     Raises
     ------
     ConfigError, SessionError
-        There is none.
+        There is no such file or session, or no calibration in it.
     """
     where = expanded(reference)
     if where.is_file():
@@ -76,10 +76,10 @@ def arm_history(
     Parameters
     ----------
     kept_mounted
-        The fixture stays mounted between sessions, except where a session has several placements; else each
-        session has remounted it.
+        Whether the fixture stays mounted from one session to the next, unless that one has several placements; if not,
+        it counts as remounted for each session.
     interval
-        Between calibrations; None: as so far.
+        Time between calibrations; None: as in the past.
 
     Raises
     ------

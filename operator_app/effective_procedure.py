@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def effective_procedure(opening: Opening) -> Procedure:
-    """Return the procedure with the arm that is really there: a scenario may have other sensors."""
+    """Return the procedure with the arm as it really is: a scenario may give it other sensors."""
     procedure, choices = opening.procedure, opening.choices
     if opening.imported:
         return procedure
@@ -34,7 +34,7 @@ def named_scenario(choices: Choices) -> Scenario:
 
 
 def session_bus(choices: Choices, procedure: Procedure) -> BusSettings:
-    """Return the bus: command line before procedure file, environment, can.conf and user settings."""
+    """Return the bus; in order of precedence: command line, procedure file, environment, can.conf, user settings."""
     from hardware.buses.python_can import bus_settings
     from operator_app.config.user_settings import usual_bus
 

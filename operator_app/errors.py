@@ -8,7 +8,7 @@ COMMAND_WORDS = ("pip ", "sarcal ")
 
 
 def _as_sentence(remedy: str) -> str:
-    """Return the remedy with a capital, unless it begins with a command to type."""
+    """Return the remedy with a capital letter, unless it begins with a command to type."""
     return remedy if remedy.startswith(COMMAND_WORDS) else remedy[:1].upper() + remedy[1:]
 
 
@@ -27,14 +27,14 @@ class SessionError(Exception):
         super().__init__(f"{happened}. {_as_sentence(remedy)}." if remedy else f"{happened}.")
 
     def preceded_by(self, earlier: str) -> None:
-        """Put a message about an earlier event in front."""
+        """Return the error with a message about an earlier event in front."""
         self.happened = f"{earlier.removesuffix('.')}. Then: {self.happened}"
         (said,) = self.args
         self.args = (f"{earlier.removesuffix('.')}. Then: {said}",)
 
 
 class NotLetGoError(SessionError):
-    """After its release, the arm is not known to be held with its drives off.
+    """The arm was released but did not confirm that it holds and that its drives are off.
 
     Attributes
     ----------
@@ -82,7 +82,7 @@ class ClosureRefusedError(GuardError):
 
 
 class ConnectAgainError(ClosureRefusedError):
-    """The joint readings are wrong: to be corrected at the arm, which is then connected again."""
+    """The joint readings are wrong: the cause must be corrected at the arm before connecting again."""
 
 
 class Cancelled(SessionError):

@@ -1,7 +1,7 @@
-"""Checks that the top-level packages are ours before they are imported.
+"""Checks, before they are imported, that the top-level packages are this program's.
 
-PyPI's `fixtures` installs the same top-level name. Installed after ours it replaces it, and the failure would appear
-far from the cause.
+PyPI's `fixtures` installs the same top-level name. If installed later it replaces this program's package, and the
+failure would appear far from the cause.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ REPAIR = "pip install --force-reinstall --no-deps FOLDER, the folder or wheel th
 
 
 class ForeignPackageError(ImportError):
-    """Python finds another package under the name of ours.
+    """Python finds another package under the name of one of this program's.
 
     Attributes
     ----------
@@ -50,12 +50,12 @@ class ForeignPackageError(ImportError):
 
 
 def require_own_names() -> None:
-    """Check that our packages are found beside this one.
+    """Check that this program's packages are found beside this one.
 
     Raises
     ------
     ForeignPackageError
-        One of them is not; the text says what to do.
+        One of them is not; the text states the remedy.
     """
     home = Path(__file__).resolve().parents[1]
     for name, words in FIRST_WORDS.items():

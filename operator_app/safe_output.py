@@ -76,7 +76,7 @@ class Stderr:
 
     @property
     def encoding(self) -> str:
-        """Value of stderr."""
+        """The stream's own value."""
         return self._stream.encoding or "utf-8"
 
     def isatty(self) -> bool:
@@ -84,7 +84,7 @@ class Stderr:
         return self._stream.isatty()
 
     def fileno(self) -> int:
-        """Value of stderr."""
+        """The stream's own value."""
         return self._stream.fileno()
 
     def write(self, text: str) -> int:
@@ -112,7 +112,7 @@ def silence(stream: TextIO) -> None:
 
 
 def stand_in_for_closed() -> None:
-    """Open the null device for closed standard streams, before another file gets their descriptors."""
+    """Open the null device in place of closed standard streams, before another file gets their descriptors."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open(mode, encoding="utf-8"))  # noqa: SIM115

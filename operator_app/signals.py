@@ -31,11 +31,11 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _nothing(_number: int, _frame: object) -> None:
-    """Ignore a signal; unlike SIG_IGN also one that came just before, and without effect on child processes."""
+    """Ignore a signal; unlike SIG_IGN this includes one that came just before, and does not affect child processes."""
 
 
 def interrupted() -> bool:
-    """Whether a signal has asked this process to end just now."""
+    """Whether a signal has just asked this process to end."""
     return _first_s is not None and time.monotonic() - _first_s < AGAIN_S
 
 
@@ -48,7 +48,7 @@ def press_ctrl_c() -> None:
 
 @contextmanager
 def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the run as Ctrl-C does, once; nested contexts share one handler.
+    """Context in which SIGTERM and SIGHUP end the run once, as Ctrl-C does; nested contexts share one handler.
 
     `for_good`: the process ends afterwards, and no signal changes its exit code any more.
     """
@@ -70,7 +70,7 @@ def ending_signals_interrupt(*, for_good: bool = False) -> Iterator[None]:
 
 @contextmanager
 def ending_signals_wait() -> Iterator[None]:
-    """Defer all signals: holding the arm and closing the journal take well under a second."""
+    """Context in which all signals wait, while the arm is made to hold and the journal closed (well under a second)."""
     before = {number: signal.getsignal(number) for number in ENDING}
     while any(signal.getsignal(number) is not _nothing for number in ENDING):
         with suppress(BaseException):  # the signal came in time to be deferred
@@ -84,7 +84,7 @@ def ending_signals_wait() -> Iterator[None]:
 
 
 class ProcessEnd:
-    """Ends this process with its exit code, independent of other threads and of Python. Made once, early."""
+    """Ends this process with its exit code, whatever other threads and Python do. To be made once, early."""
 
     def __init__(self) -> None:
         # The last of all: they run in reverse order.
@@ -92,7 +92,7 @@ class ProcessEnd:
         self._code = 0
 
     def soon(self, code: int) -> None:
-        """End the process with `code` soon after its main thread: another thread may wait for a lost terminal."""
+        """End the process with `code` soon after its main thread: another thread may be waiting for a lost terminal."""
         self._code = code
         threading.Thread(target=self._with_threads, daemon=True).start()
 
@@ -102,7 +102,7 @@ class ProcessEnd:
         os._exit(self._code)
 
     def _if_interrupted(self) -> None:
-        """Keep the exit code where Python would end by SIGINT: after an interrupt in executed text (dataclasses)."""
+        """Keep the exit code where Python would end with SIGINT, such as after an interrupt in executed text."""
         if self._code == INTERRUPTED:
             for stream in (sys.stdout, sys.stderr):
                 with suppress(OSError, ValueError):

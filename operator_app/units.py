@@ -1,6 +1,6 @@
-"""Formats of numbers: quantity, unit, digits and role, defined here once.
+"""Formats of numbers: quantity, unit, digits and role, all defined here.
 
-Text, page and screen show `Figure.shown`, JSON has `Figure.in_json` under `Figure.key`. Figures shown in several places
+Text, page and screen show `Figure.shown`; JSON has `Figure.in_json` under `Figure.key`. Figures shown in several places
 have a `Kind`, listed here.
 """
 
@@ -66,7 +66,7 @@ class Figure:
     value
         Value in SI units; None or not finite if unknown.
     places, digits
-        Decimal places, or where these are None significant digits.
+        Decimal places or, if that is None, significant digits.
     role
         ``text``, ``found`` (an identified value), ``warn``.
     key
@@ -228,7 +228,7 @@ def typeset(words: str) -> str:
 def places_to_show(
     precisions: Iterable[float], *, digits: int = 2, least: int = 1, most: int = 9
 ) -> int:
-    """Decimal places for `digits` significant digits of the finest of these precisions."""
+    """Decimal places that show the smallest of these precisions with `digits` significant digits."""
     finest = min((p for p in precisions if math.isfinite(p) and p > 0.0), default=0.0)
     if finest == 0.0:
         return least

@@ -84,7 +84,7 @@ def run_controller(
 ) -> Iterator[VirtualController]:
     """Run the virtual controller of an arm on a bus, with parameters in the folder `slots` or in memory.
 
-    The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script` are faults at given
+    The plant is this arm in `fixture` (default: the packaged hinge) and `placement`. `script`: faults at given
     SYNCs. The operator calls `VirtualController.attend` of an `attended` controller while it waits.
     """
     fixture = load_fixture("hinge") if fixture is None else fixture
@@ -121,7 +121,7 @@ def run_controller(
 
 
 def slots_in(folder: Path | None) -> ParameterStore:
-    """Return the parameter slots in a folder, after a check, or in memory.
+    """Return the parameter slots in a folder, which are checked first, or in memory.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def virtual_instrument(controller: VirtualController, fixture: Measured) -> Inst
 
 
 def validated_parameters(data: bytes) -> ValidatedParameters:
-    """Parse a document for the virtual supervisor; ValueError if it is not valid."""
+    """Parse a document for the virtual supervisor; ValueError if it is invalid."""
     try:
         document = parse_parameters(data)
     except ConfigError as error:

@@ -1,1 +1,1 @@
-"""From poses to a calibration with its verdict, and its tests with later poses."""
+"""Calibrates an arm from poses, gives a verdict, and tests calibrations with later poses."""

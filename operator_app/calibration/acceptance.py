@@ -1,4 +1,4 @@
-"""Acceptance: verdict of a calibration, and its causes from tests, repeated poses, fit and sigmas."""
+"""Acceptance: verdict of a calibration, and causes of a misfit from tests, repeated poses, fit and sigmas."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ NOTHING_KNOWN: Mapping[str, float] = {}
 
 
 class Verdict(Enum):
-    """The three verdicts; only the first two allow an upload."""
+    """Verdict on a calibration; only the first two allow an upload."""
 
     ACCEPTED = "accepted"
     WITH_WARNINGS = "accepted_with_warnings"
@@ -77,9 +77,9 @@ class Adjudication:
 def causes_of(
     diagnosis: Diagnosis, estimate: Estimate, judged: tuple[str, ...], labels: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return the causes that the tests support.
+    """Return the causes of a misfit that the tests support.
 
-    `judged`: names of the parameters whose sigmas have to be valid: not those that are only corrected within
+    `judged`: names of the parameters whose sigmas have to be valid, without those that are only corrected within
     tolerances. `labels`: labels of the poses in the order in which they were taken.
     """
     if estimate.dof < limits.REFUSED_DOF:
@@ -135,7 +135,7 @@ def _refuses(cause: Candidate, found: Evidence, estimate: Estimate, impact: floa
 
 
 def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
-    """Return the cause for a misfit without any known explanation."""
+    """Return the finding of a misfit without a known explanation."""
     if not diagnosis.fires:
         return
     ratio, probability = _left(diagnosis), 1.0
@@ -180,7 +180,7 @@ def _impossible_compliance(diagnosis: Diagnosis) -> bool:
 
 
 def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Return each code once, blocking if any finding with it blocks: a cause found again was only partly removed."""
+    """Return one finding for each code, blocking if any of them blocks: a cause found again was only partly removed."""
     found: dict[str, Finding] = {}
     for cause in causes:
         first = found.setdefault(cause.code, cause)
@@ -190,7 +190,7 @@ def each_once(causes: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the finding that the poses are too few for a diagnosis, so that all other findings may be chance."""
+    """Return the finding that there are too few poses for a diagnosis, so that all other findings may be chance."""
     if estimate.dof >= limits.FEW_DOF:
         return ()
     return (
@@ -234,7 +234,7 @@ def little_motion(
     """Return the parameters whose sigmas (P,) are large because the poses differ little.
 
     `known`: standard uncertainty (rad, m) of parameters in the files, by name. A larger sigma is reported; it blocks if
-    it is uselessly large. `narrows`: source of error that dominates one parameter's sigma; empty where only other poses
+    it is uselessly large. `narrows`: source of error that dominates one parameter's sigma; empty if only other poses
     help.
     """
     wide, coarse, refuses = [], [], False
@@ -309,7 +309,7 @@ READING_KINDS = {
 def return_tests(
     returned: tuple[tuple[Reread, Repeat], ...], estimate: Estimate
 ) -> tuple[tuple[HypothesisTest, ...], tuple[Finding, ...]]:
-    """Test every repeated pose against the stated errors; return what slipped."""
+    """Test every repeated pose against the stated errors; return the tests and what slipped."""
     tests, causes = [], []
     for read, found in returned:
         test = HypothesisTest.of_chi2(
@@ -328,7 +328,7 @@ def proven_by_return(
 ) -> tuple[tuple[Finding, ...], tuple[Finding, ...]]:
     """Return the causes proven by repeated poses, and the tests' other causes; a cause named by both blocks.
 
-    From the poses alone a slip may not exceed the sigmas, because it has widened them.
+    A slip may not exceed the sigmas that follow from the poses alone, because it has widened them.
     """
     proven: list[Finding] = []
     for returned in since:
@@ -341,7 +341,7 @@ def proven_by_return(
 
 
 def not_yet_named(since: tuple[Finding, ...], by_tests: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return causes that only a repeated pose shows, without slips that the tests have found already.
+    """Return the causes that only a repeated pose shows, leaving out slips that the tests have already found.
 
     A compliant fixture and a wrong length do not count as slips.
     """

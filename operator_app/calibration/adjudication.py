@@ -1,4 +1,4 @@
-"""Adjudication: from a fit, its tests and the screening to the causes of a misfit and the verdict.
+"""Adjudication: derives the causes of a misfit and the verdict from a fit, its tests and the screening.
 
 A fit is repeated only if a test fires.
 """
@@ -73,7 +73,7 @@ class PriorInformation:
     Attributes
     ----------
     out_of_range, flipped
-        Readings that the arm file does not allow, and poses left out because the tool is, or seems, upside down.
+        Readings outside their range in the arm file, and poses left out because the tool is, or seems, upside down.
     checks
         Set-up checks of the fixture's identified geometry.
     search
@@ -83,7 +83,7 @@ class PriorInformation:
     returned
         Repeated poses and their tests.
     by_files
-        Parameters with less than half of their information from the poses.
+        Parameters that owe less than half of their information to the poses.
     """
 
     out_of_range: tuple[RangeFinding, ...] = ()
@@ -284,7 +284,7 @@ def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> 
 
 
 def _poorly_determined(case: _Case) -> tuple[Finding, ...]:
-    """Parameters that these poses hardly determine, whatever the solution, so that their values may be arbitrary.
+    """Parameters that these poses hardly determine in any solution, so that their values may be arbitrary.
 
     Evaluated at the nominal values, since the sigmas of a diverged fit have no meaning. Empty where the nominal
     geometry itself is the cause.
@@ -321,12 +321,12 @@ def _single_cause(diagnosis: Diagnosis) -> bool:
 
 
 def _blocking_when_probable(causes: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Return a probable cause as blocking, in place of the finding that the fit did not converge."""
+    """Turn a probable cause into a blocking one, in place of the finding that the fit did not converge."""
     return tuple(replace(c, blocking=c.blocking or c.probability > 0.5) for c in causes)
 
 
 def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Finding, ...]:
-    """Sources estimated larger than stated when all are fitted at once; the sigmas include this.
+    """Findings of sources estimated larger than stated when all are fitted at once; the sigmas include the excess.
 
     A linearity deviation is included only if a test found it beyond its specification.
     """
@@ -355,7 +355,7 @@ def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[
 
 
 def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
-    """Return the finding that the poses cannot decide between solutions."""
+    """Return the finding that the poses cannot decide between two solutions."""
     if search is None or not search.alternatives:
         return ()
     solutions = {"solutions": 1 + len(search.alternatives)}
@@ -363,7 +363,7 @@ def second_solution(search: GlobalStart | None) -> tuple[Finding, ...]:
 
 
 def _geometry_causes(checks: tuple[SetupCheck, ...]) -> tuple[Finding, ...]:
-    """Causes from a fixture mounted so that its entries are nearly ambiguous (Hayati)."""
+    """Causes in the mounting: an axis so nearly parallel to a joint's that D-H entries are ambiguous (Hayati)."""
     return tuple(
         Finding(
             kind=FindingKind.PARALLEL_AXES,

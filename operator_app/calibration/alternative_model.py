@@ -1,6 +1,6 @@
 """One alternative model (another fixture, sensor or arm file): its closed loops and its chi2/dof.
 
-An alternative that cannot be solved has infinite cost. Alternative fixtures are a hinge or ball located from the
+An alternative that cannot be solved has infinite cost. Alternative fixtures are a hinge or a ball, located from the
 poses, with the command that writes its file.
 """
 
@@ -103,7 +103,7 @@ def closes(alternative: Experiment, *, far: float) -> bool:
     """Whether a loop closes much better in another fixture than in the file's, beyond what noise explains.
 
     `far` is the mean square closure error in the file's fixture, rotations included: noise makes it a few times larger
-    than in the other one, a tilting tool a hundred times.
+    than in the other one, and a tilting tool a hundred times.
     """
     cost = cost_of(alternative)
     return (
@@ -138,7 +138,7 @@ def solved(alternative: Experiment) -> tuple[float, int]:
 
 
 def tried(work: Callable[[], _T], otherwise: _T) -> _T:
-    """Return the result of `work`; None for an alternative that cannot be solved."""
+    """Return the result of `work`; None if the alternative cannot be solved."""
     try:
         with np.errstate(all="ignore"):
             return work()
@@ -245,7 +245,7 @@ def _frames(arm: ArmModel, poses: PoseSet) -> tuple[FloatArray, FloatArray]:
 def _where_it_meets(frames: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Point of the tool (3,) and of the base (3,), m, that coincide best in all poses.
 
-    Where the tool only turns about a line, the point of that line next to the origin.
+    Where the tool only turns about a line, it is the point of that line nearest to the origin.
     """
     R, p = frames
     eye = np.broadcast_to(np.eye(3), R.shape)

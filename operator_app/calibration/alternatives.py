@@ -1,6 +1,6 @@
 """Alternative models for a gross misfit: each is solved, and the best are reported with their probability.
 
-Only for misfits that no linear explanation reaches.
+Used only for misfits that no linear explanation accounts for.
 """
 
 from __future__ import annotations
@@ -68,14 +68,14 @@ def find_alternatives(
     Parameters
     ----------
     scale, dof
-        chi2/dof at stated variances without a mistake, infinite where nothing could be solved, and its dof.
+        chi2/dof at stated variances if there is no mistake (infinite where nothing could be solved), and its dof.
     near
-        Only simple mistakes of the file that bring the solution near the nominal values, even if the fit is good
+        Try only simple mistakes in the file that bring the solution near the nominal values, even if the fit is good
         without them.
     of_files
-        Only simple mistakes of the files.
+        Try only simple mistakes in the files.
     sensors
-        With `near` also a sensor whose readings are useless in all poses.
+        With `near`, also try a sensor whose readings are useless in all poses.
     """
     deadline = thread_time() + LONGEST_S
     as_it_is = np.inf if near or stated.unsensed else cost_of(stated)
@@ -140,7 +140,7 @@ def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Find
 
 
 def _weight(ratio: float, left: int, dof: int) -> float:
-    """Log-weight of an alternative with chi2/dof `ratio` for `left` degrees of freedom."""
+    """Logarithm of the weight of an alternative with chi2/dof `ratio` and `left` degrees of freedom."""
     fits = -0.5 * dof * np.log(max(ratio, limits.SMALLEST_NOISE_SCALE))
     return float(fits - PER_FREEDOM * max(0, dof - left))
 

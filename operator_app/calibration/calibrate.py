@@ -110,18 +110,18 @@ def calibrate(
     Parameters
     ----------
     search
-        Use a global start instead of the nominal values.
+        Use a global start instead of starting from the nominal values.
     length_tolerance_m
         Standard deviation of the maker's link lengths, instead of that in the arm's file.
     drop
         Fix unidentifiable parameters at their nominal values instead of refusing.
     rereads
-        Repeated poses: not used in the fit, but for tests.
+        Repeated poses, which are used in tests but not in the fit.
 
     Raises
     ------
     ReadingsOutOfRangeError
-        The readings are from another arm, or in another unit.
+        The readings are of another arm, or in another unit.
     TooFewPosesError, UnidentifiableError, FixtureRefusedError, EndpointMissingError
         The data do not determine the parameters; the text says what is missing.
     """
@@ -146,7 +146,7 @@ def calibrate(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Task:
-    """The checked arguments of `calibrate`, with the placement of an instrument registered."""
+    """The checked arguments of `calibrate`, with the nominal placement of an instrument found from the poses."""
 
     experiment: Experiment
     by_paper: bool
@@ -180,9 +180,9 @@ class Screened:
     Attributes
     ----------
     model, tolerance
-        The loops with entries that are free within their tolerance (rad, m), by name.
+        The loops, and the tolerances (rad, m) of the entries that are free within them, by name.
     errors
-        The error model of the `distinct` poses (indices into all poses); `which` maps every pose on the branch to one
+        The error model of the `distinct` poses (indices of all poses); `which` maps every pose on the branch to one
         of them.
     prior
         Names of the arm's entries with an uncertainty in the files.
@@ -279,7 +279,7 @@ def screen(prepared: Prepared) -> Screened:
 
 
 def fit(screened: Screened) -> Fitted:
-    """Fit by the implicit estimator from several starts; take the paper's estimate if that is chosen.
+    """Fit by the implicit estimator from several starts; return the paper's estimate if that estimator is chosen.
 
     Raises `PosesDoNotFitError` if no start leads to a fit; the error lists the alternative models that fit.
     """
@@ -475,7 +475,7 @@ def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
 
 
 def _starts(screened: Screened) -> Iterator[FloatArray | None]:
-    """Starts of the fit: fixture only, first estimate, nominal values, best solution near the nominal values."""
+    """Starts of the fit: fixture fitted alone, first estimate, nominal values, best solution near nominal values."""
     prepared, model = screened.before, screened.model
     loops, task, unsensed = prepared.loops, prepared.task, prepared.task.experiment.unsensed
     q, identifiable = loops.q, loops.identifiable
@@ -503,7 +503,7 @@ def _alternatives(screened: Screened) -> tuple[Finding, ...]:
 def _outliers(found: Calibrated, of_each: IntArray) -> tuple[int, ...]:
     """Indices of poses whose readings the others do not predict, the worst first.
 
-    `of_each` are the indices of the poses that `found` was made of.
+    `of_each` are the indices of the poses from which `found` was made.
     """
     from scipy.special import chdtrc
 

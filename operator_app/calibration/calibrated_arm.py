@@ -41,14 +41,14 @@ TIP_NAMES = frozenset(TIP)
 class CalibratedArm:
     """Links 1..n of an arm, and the point of its tool at the fixture.
 
-    The base is the arm's own: entries that count from the fixture's placement keep the values of the arm's file.
+    The base is the arm's own: entries that are measured from the fixture keep the values of the arm's file.
 
     Attributes
     ----------
     flange
         Rows 1..n with the arm's own entries as calibrated, all others as in the arm's file.
     hand
-        These rows with the calibrated tool side of the fixture: its last frame carries the tip.
+        The same rows with the fixture's tool side as calibrated: the last frame carries the tip.
     tip_m
         The tip in that frame, (3,): the ball's centre, an instrument's target; zero for a hinge, whose
         axis is the z axis of that frame, and for a rigid attachment.
@@ -68,7 +68,7 @@ class CalibratedArm:
     corrections: Corrections | None = None
 
     def table(self, frame: Frame = "flange") -> DhTable:
-        """Links 1..n for use without corrections: to frame n of the arm's own table, or to the tip."""
+        """Links 1..n for use without corrections, up to frame n of the arm's own table, or up to the tip."""
         if self.best is None:
             return self.flange if frame == "flange" else self.hand
         if frame == "tip":
@@ -89,7 +89,7 @@ class CalibratedArm:
     ) -> FloatArray:
         """Pose of the tip, or of frame n, in the base frame at readings (..., n): (..., 4, 4), m.
 
-        By the best table; or, `corrected`, by the identified one with corrections of the readings. The tip has the
+        Uses the best table or, if `corrected`, the identified one with corrections of the readings. The tip has the
         orientation of the last frame.
         """
         table, tip_m = self.table(frame), self.table_tip_m
@@ -117,7 +117,7 @@ class CalibratedArm:
         return tip, np.sqrt(spread_along(rates, self._covariance))
 
     def stated_part_m(self, q_rad: FloatArray, names: Collection[str]) -> FloatArray:
-        """Part of `tip_sigma_m` that would vanish if the parameters `names` were known exactly (m,), m."""
+        """Part of `tip_sigma_m` (m,), m, that would vanish if the parameters `names` were known exactly."""
         known = [k for k, name in enumerate(self.free) if name in names]
         if not known:
             return np.zeros(len(q_rad))
@@ -183,7 +183,7 @@ class HandErrors:
 
 
 def even_poses(arm: ArmModel) -> FloatArray:
-    """Readings (m, n), rad, evenly over the ranges of all joints."""
+    """Readings (m, n), rad, evenly spread over the ranges of all joints."""
     even = even_steps(RANGE_SAMPLES, arm.joint_count)
     return np.asarray(arm.lower_rad + even * (arm.upper_rad - arm.lower_rad))
 
@@ -207,7 +207,7 @@ def hand_errors(found: CalibratedArm, arm: ArmModel) -> HandErrors:
 
 
 def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
-    """Side of an unknown of a loop: arm, ground or tool; only the arm's stay valid in another mounting."""
+    """Side of an unknown of a loop: arm, ground or tool; only the arm's parameters stay valid in another mounting."""
     part, plain = model.parts()[0][0], name.partition("[")[0]
     return "ground" if plain in part.ground_side else "hand" if plain in part.hand_side else "arm"
 
@@ -246,7 +246,7 @@ def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
 def with_best_table(
     solution: Solution, arm: ArmModel, found: Calibrated, q: FloatArray
 ) -> Solution:
-    """Add the best table over readings q (m, n), rad, and the corrections, by the fit of the same poses."""
+    """Add the corrections, and the best table over readings q (m, n), rad, from the fit of the same poses."""
     own = calibrated_arm(solution, arm)
     part, columns, _ = solution.model.parts()[0]
     plain = [p.name for p in part.parameters]
@@ -294,7 +294,7 @@ NEGLIGIBLE = 2e-3
 
 
 def offsets_not_sought(model: ClosureModel, arm: ArmModel) -> tuple[int, ...]:
-    """Joints (1-based) whose readings are used and whose offset is not a parameter of a loop."""
+    """Joints (1-based) whose readings are used but whose offset is not a parameter of the loop."""
     sought = {p.name.partition("[")[0] for p in model.parameters}
     return tuple(
         j

@@ -1,4 +1,4 @@
-"""The closed loops of a pose set, the poses on the main branch, and the parameters that these identify; refusals."""
+"""The closed loops of a pose set, the poses on the main branch, the parameters these identify, and what is refused."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class IdentifiableLoops(NamedTuple):
     Attributes
     ----------
     model
-        The loops with all unknowns, or with those of `identifiable` if the others are dropped on request.
+        The loops with all unknowns or, if the others are dropped on request, with those of `identifiable`.
     identifiable, unidentifiable
         The loops with the unknowns that the poses identify, and the names of the others.
     q, kept
@@ -146,7 +146,7 @@ def pick_placements(poses: PoseSet, placements: tuple[int, ...]) -> PoseSet:
 
 
 def in_order(model: ClosureModel, other: ClosureModel, x: FloatArray) -> FloatArray:
-    """Parameters (P,) of `model`: those that `other` shares from its `x`, the rest nominal."""
+    """Parameters (P,) of `model`: from `x` those that `other` has as well, the rest nominal."""
     known = {p.name: float(v) for p, v in zip(other.parameters, x, strict=True)}
     return np.array([known.get(p.name, p.nominal) for p in model.parameters])
 

@@ -1,9 +1,10 @@
 """Comparison of two calibrations of one arm: changes of parameters, and which of them exceed noise.
 
-Of a loop's eight equivalent parameter vectors, the one of the second document nearest to the first is used. A
-difference counts as drift if it is improbable under both standard deviations, at a level corrected for the number of
-free parameters compared (Bonferroni). Not counted are lengths and twists corrected within a tolerance, most of whose
-sigma is the maker's tolerance in both, and differences of two estimates from the same poses.
+A hinge loop has eight equivalent parameter vectors; of the second document's, the one nearest to the first document is
+used. A difference counts as drift if it is improbable under both standard deviations, at a level corrected for the
+number of free parameters compared (Bonferroni). Two kinds of differences never count: those of lengths and twists
+corrected within a tolerance, whose sigma is mostly the maker's tolerance in both documents, and those between two
+estimates from the same poses.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Side(Enum):
     """Side of a parameter: arm, ground or tool.
 
     Parameters of ground and tool change with every mounting of the fixture. These include the offsets of the first and
-    the last joint, which are measured to the fixture's axis.
+    the last joint, which are measured from the fixture's axis.
     """
 
     ARM = "arm"
@@ -56,13 +57,13 @@ class Drift:
     Attributes
     ----------
     before, after
-        Values; of equivalent ones, `after` is the nearest to `before`.
+        Values; of equivalent values, `after` is the one nearest to `before`.
     change
-        after minus before; angles within half a turn.
+        after minus before; for angles within half a turn.
     sigma
         Standard deviation of the change.
     significant
-        Whether |change| exceeds noise at the level of the comparison; always false for two estimates from the same
+        Whether the change exceeds noise at the level of the comparison; always false for two estimates from the same
         poses, whose noise is the same.
     """
 
@@ -94,7 +95,7 @@ class CalibrationComparison:
     level, threshold_sigmas
         False-alarm probability over all free parameters, and the corresponding change in sigmas.
     scale_before, scale_after
-        Factor on each document's standard deviations: sqrt(chi2/dof) where above 1.
+        Factor applied to each document's standard deviations: sqrt(chi2/dof) if that is above 1.
     left_out
         Parameters that were not compared, with the reason.
     notices
@@ -227,7 +228,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
     """Return the loop a document describes.
 
     An offset of the first or last joint that was not identified counts as unsensed: only then can equivalent parameters
-    differ in the link beside it.
+    differ in the neighbouring link.
     """
     entries = tuple(DhEntry.parse(e.entry) for e in document.calibrated)
     known = {e.name for e in entries}
@@ -241,7 +242,7 @@ def _loop(document: ParametersDocument) -> DhLoop:
 
 
 def nearest_values(a: ParametersDocument, b: ParametersDocument) -> dict[str, float]:
-    """Return B's identified entries; of equivalent ones, those nearest to A's (rad, m)."""
+    """Return B's identified entries (rad, m), in the equivalent vector that is nearest to A's."""
     loop = _loop(b)
     here, there = a.table.stacked(), b.table.stacked()
     x = np.array([there[e.kind, e.row] for e in loop.entries])
@@ -264,7 +265,7 @@ def _only_tolerated(name: str, sides: dict[str, Side]) -> bool:
 
 
 def _scale(document: ParametersDocument) -> float:
-    """Factor on standard deviations whose noise model did not explain the residuals."""
+    """Factor to apply to standard deviations because their noise model did not explain the residuals."""
     ratio = document.quality.chi2_per_dof
     return 1.0 if ratio is None else math.sqrt(max(1.0, ratio))
 
@@ -279,9 +280,9 @@ REPORTED_SCALE = 1.1
 def notices(
     a: ParametersDocument, b: ParametersDocument, scales: tuple[float, float]
 ) -> tuple[Finding, ...]:
-    """Return the differences of the documents other than parameters.
+    """Return the differences between the documents other than those of parameters.
 
-    `scales` are the factors on their standard deviations.
+    `scales` are the factors applied to their standard deviations.
     """
     K, found = FindingKind, []
     if a.utc > b.utc:

@@ -1,4 +1,4 @@
-"""Cross-validation of a calibration by its own poses: jackknife, held-out folds and a far block."""
+"""Cross-validation of a calibration with its own poses: jackknife, held-out folds and a far block."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ FAR_SHARE = 0.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checks:
-    """Cross-validation of an implicit solution; each part is None or empty where it cannot be computed.
+    """Cross-validation of an implicit solution; each part is None or empty if it could not be computed.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Checks:
 
 
 def check(solution: Solution, arm: ArmModel, fixture: EndpointConstraint, poses: PoseSet) -> Checks:
-    """Check a solution with its own poses; empty for the paper's estimator."""
+    """Check a solution with its own poses; the result is empty for the paper's estimator."""
     if solution.estimate.corrections is None:
         return Checks()
     if len(poses) - len(solution.dropped_flipped) < 2 * FOLDS:

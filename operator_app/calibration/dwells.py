@@ -1,7 +1,7 @@
 """Dwells of a recorded arm: one pose for each time at rest.
 
-In every window of the stated duration all joints stay within the stated spread, and they drift by less than half of
-it over the whole dwell. Times without samples do not count.
+In every window of the stated duration all joints stay within the stated spread, and over the whole dwell they drift by
+less than half of it. Gaps without samples do not count.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class RefusedDwell:
 
 
 def poses_of(dwells: Sequence[Dwell], utc_of: Callable[[float], str]) -> PoseSet:
-    """Return one pose per dwell, in their order; `utc_of` formats a start time, empty where there is none."""
+    """Return one pose per dwell, in order; `utc_of` formats a start time, or returns "" if it is no time of day."""
     utc = tuple(utc_of(d.start_s) for d in dwells)
     return PoseSet(
         placement=np.ones(len(dwells), dtype=np.int64),
@@ -107,7 +107,7 @@ def find_dwells(
 
 
 def quietest_rad(time_s: FloatArray, q_rad: FloatArray, dwell_s: float) -> float:
-    """Return the spread of the quietest window of this length; infinite where the recording is shorter."""
+    """Return the spread of the quietest window of this length; infinite if the recording is shorter."""
     last = np.searchsorted(time_s, time_s + dwell_s * (1.0 - 1e-9))
     return float(_ranges(q_rad, last[last < len(time_s)]).max(axis=1).min(initial=np.inf))
 
@@ -175,7 +175,7 @@ def _at_rest(
 
 
 def _ranges(q_rad: FloatArray, last: IntArray) -> FloatArray:
-    """Largest minus smallest of rows k to last[k], (len(last), n): by tables of 1, 2, 4, ... rows."""
+    """Largest minus smallest value of rows k to last[k], (len(last), n), from tables over 1, 2, 4, ... rows."""
     first = np.arange(len(last))
     length = last - first + 1
     found = np.zeros((len(last), q_rad.shape[1]))

@@ -71,7 +71,7 @@ def error_model(
 def stated_distances(
     fixture: EndpointConstraint, placements: tuple[int, ...]
 ) -> tuple[KnownDistance, ...]:
-    """Return the distances of a ball's sockets that its file states, for sockets in which poses were taken."""
+    """Return the distances between a ball's sockets that its file states, for sockets in which poses were taken."""
     known = fixture.distances if isinstance(fixture, Ball) else ()
     return tuple(d for d in known if set(d.between) <= set(placements))
 
@@ -166,9 +166,9 @@ def _instrument_variance(fixture: EndpointConstraint) -> FloatArray | None:
 
 
 def distinct_poses(poses: PoseSet, kept: BoolArray) -> tuple[IntArray, IntArray]:
-    """Indices of kept poses that differ, and for every kept pose which of those it is.
+    """Indices of those kept poses that differ, and for every kept pose which of them it is.
 
-    Readings equal to the last digit are one reading written twice, without further information.
+    Readings equal to the last digit are taken as one reading written twice, without further information.
     """
     here = np.flatnonzero(kept)
     columns = [poses.placement[here, None].astype(float), poses.q_rad[here]]
@@ -190,7 +190,7 @@ def free_within_tolerance(
     length_tolerance_m: float | None = None,
     fixed: Collection[str] = (),
 ) -> tuple[ClosureModel, dict[str, float]]:
-    """Free the arm's lengths and twists within their tolerances: the maker's table is not exact.
+    """Free the arm's lengths and twists within their tolerances, since the maker's table is not exact.
 
     The same is done with offsets that the poses do not determine, if the arm's file states their uncertainty.
 
@@ -200,7 +200,7 @@ def free_within_tolerance(
     Returns
     -------
     The loop with these entries free as well, and the standard deviation (m, rad) of each by name.
-    Entries that are free already, and those that the fixture determines, have none.
+    Entries that are free already, and those that the fixture determines, are not included.
     """
     part = model.parts()[0][0]
     n = arm.joint_count
@@ -230,8 +230,8 @@ def stated_priors(
     """Return the standard deviations (rad, m) that files state for the unknowns of a loop, by name.
 
     For the arm, those of offsets and of entries freed within tolerances; for the fixture, that of its placement.
-    Offsets of an arm whose file does not state `offset_tolerance_deg` have none, and neither have placements of a
-    fixture after the first: its file describes one only.
+    Offsets of an arm whose file does not state `offset_tolerance_deg` are not included, and neither are placements
+    after the first, as the fixture's file describes only one.
     """
     placed, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
@@ -258,7 +258,7 @@ def stated_priors(
 
 
 def _named(model: ClosureModel) -> list[Parameter]:
-    """Parameters, by their names in `model`, of the first of its placements."""
+    """Parameters of the first placement, by their names in `model`."""
     _, columns, _ = model.parts()[0]
     return [model.parameters[k] for k in np.arange(len(model.parameters))[columns]]
 

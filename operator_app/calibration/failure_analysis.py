@@ -67,7 +67,7 @@ def _led_away(stated: Experiment, paper: Estimate) -> tuple[Finding, ...]:
 def saturated_readings(
     found: tuple[RangeFinding, ...], poses: PoseSet
 ) -> PosesDoNotFitError | None:
-    """Readings at the end of full scale, as the reason why poses do not fit; None if there are none."""
+    """Return, as the reason why poses do not fit, readings at the end of full scale; None if there are none."""
     known = tuple(range_finding(f, poses) for f in found if f.fault is ReadingFault.SATURATED)
     return poses_do_not_fit(known) if known else None
 
@@ -90,7 +90,7 @@ def _open_words(paper: Estimate) -> str:
 
 
 def poses_do_not_fit(findings: tuple[Finding, ...]) -> PosesDoNotFitError:
-    """Return the error that names mistakes without which these poses fit."""
+    """Return the error that names the mistakes whose correction makes these poses fit."""
     return PosesDoNotFitError(
         tuple(f.sentence for f in findings), codes=tuple(f.code for f in findings)
     )
@@ -109,8 +109,9 @@ def turned_unread(
 ) -> tuple[int, float] | None:
     """Return the joint that turned between two readings although it reads the same, and its angle (rad), or None.
 
-    Closes the loop at the second reading, corrected by the closure error of the first: with the joints at rest, and
-    with one of them turned. The placement error is in both readings and cancels, and no motion is linearised.
+    Closes the loop at the second reading, after subtracting the closure error of the first: once with all `still`
+    joints where they were, and once with each of them turned. The placement error is in both readings and cancels, and
+    no motion is linearised.
 
     `x`: approximate parameters (P,). `before_rad`, `after_rad`: readings (n,). `still`: joints (1-based) whose readings
     did not change.
@@ -141,7 +142,7 @@ def turned_unread(
 def _correction(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, sigma: FloatArray
 ) -> FloatArray | None:
-    """Smallest correction (n,), in sigmas, that closes the loop; None if none does."""
+    """Smallest correction (n,), in sigmas, that closes the loop; None if it cannot be closed."""
     closed = close_loops(model, x, start_rad[None], sigma_rad=sigma)
     return closed.q[0] - start_rad if closed.closed[0] else None
 

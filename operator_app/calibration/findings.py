@@ -1,4 +1,4 @@
-"""Findings: joint, size and poses of a fitted explanation, of poses left out, and of motion during sampling."""
+"""Makes findings, with joint, size and poses, from fitted explanations, poses left out, and motion during sampling."""
 
 from __future__ import annotations
 
@@ -145,7 +145,7 @@ def reading_step(
 
 
 def range_finding(found: RangeFinding, poses: PoseSet, *, notice: bool = False) -> Finding:
-    """Return the finding of a joint's readings outside its range; as a cause, a saturated sensor blocks."""
+    """Return the finding of a joint's readings outside its range; a saturated sensor, as a cause, blocks acceptance."""
     return Finding(
         kind=RANGE_KINDS[found.fault][notice],
         joint=found.joint,
@@ -248,7 +248,7 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
     """Return the joints whose readings spread within poses by more than their sensor's noise.
 
     An RVDT that spreads in most poses is noisy, which its own verdict reports. The mean over samples of a moving arm
-    does not close the loop, though the fit may not show it.
+    does not close the loop, even if the fit does not show it.
     """
     arm, sd_rad = experiment.arm, experiment.poses.sd_rad
     if sd_rad is None:
@@ -277,7 +277,7 @@ def motion_causes(experiment: Experiment, labels: tuple[str, ...]) -> tuple[Find
 def moved_while_read(sensor: Encoder | Rvdt, spread_rad: FloatArray) -> BoolArray:
     """Poses (m,) whose readings spread (m,), rad, by more than this sensor's noise.
 
-    The noise is the stated one; for an RVDT, whose noise may be larger, that of most poses.
+    The noise is the stated one or, for an RVDT, whose noise may be larger, that of most poses.
     """
     noise = sensor.sigma_rad
     if isinstance(sensor, Rvdt):
@@ -295,7 +295,7 @@ def excluded_poses(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[Finding, ...]:
-    """Return why each of the poses (indices) was left out; one finding for each reason."""
+    """Return why these poses (indices) were left out: one finding for each reason."""
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]
         for k in left_out
@@ -330,11 +330,11 @@ def out_of_range_besides(
     arm: ArmModel,
     poses: PoseSet,
 ) -> tuple[RangeFinding, ...]:
-    """Joints out of their ranges in poses other than those left out for their unit."""
+    """Joints outside their ranges in poses other than those left out because of their unit."""
     radians = _in_radians(left_out, arm, poses)
     return tuple(f for f in out_of_range if not radians.issuperset(f.poses))
 
 
 def _in_radians(left_out: tuple[int, ...], arm: ArmModel, poses: PoseSet) -> set[int]:
-    """Return which of the poses left out are rows in radians."""
+    """Return which of the poses left out have readings in radians."""
     return set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()

@@ -1,7 +1,7 @@
-"""Every accepted calibration and verification of one arm over time: scatter, shifts, and when the next is due.
+"""Accepted calibrations and verifications of one arm over time: scatter, shifts, and when the next calibration is due.
 
 Pure: takes documents and verdicts. Offsets of the arm itself are tested over all sessions; parameters of the mounting
-restart with each mounting. Another fixture or estimator has other systematic errors, and therefore a separate history.
+restart with each mounting. Each fixture and estimator has systematic errors of its own, and therefore its own history.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PastCalibration:
-    """One accepted calibration: its session, its document, type A of its entries (rad, m) and its mounting.
+    """One accepted calibration: session, document, type A uncertainty of its entries (rad, m), and mounting.
 
     The fixture stayed mounted between sessions of the same `mounting`.
     """
@@ -57,7 +57,7 @@ class PastVerification:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryShift:
-    """Entry `name` has shifted by `size` (rad, m; standard deviation `sigma`) from session number `at` on, from 0."""
+    """Shift of entry `name` by `size` (rad, m; standard deviation `sigma`) from session `at` (numbered from 0) on."""
 
     name: str
     at: int
@@ -69,12 +69,12 @@ class EntryShift:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
-    """Calibrations with one fixture and estimator, oldest first, and some of their entries.
+    """Calibrations with one fixture and estimator, oldest first, and those of their entries that are on one side.
 
     Attributes
     ----------
     side
-        Side of the entries.
+        Side of the entries: arm, ground or tool.
     values, sigma, within
         (sessions, entries), rad and m, in equivalent parameters: values, standard uncertainty, and its type A part.
     chart
@@ -137,7 +137,7 @@ def history_of(
     left_out: Sequence[tuple[str, str]] = (),
     interval: timedelta | None = None,
 ) -> ArmHistory:
-    """Order accepted calibrations of one arm (at least one) and test each against those before it."""
+    """Order the accepted calibrations of one arm (at least one) by time, and test each against those before it."""
     ordered = sorted(calibrations, key=lambda c: c.document.utc)
     kept: list[PastCalibration] = []
     skipped = list(left_out)
@@ -223,7 +223,7 @@ def _due(
     parts: Sequence[EntryHistory],
     interval: timedelta | None,
 ) -> tuple[datetime, str]:
-    """Due at once after a shift or a failed verification; otherwise an interval after the last calibration."""
+    """Return when the next calibration is due: at once after a shift or failed verification, or after the interval."""
     last = kept[-1].document.utc
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"

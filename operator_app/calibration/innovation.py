@@ -1,6 +1,6 @@
-"""Innovation of a new reading: deviation from the prediction by the poses before it, and the shifts visible in it.
+"""Innovation of a new reading: its deviation from the prediction by the poses before it, and shifts that show in it.
 
-The poses before have determined sensor curves, sag and compliance near the reading, so these do not widen the
+Earlier poses have determined sensor curves, sag and compliance near the reading, so these do not widen the
 prediction, as they would if a reading were compared with the parameters alone.
 """
 
@@ -27,7 +27,7 @@ NEAREST = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShiftSeen:
-    """Shift of a joint by one reading: most likely size and sigma, rad, and the reduction of chi2 that it explains."""
+    """Shift of a joint that one reading shows: most likely size and sigma, rad; reduction of chi2 that it explains."""
 
     size_rad: float
     sigma_rad: float
@@ -36,16 +36,16 @@ class ShiftSeen:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Innovation:
-    """Deviation of a reading from the prediction by poses.
+    """Deviation of a reading from the prediction by earlier poses.
 
     Attributes
     ----------
     chi2, dof
-        chi2 of the reading; infinite where the loop does not close at it.
+        chi2 of the reading, infinite if the loop does not close at it; and its degrees of freedom.
     usual
-        Largest chi2 of those poses, each predicted by the others: also large if the files are wrong.
+        Largest chi2 of the earlier poses, each predicted by the others; this is large too if the files are wrong.
     shifts
-        Shifts by joint (1-based) whose reading is used.
+        Shift of each joint (1-based) whose reading is used.
     """
 
     chi2: float

@@ -1,4 +1,4 @@
-"""Registration of an instrument and its target: placements from the measured poses where no file states them."""
+"""Registration of an instrument and its target: finds from the measured poses the placements that no file states."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _refined(arm: ArmModel, fixture: Measured, poses: PoseSet) -> EndpointConstr
 
 
 def with_calibrated_places(fixture: EndpointConstraint, model: ClosureModel) -> EndpointConstraint:
-    """Return the fixture with the nominal placements to which a calibration's parameters refer."""
+    """Return the fixture with the nominal placements from which a calibration's parameters are measured."""
     part = model.parts()[0][0]
     if not isinstance(fixture, Measured) or not isinstance(part, MeasuredClosure):
         return fixture
@@ -123,7 +123,7 @@ def placed_by_poses(
 
 
 class _Places(NamedTuple):
-    """Base and target, and the remaining error of the points (squares, m^2)."""
+    """Base and target, and the remaining error of the points (sum of squares, m^2)."""
 
     left: float
     R_base: FloatArray

@@ -1,4 +1,4 @@
-"""The fit from several starts, and local minima: whether a better or a nearer solution exists."""
+"""Fits from several starts, and checks whether another solution is better or nearer to the nominal values."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def fit_from_starts(
 
 
 def evenly(poses: int, most: int) -> IntArray:
-    """Indices of `most` poses, evenly among all."""
+    """Indices of `most` poses, evenly chosen from all."""
     return np.linspace(0, poses - 1, min(most, poses)).astype(np.int64)
 
 
@@ -67,7 +67,7 @@ def _best_fit(
     group: IntArray,
     progress: Progress | None = None,
 ) -> tuple[Calibrated | None, float]:
-    """Return the best fit of some starts, or the first that is good enough, and its misfit; None if all fail."""
+    """Return the best fit from these starts, or the first that is good enough, and its misfit; None if all fail."""
     best: Calibrated | None = None
     least = np.inf
     for x0 in starts:
@@ -104,8 +104,8 @@ def far_from_nominal(
 ) -> list[tuple[Parameter, float]]:
     """Parameters whose values (P,) are implausibly far from nominal, and how far.
 
-    With standard deviations `sd` (P,), only parameters that are also more than three of them away: weakly determined
-    ones may have any value.
+    If standard deviations `sd` (P,) are given, a parameter must also be more than three of them away, because a weakly
+    determined one may have any value.
     """
     spread = np.zeros(len(x)) if sd is None else 3.0 * np.nan_to_num(sd, nan=np.inf)
     changes = wrap_angles(parameters, x - nominal_vector(parameters)).tolist()
@@ -120,7 +120,7 @@ def far_from_nominal(
 def local_minimum_causes(
     model: ClosureModel, estimate: Estimate, q: FloatArray, judged: tuple[str, ...]
 ) -> tuple[Finding, ...]:
-    """Return a better solution than `estimate`, or the finding that it is far from the nominal values.
+    """Return a better solution than `estimate`, or the finding that `estimate` is far from the nominal values.
 
     `q`: readings (m, n) of the used poses, rad. `judged`: names of the identified parameters.
     """
@@ -157,7 +157,7 @@ def local_minimum_causes(
 
 
 def socket_elsewhere(estimate: Estimate) -> tuple[Finding, ...]:
-    """Return the note that a ball's socket is not where its file states, on which no verdict depends."""
+    """Return the note that a ball's socket is not where its file states; no verdict depends on it."""
     far = _far(estimate.without({p.name for p in estimate.parameters} - SOCKET))
     if not far:
         return ()
@@ -193,7 +193,7 @@ OF_THE_SOLUTION = {
 def has_diverged(
     causes: Iterable[Finding], scale: float, estimate: Estimate, judged: tuple[str, ...]
 ) -> bool:
-    """Whether a gross cause blocks, and the solution is implausible or uselessly uncertain.
+    """Whether the solution is implausible or uselessly uncertain and a gross cause blocks acceptance.
 
     `scale`: chi2/dof at stated variances. `judged`: names of the identified parameters.
     """

@@ -1,4 +1,4 @@
-"""Notices about a calibration, and the limits of the procedure that it exceeds."""
+"""Notices about a calibration, including limits of the procedure that it exceeds."""
 
 from __future__ import annotations
 
@@ -190,12 +190,12 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
 
 
 def outliers_still_used(labels: tuple[str, ...]) -> tuple[Finding, ...]:
-    """Return the finding that some used poses do not fit the others."""
+    """Return the finding that some of the used poses do not fit the others."""
     return (Finding(kind=K.OUTLIERS_COUNT, poses=labels),) if labels else ()
 
 
 def _ill_conditioned(seen: Identifiability, limits: AcceptanceLimits) -> tuple[Finding, ...]:
-    """Return a warning if the condition number exceeds the paper's limit; acceptance goes by the sigmas."""
+    """Return a warning if the condition number exceeds the paper's limit; acceptance depends on the sigmas."""
     if seen.scaled_condition_number <= limits.scaled_condition_number:
         return ()
     return (

@@ -1,7 +1,7 @@
-"""Independent check (paper, section 4): a closed-loop calibration against endpoints of the open arm.
+"""Independent check (paper, section 4): compares a closed-loop calibration with measured endpoints of the open arm.
 
-The measured endpoints are calibrated by themselves and both results are compared. Both use the maker's lengths, so
-that their errors are correlated and the test is conservative.
+A second calibration is made from the measured endpoints alone, and the two are compared. Both use the maker's lengths,
+so that their errors are correlated and the test is conservative.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from solver.diagnostics.statistics import Chi2Test, chi2_test, sigmas_at
 class ParameterDifference:
     """One parameter of the arm in both calibrations, rad or m.
 
-    `sigma` is the standard deviation of `change`, open minus closed; `significant`: chance is improbable.
+    `sigma` is the standard deviation of `change`, open minus closed; `significant`: whether chance is improbable.
     """
 
     name: str
@@ -50,7 +50,7 @@ class OpenLoopCheck:
     chi2
         chi2 of all differences together.
     left_out
-        Parameters that one of the two cannot separate from its mounting.
+        Parameters that one of the two calibrations cannot separate from its mounting.
     """
 
     solution: Solution

@@ -1,6 +1,6 @@
-"""Placements of a fixture: those that do not differ, and distances between the sockets of a ball.
+"""Placements of a fixture: finds those that do not differ, and the distances between the sockets of a ball.
 
-The arm's parameters are shared, the fixture's belong to each placement. Where the fixture was not remounted these
+The arm's parameters are shared; each placement has its own for the fixture. Where the fixture was not remounted these
 agree within their covariance; two such placements count as one.
 """
 
@@ -48,7 +48,7 @@ class IndistinguishablePlacements:
 def indistinguishable_placements(
     model: ClosureModel, estimate: Estimate
 ) -> tuple[IndistinguishablePlacements, ...]:
-    """Find placements between which the fixture was not remounted; `estimate` is of all unknowns of `model`."""
+    """Find placements between which the fixture was not remounted; `estimate` covers all unknowns of `model`."""
     if not isinstance(model, Placements):
         return ()
     found: list[IndistinguishablePlacements] = []
@@ -89,7 +89,7 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[IndistinguishableP
 
 
 def _in_sigmas(difference: FloatArray, covariance: FloatArray) -> tuple[FloatArray, float]:
-    """Size of each difference (k,) in its standard deviations, and chi2 of all of them together."""
+    """Size of each difference (k,) in units of its standard deviation, and chi2 of all of them together."""
     sd = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     known = sd > 0.0
     if np.any(difference[~known] != 0.0):
@@ -109,10 +109,10 @@ MOST_PAIRS = 45
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distance:
-    """Distance of two placements' points (numbers of placements), m, and its standard uncertainty.
+    """Distance between the points of two placements (given by their numbers), m, and its standard uncertainty.
 
-    `measured` is the value in the fixture's file, if any, which enters the distance as well; `deviation` is its excess
-    over the distance from the poses alone, in sigmas of the difference.
+    `measured` is the value in the fixture's file, if any, which the distance takes into account; `deviation` is its
+    excess over the distance from the poses alone, in sigmas of the difference.
     """
 
     between: tuple[int, int]

@@ -1,4 +1,4 @@
-"""Predicts new poses from a calibration's own poses, both in one error model at stated sizes."""
+"""Predicts new poses from a calibration's own poses, with both in one error model at stated sizes."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def shift_in_words(shift: CommonShift) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MadeFrom:
-    """A calibration with its own poses.
+    """A calibration with the poses from which it was made.
 
     `poses`: all poses, including those on the flipped branch.
     """
@@ -75,7 +75,7 @@ class MadeFrom:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PredictedPoses:
-    """Whitened residuals of new poses, in their order, and the columns by which a shift shows in them.
+    """Whitened residuals of new poses, in their order, and the columns along which a shift would show.
 
     `left` uses at least the stated errors; `chi2` uses the sizes of errors estimated in the calibration.
     """
@@ -88,9 +88,10 @@ class PredictedPoses:
 def predict_new_poses(
     new: Experiment, made: MadeFrom, start: Mapping[str, float]
 ) -> PredictedPoses | None:
-    """Predict new poses from the poses of the calibration; None where no model fits both.
+    """Predict new poses from the poses of the calibration; None if no model fits both.
 
-    `start`: values (rad, m) of parameters that the calibration lacks, such as the place of another socket.
+    `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
+    place.
     """
     solution, old = made.solution, _used(made)
     both = replace(new, poses=concatenated_poses(old, new.poses))
@@ -158,7 +159,7 @@ def _errors(
 
 
 def _as_learned(design: Layout, *, learned: Mapping[str, float]) -> FloatArray:
-    """Variances (K,) for the prediction of new poses, as estimated from a calibration's own poses.
+    """Variances (K,) with which to predict new poses, as estimated from a calibration's own poses.
 
     Scales estimated in one part of the workspace may not apply in another: a share of the stated variance remains
     (method, section 10). Noise estimated larger than stated is not used for new poses.
@@ -189,7 +190,7 @@ def fit_as_stated(
     old: int,
     variances: Callable[[Layout], FloatArray] = Layout.stated_variances,
 ) -> MixedFit:
-    """Linearise old poses (the first ones) and new ones; gravity's sign is that of the old ones."""
+    """Linearise old poses (first) and new ones together; gravity's sign is the one found from the old poses."""
     found = fit_mixed(model, both.q_rad, errors, x0, variances=variances, group=both.placement)
     if found.fit.design.expected.any() and gravity_share(found.fit.at_poses(np.arange(old))) < 0.5:
         # By the calibration's own poses the arm does not sag in the direction of gravity.
@@ -214,7 +215,7 @@ def _used(made: MadeFrom) -> PoseSet:
 def _model(
     made: MadeFrom, old: PoseSet, both: Experiment, start: Mapping[str, float]
 ) -> tuple[ClosureModel, FloatArray, list[int | None]]:
-    """Loops of old and new poses, parameters, and the column of each in the estimate; None for those of `start`."""
+    """Loops of old and new poses, parameters, and the column of each in the estimate (None for those in `start`)."""
     estimate = made.solution.estimate
     known = {p.name: k for k, p in enumerate(estimate.parameters)}
     model = both.loop()
@@ -233,7 +234,7 @@ def _model(
 
 
 def _covariance(estimate: Estimate, column: Sequence[int | None]) -> FloatArray:
-    """Covariance of parameters by their columns in the estimate; very large for one without a column."""
+    """Covariance of parameters, given their columns in the estimate; very large for a parameter without a column."""
     here = [k for k, c in enumerate(column) if c is not None]
     rows = [c for c in column if c is not None]
     covariance = np.diag(np.full(len(column), NOT_KNOWN**2))

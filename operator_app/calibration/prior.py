@@ -1,6 +1,6 @@
-"""Prior of a loop's unknowns before the first pose of a placement: from the files and from earlier placements.
+"""Prior of a loop's unknowns before the first pose of a placement, from the files and from earlier placements.
 
-The arm's own entries follow from earlier poses. Offsets that count from the fixture change within its tolerance when it
+The arm's own entries follow from earlier poses. Offsets measured from the fixture change within its tolerance when it
 is remounted, and a fixture that was mounted farther from its nominal place may be so again.
 """
 
@@ -41,7 +41,7 @@ class KnownArm:
     names, values, covariance
         Entries that are the same in every placement: (k,), (k, k), rad and m.
     ends
-        Offsets that count from the fixture, by name: their mean over the earlier placements.
+        Offsets that are measured from the fixture, by name: their mean over the earlier placements.
     placements
         Number of earlier placements.
     placement_ratio
@@ -95,8 +95,8 @@ def placement_prior(
 class StatedFit:
     """Fit of poses with the stated errors, all entries free within tolerances.
 
-    `model`: the loop, its lengths and twists free. `nominal`, `sd`: nominal values and standard deviations (P,) of the
-    unknowns, from the files. `fit`: result of the fit.
+    `model`: the loop with its lengths and twists free. `nominal`, `sd`: nominal values and standard deviations (P,) of
+    the unknowns, from the files. `fit`: result of the fit.
     """
 
     model: ClosureModel
@@ -155,7 +155,7 @@ def known_arm(experiment: Experiment) -> KnownArm | None:
 def _by_files(
     model: ClosureModel, arm: ArmModel, fixture: EndpointConstraint, stated: Mapping[str, float]
 ) -> FloatArray:
-    """Standard deviation (P,) of each unknown.
+    """Standard deviation (P,) of each unknown, from the files.
 
     An offset has at least the uncertainty of a protractor, even if the arm's file states less, as the arm may not be
     calibrated yet.

@@ -1,7 +1,7 @@
-"""A pose measured twice: slips in between, and their size.
+"""A pose measured twice: whether something slipped in between, and by how much.
 
-The drives do not return exactly and the other joints follow them: such a difference lies along the self-motions of
-the chain. What remains is noise, play, compliance of the fixture, or a slip.
+The drives do not return exactly, and the other joints follow them: the difference this makes lies along the
+self-motions of the chain. What remains is noise, play, compliance of the fixture, or a slip.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SLIP_SIZES = np.geomspace(1.0, 1e4, 200)
 class Reread:
     """Two readings of one pose, and the number of poses captured before the second.
 
-    `label`: label of the pose. `first_rad`, `again_rad` (n,): each the mean of equally many samples.
+    `label`: label of the pose. `first_rad`, `again_rad` (n,): each the mean of the same number of samples.
     """
 
     label: str
@@ -50,15 +50,16 @@ class Repeat:
     difference_rad
         (n,) second reading minus the first, all joints.
     chi2, dof
-        chi2 of the difference that no motion of the chain explains, by stated noise, play and compliance.
+        chi2 of the part of the difference that no motion of the chain explains, under stated noise, play and
+        compliance.
     joint
-        Joint (1-based) whose reading alone explains most of that.
+        Joint (1-based) whose reading alone explains most of that part.
     size_rad, sigma_rad
         Size of that slip and its standard uncertainty.
     chi2_left
-        Remaining chi2, with one degree of freedom less: large if the fixture slipped and not a joint.
+        chi2 that remains after that, with one degree of freedom less: large if the fixture slipped and not a joint.
     joint_odds
-        Likelihood ratio of a slip of that joint to one of the fixture, each at its most likely size.
+        Likelihood ratio between a slip of that joint and one of the fixture, each at its most likely size.
     turned_rad, shifted_m
         Slip of the fixture, if it was the fixture.
     """
@@ -89,7 +90,7 @@ def compare_readings(
     """Compare two readings (n,) of one pose, each the mean of `samples`, under the stated errors.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
-    `compliance`: stated deflection of the fixture, which may differ when friction is reversed.
+    `compliance`: stated deflection of the fixture, which may differ when friction acts the other way.
     """
     used, variances = [], []
     for j, joint in enumerate(arm.joints):
@@ -141,12 +142,12 @@ def compare_readings(
 
 
 def _of_joint(explained: float) -> float:
-    """Log-likelihood gained by a step change of one joint's reading, at its most likely variance."""
+    """Gain in log-likelihood from a step change of one joint's reading, at its most likely variance."""
     return 0.5 * (explained - 1.0 - float(np.log(explained))) if explained > 1.0 else 0.0
 
 
 def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
-    """Log-likelihood gained by a slip of the fixture, and that slip in units of the columns."""
+    """Gain in log-likelihood from a slip of the fixture, and that slip in units of the columns."""
     values, vectors = np.linalg.eigh(columns @ columns.T)
     along = vectors.T @ d
     spread = 1.0 + SLIP_SIZES[:, None] ** 2 * np.maximum(values, 0.0)
@@ -164,7 +165,7 @@ def repeats_of(
     labels: tuple[str, ...],
     compliance: Compliance,
 ) -> tuple[tuple[Reread, Repeat], ...]:
-    """Compare all readings of poses that count; `labels` are those of the poses of `model`.
+    """Compare the two readings of every repeated pose in use; `labels` are those of the poses of `model`.
 
     On an open arm the drives alone determine the repeated pose.
     """

@@ -1,4 +1,4 @@
-"""Result of a calibration: parameters, their quality, and the reasons. Computes nothing.
+"""Result of a calibration: parameters, their quality, verdict and reasons. Computes nothing.
 
 A `Solution` is the input of journal, report, export and verification; `operator_app.calibration.calibrate` makes it.
 """
@@ -38,17 +38,17 @@ class Solution:
     paper
         Estimate of the paper's estimator from the same poses; None with unsensed joints.
     seen
-        Rank, condition number, weakest direction.
+        Identifiability: rank, condition number, weakest direction.
     before
         Closure sigmas at the nominal parameters, for comparison with `estimate.sigmas`.
     dropped_flipped
         Indices (into all poses) left out because they are on the flipped branch.
     held
-        Unknowns that were dropped on request: fixed at their nominal values.
+        Unknowns that were fixed at their nominal values on request.
     tolerated
         Lengths and twists corrected within their tolerance; they are parameters of `estimate` as well.
     components
-        Results besides the parameters: noise and curves of the RVDTs, compliance of the fixture, and the uncertainty
+        Further results: noise and linearity deviations of the RVDTs, compliance of the fixture, and the uncertainty
         budget of every parameter.
     search
         The global start, if requested.
@@ -64,19 +64,19 @@ class Solution:
     assumed
         Figures of the error model that no file states.
     hand
-        Tool position uncertainty at these poses; None in records of earlier versions.
+        Tool position uncertainty at the poses of the calibration; None in records of earlier versions.
     accuracy
         Tool position error before and after calibration over the joints' ranges; None in records of earlier versions.
     condition_at_readings
         Scaled condition number at the readings, as in the paper; None with unsensed joints, and in records of earlier
         versions.
     implicit
-        Estimate of the implicit estimator, if the paper's is the chosen one.
+        Estimate of the implicit estimator, if the paper's estimator was chosen.
     best
         The best D-H table for use without corrections, and its uncertainty; None with the paper's estimator, and in
         records of earlier versions.
     corrections
-        Corrections that a controller may add to the readings; None as for `best`.
+        Corrections that a controller may add to the readings; None in the same cases as `best`.
     scales
         Estimated size of each family of errors, relative to the stated one.
     shares
@@ -86,7 +86,7 @@ class Solution:
     length_tolerance_m
         Standard deviation of lengths requested in place of the arm file's; None if not requested.
     truth
-        Errors against the truth; None where it is unknown, as for any real arm.
+        Errors relative to the true values; None where these are unknown, as for any real arm.
     """
 
     model: ClosureModel
@@ -122,7 +122,7 @@ class Solution:
 
     @property
     def accepted(self) -> bool:
-        """Whether the parameters may be used: with or without warnings."""
+        """Whether the parameters may be used, with or without warnings."""
         return not self.reasons
 
     @property
@@ -139,7 +139,10 @@ class Solution:
 
     @property
     def within(self) -> dict[str, float]:
-        """Type A uncertainty of each parameter (rad, m): scatter over repeated pose sets; empty if not known."""
+        """Type A uncertainty of each parameter (rad, m): the scatter if the same poses were taken again.
+
+        Empty if not known.
+        """
         if self.components is None:
             return {}
         # Parameters without information from the poses have none, except for rounding.
@@ -153,9 +156,9 @@ class Solution:
 
     @property
     def beside(self) -> Estimate | None:
-        """The other estimator's result on the same poses; None where there is none."""
+        """The other estimator's result from the same poses; None if there is none."""
         return self.implicit if self.estimate.estimator == "paper" else self.paper
 
     def with_notices(self, notices: Iterable[Finding]) -> Solution:
-        """Return the same solution with more warnings."""
+        """Return the same solution with further warnings."""
         return replace(self, warnings=(*self.warnings, *notices))

@@ -1,4 +1,4 @@
-"""Verdicts on the RVDTs of an arm and their causes, corrections of RVDTs, and offsets of joints without readings."""
+"""Verdicts on the RVDTs of an arm, their causes and corrections, and offsets of joints whose readings are not used."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def check_rvdts(
     fixed: tuple[str, ...],
     length_tolerance_m: float | None,
 ) -> tuple[RvdtVerdict, ...]:
-    """Test every RVDT by its noise and by the loops of one placement.
+    """Test the noise of every RVDT, and its readings against the loops of one placement.
 
     `whole` is the fit of the `distinct` poses (k,) with the RVDTs' readings, from which the fit without them starts.
     """
@@ -105,7 +105,7 @@ def check_rvdts(
 
 
 def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
-    """Start for the loops of `model`, with more unsensed joints than in the fit `whole`."""
+    """Start of a fit of `model`, which has more unsensed joints than the fit `whole`."""
     estimate, had = whole.estimate, whole.linear.design.model.unsensed_joints
     corrections = np.zeros_like(q) if estimate.corrections is None else estimate.corrections.copy()
     own = whole.unsensed.shape[-1] - len(had)
@@ -130,7 +130,7 @@ def _beside(whole: Calibrated, model: ClosureModel, q: FloatArray) -> Near:
 def _noise_of_rvdts(
     sensors: Mapping[int, Rvdt], poses: PoseSet, kept: BoolArray, whole: Calibrated
 ) -> dict[int, SingleNoise]:
-    """Noise of single readings, by joint, where known: from their spread, or else from the loops.
+    """Noise of single readings, by joint, where known: from their spread or, without that, from the loops.
 
     Poses in which a joint moved while it was read are left out and reported as such.
     """
@@ -171,7 +171,7 @@ def measured_deviations(
 
 
 def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Finding, ...]:
-    """RVDTs out of specification without another fault: the sigmas include their curves."""
+    """Findings of RVDTs that are out of specification but have no other fault: the sigmas include their deviations."""
     return tuple(
         Finding(kind=_kind_of(v, arm), joint=v.joint, sensor="RVDT", reported=(v.text,))
         for v in verdicts
@@ -180,7 +180,7 @@ def rvdt_causes(verdicts: tuple[RvdtVerdict, ...], arm: ArmModel) -> tuple[Findi
 
 
 def _kind_of(verdict: RvdtVerdict, arm: ArmModel) -> FindingKind:
-    """Kind of the finding of an RVDT out of specification, which decides the remedy; its text names the noise."""
+    """Kind of the finding for an RVDT out of specification, on which the remedy depends; its text states the noise."""
     deviation = measured_deviations((verdict,), arm).get(verdict.joint)
     sensor = arm.joints[verdict.joint - 1].sensor
     if (
@@ -205,9 +205,10 @@ class ReadingTable:
     theta_off_rad
         Offset that belongs to corrected readings.
     gain
-        Reading per angle, ideally 1; included in the corrections.
+        Change of reading per change of angle, ideally 1; included in the corrections.
     reading_rad, add_rad, sigma_rad
-        (k,): rising readings; corrections to add, linear in between; and their standard uncertainty.
+        (k,): readings in rising order; corrections to add to them, to be interpolated linearly; and their standard
+        uncertainty.
     """
 
     joint: int
@@ -218,7 +219,7 @@ class ReadingTable:
     sigma_rad: FloatArray
 
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
-        """Correct readings; beyond the table its nearest end is used."""
+        """Correct readings; beyond the table, with the correction at its nearer end."""
         return np.asarray(reading_rad + np.interp(reading_rad, self.reading_rad, self.add_rad))
 
     def beyond(self, reading_rad: FloatArray) -> int:
@@ -253,7 +254,7 @@ def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
 
 
 def tables_of(document: ParametersDocument) -> tuple[ReadingTable, ...]:
-    """Return the corrections in a parameters file."""
+    """Return the corrections that a parameters file contains."""
     found = []
     for remedy in document.rvdt:
         rows = [(row.reading_deg, row.add_deg, row.sigma_deg) for row in remedy.table]
@@ -280,7 +281,7 @@ def corrected_poses(poses: PoseSet, tables: Sequence[ReadingTable]) -> PoseSet:
 
 
 def measured_offsets(solution: Solution, arm: ArmModel, poses: PoseSet) -> dict[int, float]:
-    """Offset (rad) of every joint whose readings were not used, by joint: mean of loop angle minus reading.
+    """Offset (rad) of each joint whose readings were not used: mean of the angle from the loop minus reading.
 
     `poses` are those of the solution. A joint without a sensor has no offset.
     """

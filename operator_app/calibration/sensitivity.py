@@ -1,6 +1,6 @@
-"""Sensitivity of the widest sigmas: the largest source of each, and the sigma with half of that source.
+"""Sensitivity of the largest sigmas: the largest source of each, and the sigma if that source were halved.
 
-With a source's standard deviation halved, at unchanged weights, the variance falls by three quarters of its share.
+If a source's standard deviation is halved, at unchanged weights, the variance falls by three quarters of its share.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ WORST = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceSensitivity:
-    """One parameter: its sigma, the largest source of it, and its sigma with half of that source.
+    """One parameter: its sigma, the largest source of it, and its sigma if that source were halved.
 
-    `sigma` and `then` are in rad or m, `share` is of the variance.
+    `sigma` and `then` (after halving) are in rad or m; `share` is the source's share of the variance.
     """
 
     parameter: Parameter
@@ -36,7 +36,9 @@ class SourceSensitivity:
 
 
 def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
-    """Return the most effective improvement for the least certain parameters; empty without a budget.
+    """Return the most effective improvement of each of the least certain parameters.
+
+    Empty without an uncertainty budget.
 
     It is also empty if the solution has diverged, when smaller errors would not help.
     """
@@ -70,7 +72,7 @@ def source_sensitivities(solution: Solution) -> tuple[SourceSensitivity, ...]:
 def exceeded_source(found: Calibrated, name: str) -> str:
     """Return the largest source of a parameter's sigma, if that exceeds its specification.
 
-    Empty if none does: with errors as stated, poses that differ more help.
+    Empty if it does not: with errors as stated, it is more varied poses that help.
     """
     budget, names = found.components.budget, [p.name for p in found.estimate.parameters]
     if not budget or name not in names:

@@ -1,4 +1,4 @@
-"""Converts a calibration to plain data for the journal and back, exactly, so that nothing is solved twice.
+"""Converts a calibration to plain data for the journal, and back without loss, so that nothing is solved twice.
 
 The dataclasses define the format, so that adding or removing a field needs no change here. Data that do not fit
 them are refused as a whole (`RecordError`); a field with a default may be missing, and an unknown one is ignored.
@@ -36,7 +36,7 @@ T = TypeVar("T")
 
 
 class RecordError(Exception):
-    """The data do not match the present dataclasses: solve again."""
+    """The data do not match the current dataclasses: the calibration has to be solved again."""
 
 
 def to_dict(found: object) -> dict[str, Any]:
@@ -133,10 +133,10 @@ def _hints(of: type) -> dict[str, Any]:
 
 
 def _key(field: dataclasses.Field[Any]) -> str:
-    """Name of a field in records: its own, or the one it had in earlier versions."""
+    """Name under which a record holds a field: its own, or the one it had in earlier versions."""
     return str(field.metadata.get("record", field.name))
 
 
 def _kept(of: type) -> list[dataclasses.Field[Any]]:
-    """Arguments of the constructor; the other fields follow from them."""
+    """Fields that are arguments of the constructor; the others follow from them."""
     return [f for f in dataclasses.fields(of) if f.init]

@@ -14,7 +14,7 @@ from solver.loops.closure import ClosureModel, pose_blocks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipSigma:
-    """Standard deviation of the tool's distance from its position by the parameters, m.
+    """Standard deviation of the distance between the true tool position and the one by the parameters, m.
 
     `rms`, `worst`: root mean square and largest value over the poses of the calibration.
     """
@@ -36,7 +36,7 @@ class Spread:
 class HeldOffset:
     """A fixed offset of unknown uncertainty.
 
-    `rate_m_per_rad`: rate of the tool position with the offset's error, rms over the joints' ranges.
+    `rate_m_per_rad`: displacement of the tool per error of the offset, rms over the joints' ranges.
     """
 
     name: str
@@ -46,17 +46,17 @@ class HeldOffset:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HandAccuracy:
-    """Tool position error before and after a calibration, where the arm is used.
+    """Tool position error before and after a calibration, over the joints' ranges.
 
     Attributes
     ----------
     before
-        Distance between the tool by the entries of the arm file and by the calibrated ones, in the arm's base frame,
+        Distance between the tool position by the arm file and the calibrated one, in the arm's base frame,
         without the fixture's placement on table and tool.
     after
         Remaining error by the covariance of the parameters, one standard deviation.
     poses
-        Number of poses, evenly over all joints' ranges.
+        Number of poses, evenly spread over all joints' ranges.
     holds_for
         Fixed offsets whose uncertainty no file states: `after` is valid only if their fixed values are right.
     stated, after_by_poses
@@ -74,7 +74,7 @@ class HandAccuracy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrueErrors:
-    """Errors of a calibration against the truth, which only the simulator of an arm knows.
+    """True errors of a calibration, which are known only for a simulated arm.
 
     `inside_95`, `of`: number of true values within the 95 % intervals of their entries, and number of entries.
     `tool_rms_m`, `predicted_rms_m`: tool position error against the truth, rms over the joints' ranges, and the same as
@@ -97,7 +97,7 @@ def spread_of(distances_m: FloatArray) -> Spread:
 
 
 def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
-    """Return ``trace(J C J')`` (m,) of rates J (m, 3, P) with parameters of covariance C (P, P)."""
+    """Return ``trace(J C J')`` (m,), given derivatives J (m, 3, P) by parameters of covariance C (P, P)."""
     # One product for all poses: many small ones cost more than all of its arithmetic.
     rows = J.reshape(-1, len(C))
     return np.asarray(np.maximum(((rows @ C) * rows).reshape(len(J), -1).sum(-1), 0.0))
@@ -106,9 +106,9 @@ def spread_along(J: FloatArray, C: FloatArray) -> FloatArray:
 def tip_sigma(model: ClosureModel, estimate: Estimate, q: FloatArray) -> TipSigma:
     """Propagate the covariance of all parameters to the tool position at poses `q` (m, n), rad.
 
-    With J = dp/dx the rate of the closure's position rows, ``sigma^2 = trace(J C J')`` at each pose. The tool position
-    is in the arm's base frame, independent of the fixture's place on the table (`ClosureModel.ground_side`). Errors of
-    the readings are not included.
+    With J = dp/dx, the derivatives of the closure's position rows, ``sigma^2 = trace(J C J')`` at each pose. The tool
+    position is in the arm's base frame, independent of the fixture's place on the table (`ClosureModel.ground_side`).
+    Errors of the readings are not included.
     """
     x, C = estimate.x, estimate.covariance
     ground = set(model.ground_side)

@@ -1,4 +1,4 @@
-"""Verification of a calibration by new poses, at parameters fixed before they were taken."""
+"""Verification of a calibration with new poses, its parameters being fixed before these were taken."""
 
 from __future__ import annotations
 
@@ -81,13 +81,13 @@ class VerificationResult:
     nominal
         Closure sigmas of the same poses at the nominal parameters, for comparison.
     odd_poses
-        Indices of poses too improbable to be chance, the worst first; found in one of 1000 sound sets.
+        Indices of poses that deviate too far for chance, the worst first; one of 1000 sound sets has such poses.
     poses
         Number of tested poses.
     shift
         Common shift of one joint or the fixture in all new poses; None where there is none.
     stated
-        The misfit with at least the stated errors; None where `verification` is that already.
+        The test with at least the stated errors; None if `verification` is already that test.
     """
 
     verification: HeldOutPoses
@@ -116,7 +116,8 @@ class VerificationResult:
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the parameters of a calibration with its other results.
 
-    `placement`: the calibrated placement of the new poses: its parameters, without its number. None: all placements.
+    `placement`: calibrated placement of the new poses, whose parameters get names without a number. None: all
+    placements.
     """
     estimate, components = solution.estimate, solution.components
     found = () if components is None else components.components
@@ -154,7 +155,7 @@ def verify_poses(
 ) -> VerificationResult:
     """Test new poses of the same arm in the same fixture, at the same placement.
 
-    Raises `ValueError` if the parameters are not those of this loop: another fixture, or another number of placements.
+    Raises `ValueError` if the parameters are not those of this loop (another fixture, or another number of placements).
 
     Parameters
     ----------
@@ -162,8 +163,8 @@ def verify_poses(
         The calibration with its own poses. Curves, sag and compliance are then known from these, and one common shift
         is searched. None: all of that is independent in every pose.
     calibrated
-        Numbers of the calibrated placements, if the new poses may be of others: the fixture's place there is found from
-        them, all other parameters are fixed. None: the same placements.
+        Numbers of the calibrated placements, if the new poses may be of other placements: the fixture's place there is
+        found from the new poses, and all other parameters are fixed. None: the new poses are of the same placements.
     """
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
     model = new.loop()
@@ -208,7 +209,7 @@ def _with_prediction(
     found: HeldOutPoses,
     odd: tuple[int, ...],
 ) -> tuple[HeldOutPoses, tuple[int, ...], CommonShift | None, Chi2Test]:
-    """Return the test with the information of the calibration's own poses, or without it where they do not fit.
+    """Return the test that uses the calibration's own poses or, where these do not fit, the test without them.
 
     The last value is the misfit with at least the stated errors.
     """
@@ -243,7 +244,10 @@ def _with_prediction(
 
 
 def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
-    """Placement numbers (m,) of new poses: the calibration's if it has only one, whatever their file states."""
+    """Placement numbers (m,) of new poses.
+
+    If the calibration has only one placement, its number, whatever their file states.
+    """
     known = made.poses.placements
     return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
@@ -278,7 +282,7 @@ def _elsewhere(
     poses: PoseSet,
     calibrated: tuple[int, ...],
 ) -> tuple[Fixed, tuple[str, ...]]:
-    """Return the fixed parameters by the names of the new poses' model, and those still unknown."""
+    """Return the fixed parameters under their names in the new poses' model, and the parameters still unknown."""
     sources: dict[str, str] = {}
     unknown: list[str] = []
     for p in model.parameters:
@@ -384,11 +388,11 @@ def verify_new_poses(
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:
-    """Refuse a set that contains a calibration's own poses, which it fits in any case.
+    """Refuse a set that contains poses of the calibration itself, which it fits in any case.
 
-    With an instrument, a pose measured again at the same reading is a new one.
+    With an instrument, a pose measured again at the same joint readings counts as new.
 
-    Raises `NoTestError`, whose text states how many and which.
+    Raises `NoTestError`, whose text states how many there are and which.
     """
     if new.joint_count != made_from.joint_count:
         return
@@ -407,7 +411,7 @@ def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -
 
 
 def _are_among(new: PoseSet, made_from: PoseSet, *, measured: bool) -> BoolArray:
-    """Whether each of the new poses equals one of the others to the written decimals: (m,)."""
+    """Whether each new pose (m,) equals one of the others, to the decimals that files have."""
     rounded = any(_in_hundredths(p) for p in (new, made_from))
     same_rad = 0.5 * HUNDREDTH_RAD + SAME_READING_RAD if rounded else SAME_READING_RAD
     both = [p.q_rad / same_rad for p in (new, made_from)]

@@ -90,7 +90,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _report_end(made: Sequence[Sessions], reason: str, *, plain: bool) -> int:
-    """Report arm and session at the end; return the exit code."""
+    """Report the final state of arm and session; return the exit code."""
     for sessions in made:
         if sessions.lost is not None:
             say(f"sarcal: {sessions.lost}", err=True)
@@ -139,7 +139,7 @@ def _full_screen(args: argparse.Namespace, make_source: Callable[[], Sessions]) 
 
 
 class _Ended(BaseException):
-    """A signal asks this process to end."""
+    """Raised when a signal asks this process to end."""
 
 
 def _plain(args: argparse.Namespace, source: Sessions) -> str:

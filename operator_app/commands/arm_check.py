@@ -118,7 +118,7 @@ def _left(findings: Sequence[CheckFinding], problem: NotLetGoError | None) -> st
 
 
 def _ask(question: str) -> bool:
-    """Ask on the terminal; end of input means no."""
+    """Ask a question on the terminal; the end of input counts as no."""
     say(f"{question} [y/N] ", err=True)
     sys.stderr.flush()
     return sys.stdin.readline().strip().lower() in ("y", "yes")

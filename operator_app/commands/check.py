@@ -1,4 +1,4 @@
-"""`sarcal check`: all problems of some files, or whether a calibration with them can succeed."""
+"""`sarcal check`: lists all problems of files or, if none, states whether a calibration with them can succeed."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
-    """Return every name with its kind; None for a file."""
+    """Return every name with its kind, which is None for a file."""
     named: list[tuple[AnyKind | None, str]] = [
         ("arm", args.arm),
         ("fixture", args.fixture),
@@ -71,7 +71,7 @@ def _asked(args: argparse.Namespace) -> list[tuple[AnyKind | None, str]]:
 
 
 def _read(kind: AnyKind | None, name: str) -> Resource:
-    """Read a file; refuse a built-in name without its kind."""
+    """Read a file; refuse a built-in name given without its kind."""
     from operator_app.config.any_file import read_any
     from operator_app.config.resources import Kind, builtin_names, expanded, resolve
 

@@ -184,7 +184,7 @@ def _patience_s(text: str) -> float:
 
 
 def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
-    """Return the faults of the options, in order; UsageError for an invalid joint or SYNC."""
+    """Return the faults named in the options, in order; raises UsageError for an invalid joint or SYNC."""
     from hardware.virtual.faults import scripted
 
     if not 1 <= args.fault_joint <= joints:
@@ -203,7 +203,7 @@ def script_of(args: argparse.Namespace, joints: int) -> list[ScriptedFault]:
 
 
 def _controller_error(failure: Exception) -> Exception:
-    """Return the exception to raise for a controller that ended by itself."""
+    """Return the exception to raise if the controller has ended by itself."""
     from can import CanError
 
     from hardware.errors import BusError

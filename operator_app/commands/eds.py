@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Write the files; never over a different file."""
+    """Write the files; a different file of the same name is never overwritten."""
     from hardware.eds import EDS_FILES
     from operator_app.config.atomic import write_atomically
 

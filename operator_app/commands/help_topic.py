@@ -1,4 +1,4 @@
-"""`sarcal help`: the manual in the terminal; the hooks by which mkdocs makes it a site."""
+"""`sarcal help`: the manual in the terminal; also the hooks with which mkdocs makes a site of it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _write_files(found: Manual, topic: str | None, folder: Path) -> int:
-    """Write the files of a page."""
+    """Write the files that a page contains."""
     from operator_app.config.atomic import write_atomically
     from operator_app.manual.pages import NoSuchTopicError
 
@@ -138,7 +138,7 @@ def command_section(
     summary: str,
     shared: dict[str, list[tuple[str, str]]] | None = None,
 ) -> str:
-    """Return summary and options of one command; shared options go into `shared`, if there is one."""
+    """Return summary and options of one command; shared options are collected in `shared` if that is given."""
     blocks = [f"## {parser.prog}", f"{_capital(summary)}."]
     also = []
     for group in parser._action_groups:  # noqa: SLF001 - it has no other list

@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _only_serial(root: Path) -> str:
-    """Return the serial number of the arm if all sessions are of one."""
+    """Return the arm's serial number if all sessions are of the same arm."""
     from operator_app.session.store.folders import list_sessions
     from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER
 

@@ -1,4 +1,4 @@
-"""`sarcal import`: a session from poses or a recording of another program."""
+"""`sarcal import`: makes a session from poses, or from a recording, of another program."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def execute(args: argparse.Namespace) -> int:
 def _poses(
     args: argparse.Namespace, joints: tuple[str, ...]
 ) -> tuple[PoseSet, dict[str, list[dict[str, Any]]]]:
-    """Return the poses of all files (several: one placement each), and the JSON data of recordings."""
+    """Return the poses of all files (if several, one placement each), and the JSON data of recordings."""
     import numpy as np
 
     from operator_app.config.joint_log import load_joint_log

@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Watch the bus, print events, and a summary at the end."""
+    """Watch the bus, print events and, at the end, a summary."""
     from hardware.buses.python_can import open_bus
     from hardware.buses.shared_bus import SharedBus
     from hardware.commissioning.bus_monitor import BusMonitor

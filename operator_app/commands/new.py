@@ -263,7 +263,7 @@ def _procedure(args: argparse.Namespace) -> int:
 def _copy(
     args: argparse.Namespace, parse: Callable[[bytes, str], object], *, refers: Sequence[str] = ()
 ) -> int:
-    """Copy a packaged file under another name; `refers` are the options that replace a reference in it."""
+    """Copy a packaged file under another name; `refers` are options whose values replace references in it."""
     from operator_app.config.new_files import copied
 
     name = _named(args.name or f"my_{args.packaged}")
@@ -279,7 +279,7 @@ def _typed(option: str) -> str:
 
 
 def _named(wanted: str) -> str:
-    """Return a valid name."""
+    """Check a name and return it."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "_", wanted).strip("_.-")[:64]
     if not re.match(r"[A-Za-z]", name):
         raise UsageError(f"--name: {name!r} does not begin with a letter; use another")
@@ -297,7 +297,7 @@ def _save(
     content: bytes,
     parse: Callable[[bytes, str], object],
 ) -> Path:
-    """Write a file, checked by parsing it, and its schema; never over an existing file."""
+    """Check a file by parsing it, then write it with its schema; an existing file is never overwritten."""
     from operator_app.config.any_file import save_with_schema
 
     target = _target(args, name)
@@ -309,7 +309,7 @@ def _save(
 
 
 def _reference(args: argparse.Namespace, name: str, file: str) -> str:
-    """Return how a procedure file refers to another: packaged files by name, others relative to its folder."""
+    """Return how a procedure file refers to another file: by name if packaged, otherwise by a path from its folder."""
     from operator_app.config.resources import builtin_names, expanded
 
     if file in (*builtin_names("arm"), *builtin_names("fixture")):

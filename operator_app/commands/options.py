@@ -83,7 +83,8 @@ ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
 def option(parser: argparse._ActionsContainer, usage: str, words: str, **more: Any) -> None:
     """Declare an option by its usage, such as ``-o --output FILE``, or an argument: ``poses+ FILE``, ``poses``.
 
-    An option without a metavar (and without `choices`) is a switch, else by default a text that must not be empty.
+    An option without a metavar (and without `choices`) is a switch; any other takes, by default, text that must not be
+    empty.
     """
     names = usage.split()
     if not usage.startswith("-"):
@@ -114,7 +115,7 @@ def tolerance_m(args: argparse.Namespace) -> float | None:
 
 
 def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> None:
-    """``-i -c -b`` as in python-can, and ``--profile``."""
+    """Declare ``-i -c -b`` as in python-can, and ``--profile``."""
     group = parser.add_argument_group("bus (python-can's names; also CAN_INTERFACE and can.conf)")
     option(
         group,
@@ -133,7 +134,7 @@ def bus_options(parser: argparse.ArgumentParser, *, profile: bool = True) -> Non
 
 
 def bus_of_others(args: argparse.Namespace) -> BusSettings:
-    """Return the bus of ``-i -c -b``; UsageError for one that no other process can be on."""
+    """Return the bus of ``-i -c -b``; raises UsageError for a bus that no other process can use."""
     from hardware.buses.python_can import bus_settings
     from operator_app.config.user_settings import usual_bus
 
@@ -146,7 +147,7 @@ def bus_of_others(args: argparse.Namespace) -> BusSettings:
 
 
 def scenario_options(parser: argparse.ArgumentParser) -> None:
-    """``--scenario`` and ``--seed`` of the virtual arm."""
+    """Declare ``--scenario`` and ``--seed`` of the virtual arm."""
     group = parser.add_argument_group("virtual arm")
     option(
         group,
@@ -160,7 +161,7 @@ def scenario_options(parser: argparse.ArgumentParser) -> None:
 
 
 def arm_bus_options(parser: argparse.ArgumentParser) -> None:
-    """The bus of an arm, which may be a virtual one."""
+    """Declare the options for the bus of an arm, which may be a virtual one."""
     bus_options(parser)
     scenario_options(parser)
 
@@ -174,7 +175,7 @@ def placement_count(text: str) -> int:
 
 
 def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
-    """``--arm``, ``--fixture`` and ``--drop-unidentifiable`` of a command with a file of poses."""
+    """Declare ``--arm``, ``--fixture`` and ``--drop-unidentifiable`` for a command with a file of poses."""
     option(parser, "--arm ARM", "arm file or built-in name", default="sarcos_dextrous")
     option(parser, "--fixture FIXTURE", "fixture file or built-in name", default="hinge")
     option(
@@ -185,7 +186,7 @@ def arm_and_fixture_options(parser: argparse.ArgumentParser) -> None:
 
 
 def arm_options(parser: argparse.ArgumentParser) -> None:
-    """SESSION or ``--arm``: the arm of a command without poses."""
+    """Declare SESSION and ``--arm``, which select the arm of a command without poses."""
     option(
         parser,
         "session? SESSION",
@@ -201,7 +202,7 @@ def arm_options(parser: argparse.ArgumentParser) -> None:
 
 
 def opening_from(args: argparse.Namespace) -> Opening:
-    """Return the opening for the arm of a session, or of the options."""
+    """Return the `Opening` for the arm of a session, or for the arm given by the options."""
     from dataclasses import replace
 
     from operator_app.config.arm_file import load_arm
@@ -225,7 +226,7 @@ def recording(args: argparse.Namespace, opening: Opening) -> Path | None:
 
 
 def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
-    """Return the choices of these options, with the operator of the user settings if `journal`."""
+    """Return the choices made by these options, with the operator's name from the user settings if `journal`."""
     from operator_app.session.workflow.opening import Choices
 
     if args.seed is not None and args.seed < 0:
@@ -257,12 +258,12 @@ def _operator_name() -> str | None:
 
 
 def parse_joints(text: str | None) -> tuple[int, ...]:
-    """Parse ``--unsensed``; () without it."""
+    """Parse ``--unsensed``; returns () if it is absent."""
     return given_joints(text) or ()
 
 
 def given_joints(text: str | None) -> tuple[int, ...] | None:
-    """Parse ``--unsensed``; None without it."""
+    """Parse ``--unsensed``; returns None if it is absent."""
     return None if text is None else parse_numbers(text, "--unsensed")
 
 

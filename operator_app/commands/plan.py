@@ -103,7 +103,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _code(shown: Preview) -> ExitCode:
-    """Return the exit code; that of `sarcal run` if a fixture check refuses."""
+    """Return the exit code; if a fixture check refuses, the one that `sarcal run` would return."""
     from fixtures.base import Severity
 
     refused = any(c.severity is Severity.REFUSED for c in shown.checks)
@@ -171,7 +171,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
 def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
 ) -> tuple[RankedPlacement, ...]:
-    """Search for hinge placements around the nominal or estimated one."""
+    """Search for better hinge placements around the nominal or estimated one."""
     from operator_app.planning.advice import advise
 
     values = None

@@ -1,4 +1,4 @@
-"""`sarcal probe`: nodes on a bus and their differences from a bus profile, or a draft of one."""
+"""`sarcal probe`: lists the nodes on a bus and their differences from a bus profile, or drafts a profile."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _report_no_nodes(found: Probe, bus: str) -> bool:
-    """Print why no nodes were probed; return whether that is so."""
+    """If no nodes were probed, print why and return true."""
     if found.busy:
         heard = ", ".join(map(str, found.heard)) or "none"
         say(
@@ -156,6 +156,6 @@ def _drafted(made: BusProfile, file: Path) -> str:
 
 
 def _name(file: Path) -> str:
-    """Return a valid profile name from the file name."""
+    """Return a valid profile name made from the file name."""
     name = re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem)[:64]
     return name if re.match(r"[A-Za-z]", name) else f"profile_{name}"[:64]

@@ -72,7 +72,7 @@ def execute(args: argparse.Namespace) -> int:
 def report(
     cleared: dict[int, str], stays: dict[int, str], *, arm_joints: int, in_json: bool
 ) -> None:
-    """Print the faults of joints that were cleared, and those that stay."""
+    """Print which joints' faults were cleared, and which remain."""
     if in_json:
         facts = {
             "cleared": [{"joint": j, "was": text} for j, text in cleared.items()],

@@ -1,4 +1,4 @@
-"""`sarcal run`: a procedure from Connect to Export without questions."""
+"""`sarcal run`: carries out a procedure from Connect to Export without questions."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(args: argparse.Namespace) -> int:
-    """Run and report; leave the arm held."""
+    """Run and report; at the end the arm holds its position."""
     from operator_app.composition import unattended
     from operator_app.errors import NotLetGoError
     from operator_app.headless.console import ConsoleListener
@@ -103,7 +103,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _solver_for(session: Session) -> AbstractContextManager[Solver]:
-    """Return the solver: a separate process for an arm in real time, so that SYNC is not delayed."""
+    """Return the solver: a separate process if the arm runs in real time, so that SYNC is not delayed."""
     from operator_app.session.store.solver_process import SolvingProcess, solve_here
 
     if session.state.settings["interface"] == "virtual":

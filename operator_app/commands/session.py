@@ -101,7 +101,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _procedure_of(state: SessionState) -> str:
-    """Return the procedure of a session, as far as its documents can be read."""
+    """Return the procedure of a session as text, as far as its documents can be read."""
     from operator_app.config.strict_yaml import load_strict
 
     try:

@@ -146,7 +146,7 @@ def execute(args: argparse.Namespace) -> int:
 
 
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
-    """Return the poses of ``--test``; UsageError if they are not an independent test."""
+    """Return the poses of ``--test``; raises UsageError if they are not independent of the calibration's poses."""
     from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.verification import NoTestError, require_new
     from operator_app.config.poses_file import load_poses
@@ -167,7 +167,7 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
-    """Return the digest of the poses of ``--rvdt-table`` and its corrections; () without it."""
+    """Return the digest of the poses behind ``--rvdt-table``, and its corrections; "" and () without that option."""
     from operator_app.calibration.rvdt import tables_of
     from operator_app.config.parameters_file import load_parameters
     from solver.chain.sensors import Rvdt
@@ -204,5 +204,5 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
 
 
 def _stays_on_hand(fixture: EndpointConstraint) -> bool:
-    """Whether the calibration can be tested at another socket of the same ball."""
+    """Whether the fixture stays on the tool, so that poses at a ball's other socket can test the calibration."""
     return fixture.kind == "ball" and fixture.stays_on_hand

@@ -1,4 +1,4 @@
-"""The table of commands with their summaries and their modules, and its completion in a shell."""
+"""The table of commands with their summaries and modules, and their completion in a shell."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def module(command: str) -> Any:
 
 
 def parser_of(command: str) -> argparse.ArgumentParser:
-    """Return the parser of one command, `app` for `sarcal` itself, as its help page shows it."""
+    """Return the parser of one command (`app` stands for `sarcal` itself) as its help page shows it."""
     made = argparse.ArgumentParser(prog="sarcal" if command == APP else f"sarcal {command}")
     module(command).add_arguments(made)
     return made
@@ -58,7 +58,7 @@ SESSION_ARGUMENTS = ("session", "name", "a", "b", "resume")
 
 
 def words_to_complete(environ: Mapping[str, str] = os.environ) -> list[str] | None:
-    """Return the words of the command line to be completed; None outside of completion."""
+    """Return the words of the command line to be completed; None if no completion was requested."""
     if "_ARGCOMPLETE" not in environ:
         return None
     line = environ.get("COMP_LINE", "")
@@ -70,7 +70,7 @@ def words_to_complete(environ: Mapping[str, str] = os.environ) -> list[str] | No
 
 
 def complete(parser: argparse.ArgumentParser, command: argparse.ArgumentParser | None) -> None:
-    """Complete and exit; return if argcomplete is not installed."""
+    """Complete and exit; only returns if argcomplete is not installed."""
     try:
         import argcomplete  # type: ignore[import-not-found,import-untyped,unused-ignore]
     except ImportError:

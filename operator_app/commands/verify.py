@@ -156,7 +156,7 @@ def _open_loop(
 def _open_arm(
     args: argparse.Namespace, judged: Opening, wanted: int | None
 ) -> tuple[Measured, PoseSet]:
-    """Capture poses of the open arm, in a separate session, on the bus of the session."""
+    """Capture poses of the open arm in a session of their own, on the bus of the calibration's session."""
     import numpy as np
 
     from fixtures.measured import Measured

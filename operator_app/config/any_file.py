@@ -1,4 +1,4 @@
-"""Files of any kind: detection of the kind, all problems of all files at once, their JSON Schemas."""
+"""Files of any kind: finds their kind, all problems of all files at once, and their JSON Schemas."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ FILES: dict[FileKind, tuple[type[StrictModel | StrictRecord], ...]] = {
 
 
 def keys_of(kind: FileKind) -> frozenset[str]:
-    """Return the keys that a file of a kind may have at its top, beside ``schema``."""
+    """Return the keys that a file of a kind may have at its top level, in addition to ``schema``."""
     whole = (adapter(model).json_schema() for model in FILES[kind])
     return frozenset(key for model in whole for key in model.get("properties", ()))
 
@@ -80,7 +80,7 @@ def json_schema(kind: FileKind) -> dict[str, Any]:
 
 @cache
 def _meanings() -> dict[str, dict[str, str]]:
-    """Return descriptions of keys, by kind of file, that their models do not have."""
+    """Return, by kind of file, descriptions of keys for which their models have no docstring."""
     text = (files("operator_app") / "data" / "key_meanings.yaml").read_text("utf-8")
     found: dict[str, dict[str, str]] = yaml.safe_load(text)
     return found
@@ -92,12 +92,12 @@ def schema_name(kind: FileKind) -> str:
 
 
 def schema_line(kind: FileKind) -> str:
-    """Return the comment at the top of a file by which editors find its schema, without ``#``."""
+    """Return the comment (without ``#``) at the top of a file with which editors find its schema."""
     return f"yaml-language-server: $schema={schema_name(kind)}"
 
 
 def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
-    """Write a file, and first, beside it, the JSON Schema that its first line names; raises WriteError."""
+    """Write the JSON Schema that the file's first line names, then the file beside it; raises WriteError."""
     schema = json.dumps(json_schema(kind), indent=1) + "\n"
     write_atomically(target.parent / schema_name(kind), schema.encode())
     write_atomically(target, data)
@@ -111,7 +111,7 @@ Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | L
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looked:
-    """One file: its kind (None: unknown), and its content if it is valid."""
+    """Result for one file: its kind (None: unknown), and its content if it is valid."""
 
     source: Resource
     kind: AnyKind | None
@@ -139,7 +139,7 @@ def read_any(path: str) -> Resource:
 
 
 def kind_of(source: Resource) -> AnyKind | None:
-    """Return the kind of a file: by its ``schema`` line, else by its keys or its header."""
+    """Return the kind of a file, from its ``schema`` line or, without one, from its keys or its header."""
     text = source.data.decode("utf-8", errors="replace")
     kinds = SCHEMA_LINE.search(text)
     for kind in FILES:
@@ -161,7 +161,7 @@ def kind_of(source: Resource) -> AnyKind | None:
 
 @dataclass(slots=True)
 class _Reader:
-    """Reads one file after the other; arms first, since they define the number of joints of the others."""
+    """Reads one file after the other, arms first, since they define the number of joints in the others."""
 
     joints: set[int] = field(default_factory=set)
     problems: dict[Problem, None] = field(default_factory=dict)
@@ -203,7 +203,7 @@ class _Reader:
         raise only(file, "the kind of this file cannot be recognised", remedy, line=1)
 
     def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
-        """Refuse poses whose number of joints is that of no arm."""
+        """Refuse poses whose number of joints differs from that of every arm."""
         count = loaded.poses.joint_count
         if self.joints and count not in self.joints:
             known = " and ".join(map(str, sorted(self.joints)))
@@ -233,7 +233,7 @@ def look_through(
     known
         Expected kind of some files, by name.
     missing
-        Problems of further files, which cannot be read at all.
+        Problems of further files that cannot be read at all.
     """
     kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
     reader = _Reader(problems=dict.fromkeys(missing))

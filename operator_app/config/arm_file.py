@@ -70,7 +70,7 @@ class RowModel(StrictModel):
 
 
 class SensorFields(StrictModel):
-    """Common fields of all sensors: kind, and the names of the domain object's figures."""
+    """Common base of all sensors: kind, and the names of the domain object's figures."""
 
     makes: ClassVar[type[Sensor]]
 
@@ -176,7 +176,7 @@ class ArmFile(StrictModel):
     @field_validator("offset_tolerance_deg", mode="before")
     @classmethod
     def _known_or_unknown(cls, value: Any) -> Any:
-        """Refuse all wrong values in one sentence, which pydantic would not: it has no word for both alternatives."""
+        """Refuse any wrong value with one sentence for both alternatives, which pydantic cannot do."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if value == "unknown" or (number and 0.0 < value <= 180.0):
             return value
@@ -352,7 +352,7 @@ def _is_hayati(row: RowModel) -> bool:
 
 
 def _seen_by(entry: DhEntry, hayati: tuple[int, ...]) -> DhEntry:
-    """Return the entry that is identified for one freed by a file: beta in place of s between parallel axes."""
+    """Return the entry identified in place of one that a file frees: between parallel axes beta in place of s."""
     if entry.kind is DhKind.S and entry.row in hayati:
         return DhEntry(DhKind.BETA, entry.row)
     return entry
@@ -364,12 +364,12 @@ def parse_arm(data: bytes, file: str) -> ArmModel:
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems.
+        The file is invalid; the error lists all problems.
     """
     return read_model(ArmFile, data, kind="arm", file=file).model()
 
 
 def load_arm(reference: str | Path) -> ArmModel:
-    """Read an arm by built-in name or path; raises as `parse_arm`."""
+    """Read an arm by built-in name or path; raises the same errors as `parse_arm`."""
     found = resolve("arm", reference)
     return parse_arm(found.data, found.file)

@@ -1,6 +1,6 @@
-"""Writes files completely or not at all, even in a power cut; writes YAML that `strict_yaml` reads back exactly.
+"""Writes files completely or not at all, even in a power cut, and YAML that `strict_yaml` reads without any change.
 
-Floats are written with the digits that read back as the same double (never more than 17), text is quoted whenever it
+Floats are written with as many digits as are needed to read the same double (at most 17); text is quoted whenever it
 could be read as another type.
 """
 
@@ -25,9 +25,9 @@ def write_atomically(path: Path, data: bytes, *, through_link: bool = False) -> 
     """Write `data` to `path`: temporary file in the same folder, fsync, rename, fsync of the folder.
 
     A reader sees the old file or the new one, never a part. The permissions of an existing file are kept. A symbolic
-    link is replaced by a file, and its target does not change: the folder may come from somebody else. With
-    `through_link` the target is replaced instead. A device, a pipe or a link to one is refused: root would replace
-    `/dev/null` for every program.
+    link is replaced by a file and its target is not changed, since the folder may come from somebody else. With
+    `through_link` the target is replaced instead. A device, a pipe or a link to one is refused, since root could
+    otherwise replace `/dev/null` for every program.
 
     Raises
     ------
@@ -82,12 +82,12 @@ PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_./-]*")
 
 
 def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
-    """Write a mapping of plain values; `comment` lines go first, behind ``#``.
+    """Write a mapping of plain values; the lines of `comment` come first, each after a ``#``.
 
     Raises
     ------
     ValueError
-        A strict file cannot hold a value, such as NaN.
+        A value cannot be written in a strict file, such as NaN.
     """
     text = yaml.dump(
         data,
@@ -102,7 +102,7 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
 
 
 def float_text(value: float) -> str:
-    """Shortest decimal that reads back as the same double; always with a point."""
+    """Shortest decimal number that is read as the same double; always with a point."""
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written: only finite numbers can")
     text = repr(float(value))

@@ -1,4 +1,4 @@
-"""Strict reading of CSV: records with their line, problems with line and column."""
+"""Strict reading of CSV: records with their line numbers, and problems with line and column."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class BadCell(Exception):
 
 
 def read_records(text: str, file: str, *, example: str) -> Iterator[Record]:
-    """Split a file into records, the header first, one by one; blank lines are left out.
+    """Yield the records of a file, the header first; blank lines are skipped.
 
     Raises
     ------
     ConfigError
-        The file is empty (`example` is a valid header), or not CSV with commas.
+        The file is empty (the message shows `example` as a valid header), or it is not CSV with commas.
     """
     first = next((line for line in io.StringIO(text, newline=None) if line.strip()), None)
     if first is None:
@@ -84,14 +84,14 @@ def read_columns(
     columns
         Names in the order of the file, and the function that reads a cell of each and raises `BadCell`.
     packed
-        Columns stored as floats of 8 bytes, a quarter of the size of objects.
+        Columns to be stored as floats of 8 bytes, a quarter of the size of objects.
     unique
         Columns whose values have to differ between rows, and the remedy if they do not.
 
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems, up to a hundred.
+        The file is invalid; the error lists all problems, up to a hundred.
     """
     problems: list[Problem] = []
     found: dict[str, MutableSequence[Any]] = {
@@ -175,7 +175,7 @@ def whole_number(cell: str) -> int:
 
 
 def write_records(records: Iterable[Iterable[str]], *, texts: Collection[str] = ()) -> bytes:
-    """Write records, the header first, so that `read_records` returns the same cells.
+    """Write records, the header first, in such a way that `read_records` returns the same cells.
 
     Cells of the columns named in `texts` are free text: they are written so that no spreadsheet takes them for a
     formula and no terminal interprets them; `text_of` returns the original text.

@@ -1,4 +1,4 @@
-"""Errors and masses stated in files, and the defaults for those that are not.
+"""Errors and masses stated in files, and defaults for those that are not stated.
 
 The defaults are what an ordinary workshop achieves. All are one standard deviation, 0 is
 exact: a plain ``tolerance: 0`` or ``give: 0`` sets all figures of that mapping to 0.
@@ -37,7 +37,7 @@ GIVE_MM, GIVE_MRAD = 0.2, 0.2
 
 
 class Uncertain(StrictModel):
-    """Base of mappings of figures, which a plain 0 in the file sets to 0."""
+    """Base of mappings of figures, in place of which a file may have a plain 0 that sets them all to 0."""
 
     # In JSON Schema bounds concern numbers only, keys mappings only.
     model_config = ConfigDict(
@@ -59,13 +59,13 @@ class ToleranceModel(Uncertain):
 
 
 class RowToleranceModel(Uncertain):
-    """Uncertainty of the lengths and twists of one row that differs from the table's."""
+    """Uncertainty of the lengths and twists of a single row, where it differs from that of the table."""
 
     length_mm: StatedMm | None = None
     twist_deg: StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Domain object; figures not stated here are those of the whole arm."""
+        """Domain object; figures not stated in the row are those of the whole arm."""
         length = arm.length_mm if self.length_mm is None else self.length_mm
         twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
         return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
@@ -88,14 +88,14 @@ class GiveModel(Uncertain):
 
 
 def assumed_of_rows(arm: ToleranceModel, rows: Sequence[RowToleranceModel]) -> Iterator[str]:
-    """Figures of the table that are not stated for some row."""
+    """Figures of the table that some rows do not state."""
     for key in ToleranceModel.model_fields:
         if key not in arm.model_fields_set and any(getattr(row, key) is None for row in rows):
             yield f"tolerance.{key}: {getattr(arm, key):g}"
 
 
 def assumed_of_joints(key: str, models: Mapping[int, StrictModel]) -> Iterator[str]:
-    """Return, as text, for which joints (by number) the figure `key` is not in the file."""
+    """Return, as text, the joints (by number) for which the file does not state the figure `key`."""
     silent = [j for j, model in models.items() if key not in model.model_fields_set]
     if silent:
         value = getattr(models[silent[0]], key)
@@ -107,9 +107,9 @@ MASS_PERCENT, CENTRE_MM, TILT_DEG = 20.0, 15.0, 3.0
 
 
 class LinkModel(StrictModel):
-    """Parts that move with one joint: their mass and its centre.
+    """Parts that move with one joint: their mass and centre of mass.
 
-    Without it, deflections under load are modelled as any smooth function of the pose.
+    Without masses, deflections under load are modelled as an arbitrary smooth function of the pose.
     """
 
     link: Annotated[Count, Field(description="The joint that it moves with, from 1.")]

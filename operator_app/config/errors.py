@@ -1,4 +1,4 @@
-"""Problems of files, as errors; those of pydantic translated for the operator: problem and remedy."""
+"""Problems of files, as errors. Pydantic's errors are translated into a problem and a remedy for the operator."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Problem:
     file
         Name of the file as typed by the user, or ``packaged:<name>``.
     line
-        Line, from 1; None if the problem is the whole file (missing, empty).
+        Line, from 1; None if the problem concerns the whole file (missing, empty).
     column
         YAML: character in the line, from 1. CSV: number of the field, from 1.
     key
@@ -61,7 +61,7 @@ class ConfigError(Exception):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
     def __reduce__(self) -> tuple[type[ConfigError], tuple[tuple[Problem, ...]]]:
-        """Rebuild from the problems: the error may come from another process."""
+        """Pickle by the problems: the error may come from another process."""
         return type(self), (self.problems,)
 
 
@@ -90,12 +90,12 @@ def decode_text(data: bytes, file: str) -> str:
 def only(
     file: str, text: str, remedy: str, *, line: int | None = None, column: int | None = None
 ) -> ConfigError:
-    """Build the error of a file with one problem."""
+    """Build the error of a file that has one problem."""
     return ConfigError((Problem(file=file, line=line, column=column, text=text, remedy=remedy),))
 
 
 def words_for(error: ErrorDetails) -> tuple[str, str]:
-    """Return a pydantic error as problem and remedy for the operator."""
+    """Translate a pydantic error into problem and remedy for the operator."""
     kind, context = error["type"], error.get("ctx", {})
     value = error["input"]
     if kind == "missing":

@@ -56,7 +56,7 @@ class FixtureSpec:
 
     @property
     def tolerance_m(self) -> float:
-        """Tolerance of the placement (lengths): the true one is within it."""
+        """Tolerance of the placement (lengths): the true placement is within it."""
         return self.fixture.tolerance.position_m
 
     @property
@@ -71,7 +71,7 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems.
+        The file is invalid; the error lists all problems.
     """
     found = read_by_kind(MODELS, data, kind="fixture", file=file)
     return FixtureSpec(
@@ -82,7 +82,7 @@ def parse_fixture(data: bytes, file: str) -> FixtureSpec:
 
 
 def load_fixture(reference: str | Path) -> FixtureSpec:
-    """Read a fixture by built-in name or path; raises as `parse_fixture`."""
+    """Read a fixture by built-in name or path; raises the same errors as `parse_fixture`."""
     found = resolve("fixture", reference)
     return parse_fixture(found.data, found.file)
 
@@ -143,7 +143,7 @@ class CommonFields(StrictModel, ABC):
 
 
 class MetalFields(CommonFields):
-    """Common fields of the files of all fixtures that constrain the tool.
+    """Common fields in the files of fixtures that constrain the tool.
 
     `stiffness` was a field of earlier versions and had no effect; files that state it are still read. The compliance is
     in `give`.
@@ -162,8 +162,8 @@ class MetalFields(CommonFields):
 class HingePlacement(StrictModel):
     """Nominal placement of a hinge.
 
-    The offsets of the first and the last joint count from the common normals to the hinge axis: they are the last two
-    keys. Without these the arm's own offsets are used.
+    The last two keys are the offsets of the first and the last joint, measured from the common normals to the hinge
+    axis. Without them the arm's own offsets are used.
     """
 
     a_0_mm: LengthMm

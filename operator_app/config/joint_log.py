@@ -42,7 +42,7 @@ RANGE = re.compile(r"([1-9]\d{0,3})-([1-9]\d{0,3})")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of a log: its number, from 1, and its cells."""
+    """One line of a log: its number, from 1, and its cells."""
 
     line: int
     cells: list[str]
@@ -56,12 +56,12 @@ def load_joint_log(
     columns: str = "",
     placement: str = "",
 ) -> LoadedPoses:
-    """Read the poses of a log, or a poses file as `load_poses` does.
+    """Read the poses of a log; a poses file is read as by `load_poses`.
 
     Parameters
     ----------
     unit
-        Unit of the angles; None: degrees, unless they look like radians, which is refused.
+        Unit of the angles; None: degrees, but angles that look like radians are refused.
     columns
         Columns of joints 1 to n, in this order: numbers from 1 (``2-8``, ``3,1,2``) or names of the header; empty: all
         columns.
@@ -72,7 +72,7 @@ def load_joint_log(
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems.
+        The file is invalid; the error lists all problems.
     """
     data, file = read_limited(expanded(path), str(path), limit=LIMIT_BYTES), str(path)
     rows = read_rows(decode_text(data, file))
@@ -118,7 +118,7 @@ def load_joint_log(
 
 
 def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[str, ...] | None]:
-    """Return the number of each row's placement, from 1, and names of placements as notes."""
+    """Return the number (from 1) of each row's placement, and the names of placements as notes."""
     names = [row.cells[by] for row in body]
     for row, name in zip(body, names, strict=True):
         if not name:
@@ -135,7 +135,7 @@ def _placements(body: list[Row], by: int, file: str) -> tuple[list[int], tuple[s
 
 
 def read_rows(text: str) -> list[Row]:
-    """Split lines into cells, at commas if a line has any, else at white space."""
+    """Split lines into cells: at commas if the line has any, otherwise at white space."""
     found = []
     for line, words in enumerate(text.splitlines(), 1):
         if words.strip() and not words.lstrip().startswith("#"):
@@ -168,7 +168,7 @@ def find_column(option: str, word: str, header: list[str], there: int, file: str
 def find_columns(
     wanted: str, header: list[str], left: list[int], joint_count: int, file: str
 ) -> tuple[int, ...]:
-    """Return the indices of the columns of joints 1 to n; `left` are the candidates."""
+    """Return the indices of the columns of joints 1 to n, to be found among the columns `left`."""
     there = left[-1] + 1 if left else 0
     if not wanted:
         if len(left) == joint_count:
@@ -206,9 +206,11 @@ def find_columns(
 
 
 def numbered_series(names: Sequence[str], count: int) -> tuple[int, ...]:
-    """Return the places of names that differ only in a number, 0 or 1 to n; empty unless one series does.
+    """Return the places of names that differ only in a number, counted from 0 or 1.
 
-    Upper and lower case differ (`Q1` beside `q1` to `q7`), unless only names of mixed case are a series.
+    Empty unless exactly one series does.
+
+    Upper and lower case are distinguished (`Q1` beside `q1` to `q7`), unless a series exists only if they are not.
     """
     wanted = [*range(count)], [*range(1, count + 1)]
     for spelled in (names, [name.casefold() for name in names]):

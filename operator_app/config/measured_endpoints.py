@@ -1,4 +1,4 @@
-"""Measured endpoints: one measurement of an instrument, as a JSON object on a line or as a row of CSV.
+"""Measured endpoints: one measurement of an instrument, as a line with a JSON object or as a row of CSV.
 
 ``{"pose": "12", "x_m": 1.23, "y_m": -0.4, "z_m": 0.87, "rx_deg": 1.5, "ry_deg": -2, "rz_deg": 91}``. Without `pose` the
 first measurement after the request counts. An instrument that does not see the target sends ``"lost"`` with the reason.
@@ -48,7 +48,7 @@ UNIT_WITHIN = 1e-3
 
 
 def group_of(name: str) -> tuple[str, ...] | None:
-    """All columns of the representation to which a column of this name belongs; None if it is not an orientation."""
+    """All columns of the orientation's representation to which this column belongs; None if it belongs to none."""
     for group in (ROTATION, ROLL_PITCH_YAW, QUATERNION):
         if name in group:
             return group
@@ -59,7 +59,7 @@ def group_of(name: str) -> tuple[str, ...] | None:
 
 
 def groups_in(names: Collection[str]) -> tuple[tuple[str, ...], ...]:
-    """All representations of an orientation to which any of these names belongs; at most one is valid."""
+    """All representations of an orientation to which any of these names belongs; a file may have at most one."""
     found = {group: None for name in names if (group := group_of(name)) is not None}
     return tuple(found)
 
@@ -136,7 +136,7 @@ class EndpointLine:
     endpoint
         Position (3,) m, followed by a rotation vector (rad) where measured: (6,); empty when lost.
     lost
-        Reason for a missing measurement of this pose; empty if there is one.
+        Why there is no measurement of this pose; empty if there is one.
     """
 
     pose: str
@@ -165,7 +165,7 @@ def read_row(heading: str, text: str) -> EndpointLine:
 
 
 def require_heading(heading: str) -> None:
-    """Refuse a heading with which no row could be read; raises BadLine."""
+    """Refuse a heading under which no row could be read; raises BadLine."""
     _require_names([name.strip() for name in _cells(heading)])
 
 
@@ -262,7 +262,7 @@ TRIANGLE_ROUNDS = 5
 def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     """Positions (m) and rotation vectors (rad) of the triangles of three points, (m, 6) from (m, 9).
 
-    An instrument that measures points only measures a pose by three targets: columns ``x1_m,y1_m,z1_m`` to
+    An instrument that measures only points can measure a pose with three targets: columns ``x1_m,y1_m,z1_m`` to
     ``x3_m,y3_m,z3_m`` of a poses file. Their places on the tool need not be known: the triangle common to all poses is
     the mean over them. Its frame has its origin in the centroid, x towards target 1, and z normal to the triangle
     (targets 1, 2, 3 counter-clockwise). For a standard deviation of s in each coordinate and sides of length a, that of
@@ -272,7 +272,7 @@ def poses_of_targets(points_m: FloatArray, labels: Sequence[str]) -> FloatArray:
     Raises
     ------
     ValueError
-        The triangle is nearly a line, or that of a pose differs from the others; the text names the pose.
+        The triangle is nearly a line, or that of one pose differs from those of the others; the text names the pose.
     """
     points = points_m.reshape(-1, 3, 3)
     centroid = points.mean(axis=1)

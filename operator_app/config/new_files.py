@@ -1,6 +1,6 @@
-"""Files written by `sarcal new`: fixture and procedure files, and packaged files under another name.
+"""Content of the files that `sarcal new` writes: fixture and procedure files, and packaged files under another name.
 
-All are read back by the same models as any other file.
+All are checked by the same models as any other file.
 """
 
 from __future__ import annotations

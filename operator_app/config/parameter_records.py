@@ -64,9 +64,9 @@ class JointParameters(StrictRecord):
     theta_off_deg
         Joint-angle offset: theta' = theta + theta_off.
     sigma_deg
-        Its standard deviation; None if it was not calibrated.
+        Standard deviation of the offset; None if it was not calibrated.
     home_offset_counts
-        The offset in counts of the joint's sensor, for 607Ch; None for a joint without a sensor.
+        The same offset in counts of the joint's sensor, for 607Ch; None for a joint without a sensor.
     """
 
     joint: Count
@@ -91,7 +91,7 @@ class DhRow(StrictRecord):
 class CalibratedEntry(StrictRecord):
     """An entry that was calibrated, with its standard deviation: an angle's in deg, a length's in m.
 
-    `side` is arm, ground or tool: only those of the arm stay valid in another mounting. None in files of version 1.
+    `side` is arm, ground or tool: only the arm's entries stay valid in another mounting. None in files of version 1.
     """
 
     entry: ExactText
@@ -134,16 +134,16 @@ class Correction(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RvdtRemedy(StrictRecord):
-    """Corrections of one RVDT from the closed loop, without its own readings.
+    """Corrections of one RVDT, determined by the closed loop without the RVDT's own readings.
 
     Attributes
     ----------
     theta_off_deg
         Offset that belongs to corrected readings.
     gain
-        Reading per angle, ideally 1; included in the table.
+        Change of reading per change of angle, ideally 1; included in the table.
     table
-        Corrections by rising reading, over the range that the poses cover; linear in between.
+        Corrections in rising order of the reading, over the range that the poses cover; to be interpolated linearly.
     """
 
     joint: Count
@@ -165,7 +165,7 @@ class RvdtRemedy(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwoFigures(StrictRecord):
-    """A figure in both interpretations of eqs. 14 and 15."""
+    """A figure by both interpretations of eqs. 14 and 15."""
 
     rms: NonNegativeNumber
     as_printed: NonNegativeNumber
@@ -217,7 +217,7 @@ def correlations_of(names: Sequence[str], covariance: FloatArray) -> dict[str, t
 def budget_of(
     names: Sequence[str], variance: FloatArray, parts: Mapping[str, FloatArray]
 ) -> dict[str, dict[str, float]]:
-    """Return the share of each part in each variance (k,), by part, without those that round to zero."""
+    """Return, by part, its share of each variance (k,), without parts that round to zero."""
     found = {}
     for k, name in enumerate(names):
         if variance[k] > 0.0:

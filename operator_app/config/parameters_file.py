@@ -1,4 +1,7 @@
-"""The parameters file (``sarcal/parameters/3``; 1 and 2 are read): read and written strictly, built from a table."""
+"""The parameters file (``sarcal/parameters/3``.
+
+Versions 1 and 2 are also read): reading, writing, and building it from a table.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocumen
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems.
+        The file is invalid; the error lists all problems.
     """
     try:
         return read_model(ParametersDocument, data, kind="parameters", file=file)
@@ -42,18 +45,18 @@ def parse_parameters(data: bytes, file: str = "parameters") -> ParametersDocumen
 
 
 def load_parameters(path: str | Path) -> ParametersDocument:
-    """Read a parameters file; raises as `parse_parameters`."""
+    """Read a parameters file; raises the same errors as `parse_parameters`."""
     where = expanded(path)
     return parse_parameters(read_limited(where, str(path), limit=YAML_LIMIT_BYTES), str(path))
 
 
 def format_parameters(document: ParametersDocument) -> bytes:
-    """Write a document; `parse_parameters` returns the same one, bit for bit.
+    """Write a document from which `parse_parameters` returns the same document, bit for bit.
 
     Raises
     ------
     ConfigError
-        The document is not valid, for instance after a diverged fit: it is checked before it goes to a controller.
+        The document is not valid, for instance after a diverged fit: it is checked before it is sent to a controller.
     """
     # An entry has one of two sigmas; the other is left out.
     body = adapter(ParametersDocument).dump_python(document, exclude_defaults=True)
@@ -72,12 +75,15 @@ def format_parameters(document: ParametersDocument) -> bytes:
 
 
 def save_parameters(path: Path, document: ParametersDocument) -> None:
-    """Write a parameters file atomically; WriteError if the system refuses, else as `format_parameters`."""
+    """Write a parameters file atomically.
+
+    Raises WriteError if the system refuses, and the errors of `format_parameters`.
+    """
     write_atomically(path, format_parameters(document))
 
 
 def rows_from_table(table: DhTable) -> tuple[DhRow, ...]:
-    """Rows 0..n of a table in SI units, in the units of the document."""
+    """Convert rows 0..n of a table in SI units to the units of the document."""
     theta_off_deg = degrees_for_file(table.theta_off_rad)
     alpha_deg, beta_deg = map(degrees_for_file, (table.alpha_rad, table.beta_rad))
     return tuple(

@@ -2,7 +2,7 @@
 
 Angles in the file are degrees and are read with ``np.deg2rad``; lengths are metres. ``sd<j>_deg``,
 ``samples``, ``utc``, ``note``, ``x_m,y_m,z_m`` and ``rx_deg,ry_deg,rz_deg`` (a rotation vector; Euler angles and others
-have other names, see `measured_endpoints`) or three targets may follow. The columns may have any order.
+have other names, see `measured_endpoints`) or three targets may follow. The columns may be in any order.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class LoadedPoses:
 
 
 def load_poses(path: str | Path, *, joint_count: int | None = None) -> LoadedPoses:
-    """Read a poses file; raises as `parse_poses`."""
+    """Read a poses file; raises the same errors as `parse_poses`."""
     if str(path).endswith((".mcap", ".db3")):
         raise only(str(path), "is a ROS 2 bag", "sarcal import makes poses of it")
     data = read_limited(expanded(path), str(path), limit=LIMIT_BYTES)
@@ -92,12 +92,12 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     Parameters
     ----------
     joint_count
-        Number of the arm's joints; None takes that of the file.
+        Number of the arm's joints; None: as in the file.
 
     Raises
     ------
     ConfigError
-        The file is wrong; lists up to a hundred problems.
+        The file is invalid; the error lists up to a hundred problems.
     """
     records = read_records(decode_text(data, file), file, example=HEADER_EXAMPLE)
     line, header = next(records)
@@ -130,7 +130,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
 
 
 def format_poses(poses: PoseSet) -> bytes:
-    """Format poses as CSV: every number with the digits that read back as the same double."""
+    """Format poses as CSV, every number with as many digits as are needed to read the same double."""
     joints = range(1, poses.joint_count + 1)
     columns: dict[str, Any] = {
         "placement": poses.placement.tolist(),
@@ -238,7 +238,7 @@ def _known(name: str) -> bool:
 
 
 def _in_our_unit(name: str, candidates: list[str]) -> str:
-    """Return the column that this one states in another unit; empty if there is none."""
+    """Return the column of the format that has this quantity in another unit; empty if there is none."""
     unit = UNIT.fullmatch(name)
     return next((c for c in candidates if unit and c.rpartition("_")[0] == unit[1]), "")
 
@@ -284,7 +284,7 @@ def _quantity(name: str, cell: str) -> float:
 
 
 def _as_numbered(columns: Mapping[str, Sequence[Any]]) -> Mapping[str, Sequence[Any]]:
-    """Return the rows in the order of their pose numbers; named poses keep their place."""
+    """Return the rows in the order of their pose numbers; poses with names keep their places."""
     numbers = [NUMBERED.fullmatch(label) for label in columns["pose"]]
     if not all(numbers) or len({m[1] for m in numbers if m}) > 1:
         return columns
@@ -337,7 +337,7 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
 
 
 def _times_suspected(poses: PoseSet, file: str) -> tuple[FileWarning, ...]:
-    """Return a warning of poses without a valid time, from which the direction of approach would follow."""
+    """Return a warning that poses lack a valid time, from which their direction of approach would follow."""
     given = poses.utc or ()
     if not any(given):
         return ()
@@ -367,7 +367,7 @@ def _time(utc: str) -> datetime | None:
 
 
 def _euler_suspected(poses: PoseSet) -> tuple[FileWarning, ...]:
-    """Return a warning of three angles that cannot be a rotation vector, which is at most half a turn."""
+    """Return a warning that three angles cannot be a rotation vector, whose length is at most half a turn."""
     if poses.endpoint is None or poses.endpoint.shape[1] < 6:
         return ()
     longest_deg = float(np.rad2deg(np.linalg.norm(poses.endpoint[:, 3:], axis=1).max()))

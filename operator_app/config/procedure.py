@@ -1,7 +1,7 @@
 """A procedure (``sarcal/procedure/1``): the settings of ``sarcal run``.
 
-`ProcedureFile` has the content of the file, in its units and in SI; it is checked against the arm elsewhere.
-`Procedure` adds its arm and fixture, and the operator's choices.
+`ProcedureFile` has the content of the file, in the file's units and in SI units; it is checked against the arm
+elsewhere. `Procedure` adds its arm and fixture, and the operator's choices.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ DEFAULT_PROFILE = "sarcos"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AcceptanceLimits(StrictRecord):
-    """Limits for the acceptance of a calibration; None is no limit.
+    """Limits for the acceptance of a calibration; None means no limit.
 
-    The sigmas are the ``rms`` interpretation of eqs. 14 and 15. Without its own limit, chi2/dof must lie below the
-    upper end of its 99.9 % band.
+    The sigmas are those of the ``rms`` interpretation of eqs. 14 and 15. Without a limit here, chi2/dof must lie below
+    the upper end of its 99.9 % band.
     """
 
     scaled_condition_number: Annotated[PositiveNumber, Field(ge=1.0)] = 100.0
@@ -80,20 +80,20 @@ class ProcedureBus(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Modes(StrictRecord):
-    """Drive joints, by number or chosen by the program; `trial`: also from small trial motions of the arm."""
+    """Drive joints, listed or chosen by the program; `trial`: the choice also uses small trial motions of the arm."""
 
     position: Literal["auto"] | Annotated[tuple[Count, ...], Field(min_length=1)]
     trial: Yes = False
 
     @property
     def listed(self) -> tuple[int, ...]:
-        """The joints listed in the file; none if the program chooses."""
+        """The joints listed in the file; empty if the program chooses them."""
         return () if self.position == "auto" else self.position
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exploration(StrictRecord):
-    """Travel of one drive joint, relative to where it starts (checked from the arm's home)."""
+    """Travel of one drive joint, relative to its start (the check of the file assumes the arm's home)."""
 
     joint: Count
     from_deg: Annotated[AngleDeg, Field(le=0.0)]
@@ -120,7 +120,7 @@ class Exploration(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SettleRule(StrictRecord):
-    """Standstill: every joint's spread over `window_syncs` SYNCs is small.
+    """Criterion for standstill: every joint's spread over `window_syncs` SYNCs is small.
 
     The limit is `spread_sigmas` standard deviations of the joint's sensor, but at least `spread_min_deg`; after
     `timeout_syncs` the pose is skipped.
@@ -156,12 +156,12 @@ class CapturePlan(StrictRecord):
     Attributes
     ----------
     strategy
-        ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan with the
-        estimate and take `poses` further poses.
+        Named ``plan`` in the file. ``explore``: visit waypoints in the box; ``planned``: explore a little, then plan
+        with the estimate and take `poses` further poses.
     poses
         Number of poses.
     exploration
-        The box of drive joint angles; empty if the modes are chosen automatically.
+        Ranges of the drive joints' angles ("box"); empty if the modes are chosen automatically.
     speed_deg_per_s
         Command speed of the drive joints.
     samples_per_pose
@@ -169,7 +169,7 @@ class CapturePlan(StrictRecord):
     seed
         Seed of the sequence of poses.
     requested_sigma
-        With a plan: combined standard uncertainties at which it may end early, by parameter name with unit.
+        For a plan: combined standard uncertainties at which it may end early, by parameter name with unit.
     """
 
     strategy: Annotated[Literal["explore", "planned"], Field(alias="plan")] = "explore"
@@ -194,17 +194,18 @@ class CapturePlan(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportChoice(StrictRecord):
-    """Use of the result."""
+    """What is done with the result."""
 
     upload: Yes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureFile(StrictRecord):
-    """The whole file, without its ``schema`` line; arm and fixture by name or path.
+    """The whole file, without its ``schema`` line; arm and fixture are given by name or path.
 
-    `home_deg` replaces the arm's home, at which this fixture may not close. `held` are free entries of the arm that
-    are fixed here, each with the reason. `tracker` is the source of an instrument's measurements, as in ``--tracker``.
+    `home_deg` replaces the arm's home, where the loop may not close in this fixture. `held` are free entries of the arm
+    that are fixed in this procedure, each with the reason. `tracker` is the source of an instrument's measurements, as
+    in ``--tracker``.
     """
 
     name: Name
@@ -223,7 +224,7 @@ class ProcedureFile(StrictRecord):
 
     @property
     def chosen_modes(self) -> Modes:
-        """The modes, in either form of the file."""
+        """The modes, from either form that the file may use."""
         return Modes(position="auto") if self.modes == "auto" else self.modes
 
 
@@ -244,7 +245,7 @@ class Procedure:
     profile
         Set-up of the arm's nodes on the bus.
     sources
-        The four files as found (procedure, arm, fixture, profile), for the session's snapshot.
+        The four files as read (procedure, arm, fixture, profile), of which the session keeps copies.
     position_joints
         Joints (1-based) in position mode; None: chosen automatically.
     trial

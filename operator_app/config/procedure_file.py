@@ -1,4 +1,4 @@
-"""The procedure file (``sarcal/procedure/1``): read with its other files, and checked against arm and fixture."""
+"""The procedure file (``sarcal/procedure/1``): reads it and the files it names; checks it against arm and fixture."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def parse_procedure(
 ) -> Procedure:
     """Read a procedure with its arm, fixture and bus profile.
 
-    Names are built-in names or paths; relative paths start from the procedure's own folder. The files in a `snapshot`
-    are used instead of the named ones.
+    Names are built-in names or paths; relative paths start from the procedure's own folder. The files in `snapshot`, if
+    given, are used instead of the named ones.
 
     Raises
     ------
     ConfigError
-        One of the four files is wrong; lists all problems.
+        One of the four files is invalid; the error lists all problems.
     """
     document = load_strict(source.data, source.file)
     problems: list[Problem] = []
@@ -97,7 +97,7 @@ def parse_procedure(
 
 
 def load_procedure(reference: str | Path) -> Procedure:
-    """Read a procedure by built-in name or path; raises as `parse_procedure`."""
+    """Read a procedure by built-in name or path; raises the same errors as `parse_procedure`."""
     return parse_procedure(resolve("procedure", reference))
 
 
@@ -123,7 +123,7 @@ def _referred(
     at: KeyPath = (),
     name: str = "",
 ) -> tuple[Resource, T] | None:
-    """File named in the procedure, under the key `kind` by default.
+    """Read the file named in the procedure, by default under the key `kind`.
 
     Its problems are added to `problems`.
     """
@@ -146,7 +146,7 @@ def _referred(
 def check_joints(
     found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
 ) -> Iterator[Problem]:
-    """Check joint numbers against each other and, where it is known, the arm."""
+    """Check joint numbers against each other and, if it is known, against the arm."""
     modes = found.chosen_modes
     drives = modes.listed
     lists: tuple[tuple[KeyPath, tuple[int, ...]], ...] = (
@@ -180,7 +180,7 @@ def check_joints(
 
 
 def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
-    """Check that the procedure's home is complete and in range, and that its `held` entries are free in the arm."""
+    """Check that the procedure's home is complete and in range, and that entries in `held` are free in the arm file."""
     if found.home_deg is not None:
         if len(found.home_deg) != arm.joint_count:
             text = f"has {len(found.home_deg)} angles for {arm.joint_count} joints"
@@ -204,7 +204,7 @@ def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> It
 def _check_exploration(
     found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
 ) -> Iterator[Problem]:
-    """Check that each existing drive joint has one travel, and no other joint has any; a plan needs none."""
+    """Check that each drive joint has exactly one travel and no other joint has any; a plan needs none."""
     here: KeyPath = ("capture", "exploration")
     named = [item.joint for item in found.capture.exploration]
     for k, joint in enumerate(named):
@@ -223,7 +223,7 @@ def _check_exploration(
 
 
 def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
-    """Check that travels from home stay inside the ranges, and the speed of the drive joints."""
+    """Check that travels from home stay inside the ranges, and check the speed of the drive joints."""
     boxes = [
         (k, item)
         for k, item in enumerate(found.capture.exploration)
@@ -254,7 +254,7 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
 def check_requested(
     found: ProcedureFile, parameters: Sequence[Parameter], document: YamlDocument
 ) -> Iterator[Problem]:
-    """Check that requested standard deviations name existing parameters, in their unit, and with a plan."""
+    """Check that requested standard deviations name existing parameters with their units, and are used with a plan."""
     here: KeyPath = ("capture", "requested_sigma")
     asked = found.capture.requested_sigma
     if asked and found.capture.strategy != "planned":

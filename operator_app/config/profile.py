@@ -40,7 +40,7 @@ _HEXADECIMAL = r"([0-9A-Fa-f]{1,8})h"
 def _form(
     pattern: str, what: str, example: str
 ) -> tuple[StringConstraints, object, WithJsonSchema]:
-    """Text that matches a pattern, with a readable error."""
+    """Type of a text that must match a pattern, with a readable error."""
 
     def check(text: str) -> str:
         if not re.fullmatch(pattern, text):
@@ -89,7 +89,7 @@ class PdoSpec(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointSpec(StrictRecord):
-    """Settings of one joint; others are as for all joints."""
+    """Settings of one joint; those not stated are as for all joints."""
 
     joint: Annotated[Count, Field(le=MAX_JOINTS)]
     node: NodeNumber | None = None
@@ -108,7 +108,7 @@ class JointSpec(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeviceType(StrictRecord):
-    """1000h of a supported drive, in the bits of the mask."""
+    """1000h of a supported drive, compared in the bits of the mask."""
 
     value: Hexadecimal
     mask: Hexadecimal
@@ -124,7 +124,7 @@ class ModeCodes(StrictRecord):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Patience(StrictRecord):
-    """Largest heartbeat period, and the silence after which a node counts as lost."""
+    """Limits of waiting: largest heartbeat period, and the silence after which a node counts as lost."""
 
     slowest_ms: Annotated[Count, Field(le=MAX_HEARTBEAT_MS)] = DEFAULT_HEARTBEAT_LIMIT_MS
     silent_after_s: Annotated[PositiveNumber, Field(ge=0.2, le=60.0)] | None = None
@@ -137,8 +137,8 @@ class ProfileFile(StrictRecord):
     Attributes
     ----------
     pdo_maps
-        ``compared``: a drive with other PDOs is refused. ``configured``: the PDOs are written into the drive at every
-        connection, before anything is enabled, and not stored.
+        ``compared``: a drive with different PDOs is refused. ``configured``: the PDOs are written into the drive at
+        every connection before anything is enabled, but not stored there.
     """
 
     name: Name
@@ -157,7 +157,7 @@ class ProfileFile(StrictRecord):
     sdo_timeout_s: Annotated[PositiveNumber, Field(ge=0.05, le=60.0)] | None = None
 
     def for_joints(self, count: int | None = None) -> BusProfile:
-        """Return the profile of an arm with this number of joints; None: with the largest possible number."""
+        """Return the profile of an arm with this number of joints; None: the largest possible number."""
         if count is None:
             listed = max((joint.joint for joint in self.joints), default=0)
             room = MAX_JOINTS if self.supervisor == "none" else min(MAX_JOINTS, self.supervisor - 1)

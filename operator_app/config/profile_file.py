@@ -1,4 +1,4 @@
-"""The bus profile (``sarcal/profile/1``): read, checked, and written as `sarcal probe` drafts it."""
+"""The bus profile (``sarcal/profile/1``): reads and checks it, and writes the draft of `sarcal probe`."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from operator_app.config.strict_yaml import load_strict
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
-    """Read a bus profile for an arm of `joints` joints; None: for the largest possible number.
+    """Read a bus profile for an arm of `joints` joints; None: the largest possible number.
 
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems.
+        The file is invalid; the error lists all problems.
     """
     document = load_strict(data, file)
     found = check_model(ProfileFile, document, kind="profile")
@@ -47,7 +47,7 @@ def load_profile(reference: str | Path, *, joints: int | None = None) -> BusProf
 
 
 def format_profile(profile: BusProfile, *, comment: str) -> bytes:
-    """Format a profile so that it reads back the same; common settings of all joints are written once."""
+    """Format a profile so that reading it gives the same profile; settings common to all joints are written once."""
     joints: list[dict[str, Any]] = [
         {"joint": number, "node": joint.node} for number, joint in enumerate(profile.joints, 1)
     ]
@@ -75,7 +75,7 @@ def format_profile(profile: BusProfile, *, comment: str) -> bytes:
 
 
 def _written(pdos: Sequence[Pdo], node: int | None) -> list[dict[str, Any]]:
-    """Return PDOs as in the file, their identifiers relative to a node; None: absolute."""
+    """Return PDOs as in the file, with identifiers relative to `node` (None: absolute)."""
     return [
         {
             "pdo": pdo.number,
@@ -99,7 +99,7 @@ Complaint = tuple[Place, str, str]
 
 
 def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
-    """Yield all problems of the profile of an arm of `joints` joints (None: of any)."""
+    """Yield all problems of a profile for an arm of `joints` joints (None: any number)."""
     yield from _check_supervisor(found)
     yield from _check_listed(found, joints)
     if found.modes.position == found.modes.free:

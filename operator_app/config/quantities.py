@@ -1,4 +1,4 @@
-"""Units of numbers in files: conversion to SI and back without loss, and plausible sizes."""
+"""Units of numbers in files: conversion to SI units and back without loss, and checks for plausible sizes."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def refuse(text: str, remedy: str = "") -> PydanticCustomError:
 
 
 def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert numbers, and tuples of them, to the units of the program, and rename them: a_mm to a_m."""
+    """Convert numbers (and tuples of numbers) to SI units, and rename them accordingly: a_mm to a_m."""
     found = {}
     for key, value in values.items():
         match = UNIT.fullmatch(key)
@@ -83,7 +83,7 @@ def angle_doubt(value_deg: float) -> str:
 
 
 def looks_like_radians(value_deg: float) -> bool:
-    """Whether a nominal twist given in degrees is a well-known number of radians (pi/2, pi)."""
+    """Whether a nominal twist given in degrees equals a well-known number of radians (pi/2, pi)."""
     return any(
         math.isclose(abs(value_deg), known, abs_tol=2e-3)
         for known in (0.5 * math.pi, math.pi, 1.5 * math.pi)
@@ -134,7 +134,7 @@ def _stated(limit: float, unit: str) -> Callable[[float], float]:
 
 
 def _range(largest: float, smallest: float | None = None) -> WithJsonSchema:
-    """Return the JSON Schema equivalent of one of the checks above."""
+    """Return the JSON Schema equivalent of one of these checks."""
     low = -largest if smallest is None else smallest
     return WithJsonSchema({"type": "number", "minimum": low, "maximum": largest})
 
@@ -172,10 +172,10 @@ Name = Annotated[str, StringConstraints(strict=True, pattern=r"^[A-Za-z][A-Za-z0
 
 
 def degrees_for_file(angle_rad: FloatArray | float) -> FloatArray:
-    """Degrees whose ``np.deg2rad`` is exactly `angle_rad` where such a double exists, else nearest.
+    """Degrees whose ``np.deg2rad`` is exactly `angle_rad`; if there is no such double, the nearest.
 
-    Of several, the one with the fewest digits. Angles that came from a file in degrees always have
-    one; so writing what was read, and reading it again, changes no bit.
+    If there are several, the one with the fewest digits. An angle that came from a file in degrees always has such a
+    double, so that reading, writing and reading again changes no bit.
     """
     wanted = np.asarray(angle_rad, dtype=np.float64)
     degrees = [_degrees(float(value)) for value in wanted.reshape(-1)]
@@ -198,5 +198,5 @@ def _degrees(wanted_rad: float) -> float:
 
 
 def short_degrees(angle_rad: FloatArray) -> list[float]:
-    """Round proposed angles (n,) to 1e-6 deg, for copying into a file."""
+    """Round proposed angles (n,) to 1e-6 deg, so that they can be copied into a file."""
     return [round(angle, 6) + 0.0 for angle in np.rad2deg(angle_rad).tolist()]

@@ -41,11 +41,11 @@ class JointRecording:
     Attributes
     ----------
     joints
-        Names of joints 1 to n in the recording.
+        Names of joints 1 to n as in the recording.
     source
         Topic or column of times.
     left_out
-        Number of messages or lines that lack a joint's angle or repeat the time of another one.
+        Number of messages or lines in which a joint's angle is missing, or which repeat the time of another one.
     """
 
     file: str
@@ -57,7 +57,7 @@ class JointRecording:
 
 
 def utc_text(time_s: float) -> str:
-    """Return a time since 1970 in the format of poses files; empty where it counts from something else."""
+    """Return a time since 1970 in the format of poses files; empty if times are counted from something else."""
     if time_s < SINCE_1970_S:
         return ""
     return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%dT%H:%M:%S.%f}"[:-3] + "Z"
@@ -76,16 +76,16 @@ def load_timed_log(
     Parameters
     ----------
     time
-        The column of times, by name or number: s; since 1970 also ms, us or ns; or ISO 8601.
+        The column of times, by name or number. Times are in s, in ms, us or ns since 1970, or in ISO 8601.
     joints, columns
-        As in `load_bag`; `columns` may be numbers as well.
+        As in `load_bag`; `columns` may also be numbers.
     unit
-        Unit of the angles; None: degrees, unless they look like radians, which is refused.
+        Unit of the angles; None: degrees, but angles that look like radians are refused.
 
     Raises
     ------
     ConfigError
-        The file is wrong; states the problem.
+        The file is invalid; the error states the problem.
     """
     file = str(path)
     text = decode_text(read_limited(expanded(path), file, limit=RECORDING_LIMIT_BYTES), file)
@@ -185,7 +185,7 @@ def recording_of(
 def find_joints(
     names: Sequence[str], joints: Sequence[str], *, file: str, columns: str = ""
 ) -> tuple[str, ...]:
-    """Return the names of joints 1 to n among `names`: those in `columns`, those of the arm, or numbered ones.
+    """Return which of `names` are joints 1 to n: those in `columns`, those in the arm file, or numbered ones.
 
     Numbered names, such as panda_joint1 to panda_joint7, are used if there is exactly one series of n.
     """
@@ -213,7 +213,7 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether the path is a file of a ROS 2 bag, or the folder of one."""
+    """Whether the path is a file of a ROS 2 bag, or a bag's folder."""
     where = expanded(path)
     try:
         return where.suffix in BAG_SUFFIXES or (where / "metadata.yaml").is_file()
@@ -238,7 +238,7 @@ def load_bag(
     Raises
     ------
     ConfigError
-        The bag cannot be read, or the extra is not installed; states the problem.
+        The bag cannot be read, or the optional package for bags is not installed; the error states the problem.
     """
     file = str(path)
     try:

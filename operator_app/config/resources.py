@@ -90,7 +90,7 @@ def resolve(kind: Kind, reference: str | Path, *, folder: Path | None = None) ->
 
 
 def expanded(reference: str | Path) -> Path:
-    """Return a path with ``~`` replaced by the home folder; an unknown user's is unchanged."""
+    """Return a path with ``~`` replaced by the home folder; unchanged for an unknown user."""
     path = Path(reference)
     try:
         return path.expanduser()
@@ -99,7 +99,7 @@ def expanded(reference: str | Path) -> Path:
 
 
 def read_limited(path: Path, shown: str, *, limit: int) -> bytes:
-    """Read a file of at most `limit` bytes; every refusal of the system becomes a ConfigError."""
+    """Read a file of at most `limit` bytes; any error of the system becomes a ConfigError."""
     try:
         if stat.S_ISFIFO(path.stat().st_mode) and not str(path).startswith(OPEN_ALREADY):
             # Opening it would wait for its writer, perhaps forever.

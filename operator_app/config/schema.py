@@ -1,9 +1,9 @@
 """Converts a strict YAML document to a checked model, and reports all problems at once.
 
-Wraps pydantic: its errors become `Problem`s with file, line and key, unknown keys get the key that
-was probably meant, and a misspelt key does not also count as a missing one. A model is a `StrictModel` that builds a
-domain object, or a dataclass below `StrictRecord` that is one itself: it is checked when read from a file or written to
-one, not when made in the program.
+Wraps pydantic: its errors become `Problem`s with file, line and key; for an unknown key the one that was probably meant
+is suggested, and a misspelt key is not also reported as missing. A model is a `StrictModel` that builds a domain
+object, or a dataclass derived from `StrictRecord` that is itself one, which is checked when read from a file or written
+to one, but not when made in the program.
 """
 
 from __future__ import annotations
@@ -53,16 +53,16 @@ _ADAPTERS: dict[Any, TypeAdapter[Any]] = {}
 
 
 def adapter(model: type[M]) -> TypeAdapter[M]:
-    """Pydantic's view of a model: reading, writing, JSON Schema. Built once, when first needed."""
+    """Pydantic's adapter of a model, for reading, writing and JSON Schema. Built once, when first needed."""
     if model not in _ADAPTERS:
         _ADAPTERS[model] = TypeAdapter(model)
     return _ADAPTERS[model]
 
 
 def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> None:
-    """Note a problem at `path` from inside a validator, without stopping the validation.
+    """Record a problem at `path` from inside a validator, without stopping the validation.
 
-    For checks between fields: they can name several places, and pydantic's own exceptions cannot.
+    This is for checks between fields, which may have to name several places, as pydantic's exceptions cannot.
     """
     cast("list[tuple[Path, str, str]]", info.context).append((path, text, remedy))
 
@@ -92,12 +92,12 @@ def read_model(model: type[M], data: bytes, *, kind: str, file: str) -> M:
 
 
 def check_model(model: type[M], document: YamlDocument, *, kind: str) -> M:
-    """Check a document that has been read; other behaviour as `read_model`."""
+    """Check a document that has already been read; otherwise like `read_model`."""
     return _validate(model, document, [*document.problems, *_check_schema(document, kind)])
 
 
 def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file: str) -> M:
-    """Read a file whose key ``kind`` selects its model; other behaviour as `read_model`."""
+    """Read a file whose key ``kind`` selects its model; otherwise like `read_model`."""
     document = load_strict(data, file)
     problems = [*document.problems, *_check_schema(document, kind)]
     which = document.data.get("kind")
@@ -127,7 +127,7 @@ def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -
 
 
 def is_unlike_any_key(problem: Problem) -> bool:
-    """Whether a problem is a key that resembles no known key at its place."""
+    """Whether a problem is an unknown key that resembles none of the keys known at its place."""
     return problem.text == UNKNOWN and problem.remedy.startswith(KNOWN_HERE)
 
 
@@ -194,10 +194,10 @@ def _problems(
 def _without_alternatives(
     document: YamlDocument, placed: list[tuple[Path, ErrorDetails]]
 ) -> list[tuple[Path, ErrorDetails]]:
-    """Keep one problem where a value may be a word or another type and is neither.
+    """Keep only one problem where a value may be a word or of another type, and is neither.
 
-    Pydantic lists the problems of every alternative. That of the word is kept if the value is nearly one, or if text
-    can only be a word.
+    Pydantic lists the problems of every alternative. The problem of the word is kept if the value is nearly one of the
+    words, or if only a word may be text.
     """
     kept = list(placed)
     for path, error in placed:
@@ -213,7 +213,7 @@ def _without_alternatives(
 
 
 def _path(document: YamlDocument, error: ErrorDetails) -> Path:
-    """Pydantic's location without the tags of unions, which are not in the file."""
+    """Pydantic's location without the tags of unions, which do not occur in the file."""
     path: Path = ()
     loc = error["loc"]
     for depth, part in enumerate(loc):
@@ -257,7 +257,7 @@ def _unknown_key(
 
 
 def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
-    """Keys the schema knows in the mapping at `path`."""
+    """Keys that the schema knows in the mapping at `path`."""
     whole = adapter(model).json_schema()
     found = [whole]
     for depth, part in enumerate(path, 1):
@@ -276,7 +276,7 @@ def _keys(document: YamlDocument, model: type[M], path: Path) -> list[str]:
 
 
 def _choices(node: dict[str, Any], whole: dict[str, Any], value: Any) -> list[dict[str, Any]]:
-    """Resolve a node of a JSON Schema; of several kinds only the one that `value` names."""
+    """Resolve a node of a JSON Schema; of several kinds, only the one that `value` names."""
     if "$ref" in node:
         return [whole["$defs"][node["$ref"].rpartition("/")[2]]]
     # Older versions of pydantic write a reference with a default as allOf of one.

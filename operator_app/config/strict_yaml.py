@@ -1,7 +1,7 @@
-"""Strict YAML with the line of every key.
+"""Reads strict YAML and records the line of every key.
 
 A subset of YAML 1.2: mappings, lists and plain scalars. Numbers are decimal, booleans are ``true``
-and ``false``; values that only YAML 1.1 takes for another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
+and ``false``; values that YAML 1.1 would take for another type (``yes``, ``12:30``, ``0x1F``, ``010``, dates) remain
 text, so that a schema that requires a number refuses them with a message. Anchors, aliases, tags, merge keys, duplicate
 keys and non-finite numbers are refused.
 """
@@ -42,7 +42,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
     Raises
     ------
     ConfigError
-        The file is not a YAML mapping. Problems that leave the rest readable are in the result.
+        The file is not a YAML mapping. Problems in spite of which the rest can be read are in the result.
     """
     text = _decode(data, file)
     if text.lstrip().startswith("<"):
@@ -81,13 +81,16 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
 
 @lru_cache(maxsize=16)
 def _composed(text: str, file: str) -> Node | None:
-    """Compose the one document. Opening a session reads the same packaged files several times."""
+    """Compose the single document of a file.
+
+    Cached, as opening a session reads the same packaged files several times.
+    """
     node: Node | None = StrictLoader(text, file).get_single_node()
     return node
 
 
 def resolve_plain(text: str) -> Scalar:
-    """Read an unquoted scalar; inf if a number does not fit into a double.
+    """Read an unquoted scalar; inf if a number is too large for a double.
 
     Raises
     ------
@@ -209,7 +212,7 @@ def _decode(data: bytes, file: str) -> str:
 
 
 def _syntax(error: yaml.MarkedYAMLError, text: str, line: int) -> tuple[str, str]:
-    """Return PyYAML's error as text for a person who edits the file."""
+    """Return PyYAML's error as text for the person who edits the file."""
     lines = text.splitlines()
     shown = lines[line - 1] if 0 < line <= len(lines) else ""
     problem = str(error.problem or error.context or "")
@@ -245,7 +248,7 @@ class YamlDocument:
     marks
         Line and column (from 1) of every key and list item, by path; ``()`` is the document.
     problems
-        Problems that leave the rest readable.
+        Problems in spite of which the rest can be read.
     unreadable
         Paths whose values are placeholders because of a problem.
     """
@@ -284,7 +287,7 @@ class YamlDocument:
         return value
 
     def name(self, path: Path) -> str:
-        """Format a path for people: list items by their own number where they have one."""
+        """Format a path for people; list items are named by their own number if they have one."""
         text = ""
         for depth, part in enumerate(path):
             if isinstance(part, str):
@@ -301,6 +304,6 @@ class YamlDocument:
 
 
 def _shown(text: str) -> str:
-    """A key as part of one line of text, whatever it holds."""
+    """A key as part of a line of text, whatever characters it contains."""
     plain = text if text.isprintable() and text else repr(text)
     return plain if len(plain) <= 60 else plain[:57] + "..."

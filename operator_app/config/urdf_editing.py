@@ -1,4 +1,4 @@
-"""A calibration as URDF: a new file, or the user's own with calibrated joint origins; UR's kinematics file.
+"""Writes a calibration as URDF: a new file, or the user's own (or UR's kinematics file) with calibrated joint origins.
 
 A D-H link ``Rz(q + theta_off) Tz(s) Tx(a) Rx(alpha) Ry(beta)`` is a revolute joint about z and then a fixed
 step; that step is the origin of the next joint, so that every joint value is a sensor reading.
@@ -36,12 +36,12 @@ def format_urdf(
 ) -> bytes:
     """Write links 1..n with the geometry of `table`, and ranges, speeds and torques of `arm`.
 
-    Joints have the arm's names where these are valid in a URDF: without spaces, and unique.
+    Joints have the arm file's names where these are valid in a URDF (without spaces, and unique).
 
     Parameters
     ----------
     T_tip
-        Pose of the link 'tip' on the last one at a reading of zero, (4, 4), m; None: no such link.
+        Pose of the link 'tip' relative to the last link at a reading of zero, (4, 4), m; None: no such link.
     comment
         Lines of a comment in the file.
     """
@@ -88,7 +88,7 @@ def xml_comment(lines: Iterable[str]) -> bytes:
 
 
 def _xml_text(text: str) -> str:
-    """Escape characters that XML does not allow: serial numbers and names are not ours."""
+    """Escape characters that XML does not allow, which serial numbers and names may contain."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -119,7 +119,7 @@ def with_calibration(
     Raises
     ------
     ConfigError
-        The file cannot be read, or is of another arm; the text states the difference.
+        The file cannot be read, or describes another arm; the text states the difference.
     """
     if file.lower().endswith((".yaml", ".yml")):
         chain = _matching([_ur_chain(data, file)], arm, file)
@@ -169,7 +169,7 @@ def _inverse(T: FloatArray) -> FloatArray:
 
 
 def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
-    """Chains between all links fixed to the ends of the arm, whose joints are found by name or as the only arm."""
+    """Chains between all links fixed to the ends of the arm, which is found by joint names or as the only arm."""
     tree = UrdfTree.read(data, file)
     ends = list(tree.around(arm.joints[0].name, arm.joints[-1].name))
     if not ends:
@@ -179,7 +179,7 @@ def _chains(data: bytes, file: str, arm: ArmModel) -> Iterator[UrdfChain]:
 
 
 def _matching(chains: Iterable[UrdfChain], arm: ArmModel, file: str) -> UrdfChain:
-    """Return the chain whose rows are nearest to the arm's; ConfigError if it is another arm's."""
+    """Return the chain whose rows are nearest to the arm's; raises ConfigError if they are of another arm."""
     n, found = arm.joint_count, list[tuple[float, str, UrdfChain]]()
     for chain in chains:
         if len(chain.joints) != n:
@@ -258,7 +258,7 @@ def _replaced(data: bytes, cuts: Sequence[tuple[int, int, bytes]]) -> bytes:
 
 
 def _ur_lines(data: bytes, file: str) -> Iterator[tuple[str, str, re.Match[bytes], int]]:
-    """Yield link, key, the value's match in its line, and the line's place in the bytes."""
+    """Yield link, key, match of the value in its line, and position of the line in the bytes."""
     decode_text(data, file)
     link, at = "", 0
     for line in data.splitlines(keepends=True):

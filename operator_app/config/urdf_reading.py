@@ -1,4 +1,4 @@
-"""The chain of a URDF between two of its links, in D-H rows."""
+"""Reads the chain between two links of a URDF as D-H rows."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class UrdfJoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfStep:
-    """One joint of the file: its pose on its parent, and its axis, None if it is fixed.
+    """One joint of the file: its pose relative to its parent, and its axis (None if it is fixed).
 
     `rounded` lists each angle that the file rounds by more than `REPORTED_RAD`, and the exact one, deg.
     """
@@ -76,7 +76,7 @@ class UrdfChain:
         Frames 0..n with all joints at zero, seen in the base link, (4, 4), m.
     T_link_base, T_flange_tip
         Fixed transforms that D-H rows cannot represent, (4, 4), m: from the base link to frame 0, and from frame n to
-        the tip. Identity for a file of this program.
+        the tip. Both are the identity for a file written by this program.
     """
 
     name: str
@@ -101,7 +101,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
     Parameters
     ----------
     base, tip
-        Names of the links; empty: the file's root, and the only end of its revolute joints, without grippers.
+        Names of the links; empty: the file's root, and the only end of its revolute joints, grippers not counted.
 
     Raises
     ------
@@ -113,7 +113,7 @@ def parse_urdf(data: bytes, file: str, *, base: str = "", tip: str = "") -> Urdf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UrdfTree:
-    """The joints of a URDF by child link."""
+    """The joints of a URDF, by child link."""
 
     name: str
     file: str
@@ -158,7 +158,7 @@ class UrdfTree:
         return chain_of(self.name, tuple(_step(e, file) for e in way[first:]), tip, file)
 
     def around(self, first: str, last: str) -> Iterator[tuple[str, str]]:
-        """Return bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
+        """Return possible bases and tips of an arm from joint `first` to joint `last`: all links fixed to its ends."""
         named = {e.get("name", ""): e for e in self.elements.values()}
         if first not in named or last not in named:
             return
@@ -229,7 +229,7 @@ def _way_to(link: str, elements: Mapping[str, ET.Element], file: str) -> list[ET
 
 
 def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
-    """Return the link at the end of the only arm, without links that a gripper moves."""
+    """Return the link at the end of the only arm, not counting links that a gripper moves."""
     parents = {_links(e)[0] for e in elements.values()}
     leaves = [child for child in elements if child not in parents]
     # A cycle has no end; any of its links can be named.
@@ -338,7 +338,7 @@ def _step(element: ET.Element, file: str) -> UrdfStep:
 
 
 def arm_file_of(chain: UrdfChain, *, name: str) -> Mapping[str, object]:
-    """Return the content of an arm file: geometry, ranges, speeds, torques as read; sensors assumed."""
+    """Return the content of an arm file, with geometry, ranges, speeds and torques as read, and assumed sensors."""
     joints = chain.joints
     ranges = np.array([[j.lower_rad, j.upper_rad] for j in joints])
     speeds = np.array([j.velocity_rad_per_s or ASSUMED_SPEED for j in joints])

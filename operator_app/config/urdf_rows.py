@@ -1,4 +1,4 @@
-"""Converts axes of a chain and poses of a URDF (xyz, rpy) to D-H rows, Hayati's for parallel neighbours."""
+"""Converts the axes of a chain, and poses of a URDF (xyz, rpy), to D-H rows, with Hayati's beta for parallel axes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MEETING_SINE, FAR_M = 1e-9, 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisLine:
-    """Axis of a joint seen in the base link, with all joints at zero: direction, a point, a hint for x, (3,)."""
+    """Axis of a joint seen in the base link, with all joints at zero: direction, a point, a preferred x, (3,) each."""
 
     z: FloatArray
     point_m: FloatArray
@@ -43,7 +43,7 @@ def rows_of(
     Returns
     -------
     Rows 1..n; and frames 0..n seen in the base link with all joints at zero, (4, 4) each. Frame 0 is on axis 1
-    beside the base link's origin; frame n is as near to the tip as a D-H row allows.
+    near the base link's origin; frame n is as near to the tip as a D-H row allows.
     """
     z = axes[0].z
     # Frame 0: the file's own base if it is on the first axis.
@@ -86,7 +86,7 @@ def frame_of(x: FloatArray, z: FloatArray, origin_m: FloatArray) -> FloatArray:
 
 
 def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row to an axis that is not parallel: along the common normal."""
+    """Return the row that leads to an axis that is not parallel, along the common normal."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     normal = np.cross(z, line.z)
     normal /= np.linalg.norm(normal)
@@ -98,7 +98,7 @@ def _by_common_normal(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
-    """Return the row to a parallel axis: frame j is where it crosses the plane z = 0 of frame j-1 [9]."""
+    """Return the row that leads to a parallel axis; frame j is where that crosses the plane z = 0 of frame j-1 [9]."""
     x, z, origin = before[:3, 0], before[:3, 2], before[:3, 3]
     apart = line.point_m - origin
     apart = apart - (apart @ z) / (line.z @ z) * line.z
@@ -110,9 +110,9 @@ def _hayati(before: FloatArray, line: AxisLine) -> tuple[float, ...]:
 
 
 def _to_tip(before: FloatArray, tip: AxisLine, sine: float) -> tuple[float, ...]:
-    """Return the row to a tip whose axis is nearly the joint's: by the common normal if that is near.
+    """Return the row that leads to a tip whose axis is nearly the joint's, along the common normal if that is near.
 
-    Otherwise to the tip's origin, without its small tilt.
+    Otherwise the row leads to the tip's origin, without its small tilt.
     """
     if sine > MEETING_SINE:
         row = _by_common_normal(before, tip)
@@ -135,7 +135,7 @@ def _normal_to(line: AxisLine, apart: FloatArray, z: FloatArray) -> tuple[FloatA
 
 
 def _across(z: FloatArray, *wanted: FloatArray) -> FloatArray:
-    """Return the first of `wanted` that is not along z, made orthogonal to it."""
+    """Return the first of the `wanted` directions that is not parallel to z, made orthogonal to z."""
     for direction in wanted:
         x = direction - (direction @ z) * z
         if np.linalg.norm(x) > 0.1:
@@ -183,9 +183,9 @@ def origin_words(T: FloatArray) -> dict[str, str]:
 
 
 def meant_deg(word: str) -> float | None:
-    """Return the exact angle in deg of a rounded or truncated value in rad; None if it is not rounded.
+    """Return the exact angle in deg behind a rounded or truncated value in rad; None if the value is not rounded.
 
-    Four decimals or more stand for a multiple of 15 deg (1.5708, 0.7854), two or three of 90 deg (3.14).
+    Four decimals or more stand for a multiple of 15 deg (1.5708, 0.7854), two or three for a multiple of 90 deg (3.14).
     """
     match = re.fullmatch(r"[+-]?\d+\.(\d+)", word)
     if match is None or not 2 <= len(match[1]) < EXACT_PLACES:

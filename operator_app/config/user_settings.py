@@ -36,7 +36,7 @@ class UserSettings(StrictRecord):
     Attributes
     ----------
     interface, channel, bitrate
-        As ``-i``, ``-c`` and ``-b``. Channel and bitrate are used only if the interface comes from here as well.
+        Like ``-i``, ``-c`` and ``-b``. Channel and bitrate are used only if the interface comes from this file as well.
     theme
         Theme of the terminal app.
     operator
@@ -51,7 +51,7 @@ class UserSettings(StrictRecord):
 
     @property
     def stated(self) -> Mapping[str, object]:
-        """Settings in the file, by key."""
+        """Settings that the file states, by key."""
         return {key: value for key, value in asdict(self).items() if value is not None}
 
 
@@ -59,24 +59,24 @@ KEYS = tuple(field.name for field in fields(UserSettings))
 
 
 def settings_path() -> Path:
-    """Return the path of the file, which need not exist."""
+    """Return the path of the file, whether or not it exists."""
     return user_config_path("sarcal", appauthor=False) / FILE_NAME
 
 
 def load_settings() -> UserSettings:
-    """Return the user's settings; empty without a file.
+    """Return the user's settings; all None if there is no file.
 
     Raises
     ------
     ConfigError
-        The file is wrong; lists all problems with line and key.
+        The file is invalid; the error lists all problems with line and key.
     """
     data = settings_bytes()
     return parse_settings(data, str(settings_path())) if data is not None else UserSettings()
 
 
 def settings_if_right() -> tuple[UserSettings, str]:
-    """Return the user's settings and a warning. If the file is wrong: defaults, which are not used for the bus."""
+    """Return the user's settings and a warning; if the file is invalid, defaults, which are not used for the bus."""
     try:
         return load_settings(), ""
     except ConfigError:
@@ -106,8 +106,8 @@ def parse_settings(data: bytes, file: str) -> UserSettings:
 def usual_bus(named: str | None = None) -> BusSettings | None:
     """Return the bus in the user's settings; None without one; raises ConfigError.
 
-    If an interface has been `named` already, or is in the environment, the settings are not read, and a wrong file does
-    not matter.
+    If an interface has been `named` already, or is in the environment, the settings are not read, so that an invalid
+    file does not matter.
     """
     from hardware.buses.python_can import BusSettings
 
@@ -124,14 +124,14 @@ def usual_bus(named: str | None = None) -> BusSettings | None:
 
 
 def changed(words: Mapping[str, str]) -> UserSettings:
-    """Return the user's settings with these keys set; an empty text removes one.
+    """Return the user's settings with these keys set; an empty text removes a key.
 
-    A wrong file can be repaired in this way, key by key, and unknown keys can be removed.
+    An invalid file can be repaired in this way, key by key, and unknown keys can be removed.
 
     Raises
     ------
     ConfigError
-        A key is not a setting, or the file is still wrong.
+        A key is not a setting, or the file is still invalid.
     """
     from hardware.buses.python_can import known_interfaces
 

@@ -1,4 +1,4 @@
-"""Progress of `sarcal run` on stderr: messages, a progress bar, and the end of an interrupted run."""
+"""Progress of `sarcal run` on stderr: messages, a progress bar, and a report if the run is interrupted."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class ConsoleListener(Listener):
         self.say(f"Resuming with {len(session.state.used_poses)} poses.")
 
     def cut_short(self, found: CutShort) -> None:
-        """Report what is kept of a run that ended early, and how to continue."""
+        """Report what has been saved of a run that ended early, and how to continue."""
         self.close()
         for line in cut_short_lines(found):
             self.say(line)
@@ -155,7 +155,7 @@ def cut_short_lines(found: CutShort) -> list[str]:
 
 
 def _danger(found: CutShort) -> list[str]:
-    """Return the warning that the arm is not held; after an interrupt the caller raises it."""
+    """Return the warning that the arm is not held; after an interrupt the caller raises it as an error."""
     left = found.session.not_held
     if left is None or not found.connected or isinstance(found.cause, KeyboardInterrupt):
         return []
@@ -164,7 +164,7 @@ def _danger(found: CutShort) -> list[str]:
 
 
 def _late(found: CutShort) -> str:
-    """Return the message that this computer was late, if drives tripped on its missing heartbeat."""
+    """Return the message that this computer was late, if drives tripped because its heartbeat was missing."""
     cause = found.cause
     if not (isinstance(cause, DriveFault) and cause.code == EmergencyCode.HEARTBEAT_LOST):
         return ""
@@ -179,7 +179,7 @@ def _late(found: CutShort) -> str:
 
 
 def _way_on(found: CutShort) -> list[str]:
-    """Return how to continue; nothing if resuming would fail again."""
+    """Return text on how to continue; empty if resuming would fail again."""
     cause, session = found.cause, found.session
     folder = session.journal.path.parent
     goes_on = f"Go on with: sarcal run --resume {folder}"

@@ -46,7 +46,7 @@ class Terminal(Protocol):
         """Return the typed line; raises EOFError at the end of the input."""
 
     def touched(self, timeout_s: float) -> bool:
-        """Wait for a line; return whether one was typed, and consume it."""
+        """Wait for a line; discard it, and return whether one was typed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +80,10 @@ class Plain:
         self.runner: Runner = sessions.new() if resume is None else sessions.resumed(resume)
 
     def run(self) -> str:
-        """Show menus until the operator quits. Ctrl-C is STOP; with STOP latched or no arm it quits."""
+        """Show menus until the operator quits. Ctrl-C means STOP.
+
+        If STOP is latched or no arm is connected, it quits.
+        """
         self._terminal.say(
             "sarcal, plain mode. Type a number and Enter. While the arm moves, Enter stops it; "
             "Ctrl-C is the software STOP. It is not an emergency stop."
@@ -197,7 +200,7 @@ class Plain:
         self._terminal.say(harmless(f"Not done: {why}."))
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask for yes, a line or a number."""
+        """Ask a question whose answer is yes, a line of text or a number."""
         match question:
             case YesNo():
                 typed = self._terminal.ask(f"{question.text} Type yes to go on: ").strip()
@@ -230,11 +233,11 @@ class Plain:
         return None
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """The item of the chosen row."""
+        """Item of the check list in the chosen row."""
         return self._row
 
     def alarm(self, s: SessionSnapshot) -> ShownAlarm | None:
-        """The alarm of the chosen row."""
+        """Alarm in the chosen row."""
         return None if self._row is None else ShownAlarm(number=self._row, whole=True)
 
     def open(self, make: Callable[[], Runner]) -> None:
@@ -287,7 +290,7 @@ class Plain:
             s = self.snapshot()
 
     def _stop(self) -> bool:
-        """Ctrl-C: STOP if an arm is connected and not stopped; False: quit."""
+        """Handle Ctrl-C: STOP if an arm is connected and not stopped; otherwise return False, to quit."""
         s = self.runner.snapshot()
         if not s.connected or s.stopped or s.data is DataState.LOST:
             return False

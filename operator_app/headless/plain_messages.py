@@ -14,7 +14,7 @@ from operator_app.units import CONDITION, DATA_AGE, POSITION, READING_SD, SILENC
 
 
 def describe(step: Step, s: SessionSnapshot) -> list[str]:
-    """Return step, safety state, details and the proposed action."""
+    """Return lines with the step, the safety state, details, and the proposed action."""
     kind = "SIMULATED" if s.simulated else "REAL ARM"
     lines = [f"Step {int(step)} of {len(Step)}, {step.title}. {kind}. {_safety(s)}"]
     lines += [f"Alarm: {alarm.text}." for alarm in s.alarms]

@@ -1,4 +1,4 @@
-"""`sarcal run` without output: the steps of a session in order, and confirming a remounted fixture before them.
+"""`sarcal run` without output: confirms a remounted fixture, then takes the steps of a session in order.
 
 The confirmation goes into the journal before the arm is connected, so that an interrupted session resumes in the
 right placement.
@@ -32,8 +32,8 @@ from operator_app.session.workflow.session import Session
 class RunResult:
     """Result of a run.
 
-    `exported` is None if the calibration was not accepted; `capture` is the end of a planned capture, `advice` a
-    hinge placement that would make its weak parameters more precise.
+    `exported` is None if the calibration was not accepted; `capture` states how a planned capture ended; `advice` is a
+    hinge placement that would make its imprecise parameters more precise.
     """
 
     solution: Solution
@@ -51,12 +51,13 @@ def run(
     homing: bool = False,
     solver: Solver = solve_here,
 ) -> RunResult | None:
-    """Run from Connect to Export; raises every refusal.
+    """Run all steps from Connect to Export; any refusal is raised.
 
-    Returns None if the present placement is complete and the fixture has to be remounted for the next one.
+    Returns None if the current placement is complete and the fixture has to be remounted for the next one.
 
-    `forced`: reason for exporting a calibration that is not accepted ("": do not). `homing`: the operator agrees
-    that an arm outside its box goes home. `solver`: another process on a real bus, so that SYNC is not delayed.
+    `forced`: reason for exporting a calibration that is not accepted ("": it is not exported). `homing`: whether the
+    operator agrees that an arm outside its box goes home. `solver`: a separate process on a real bus, so that SYNC is
+    not delayed.
     """
     if session.procedure.position_joints is not None:
         session.check_modes(session.procedure.position_joints)
@@ -86,7 +87,7 @@ def run(
 
 
 def _advice(session: Session, solution: Solution, end: CampaignEnd | None) -> str:
-    """Return which hinge placement would make the weak parameters more precise; "" without weak ones."""
+    """Return which hinge placement would make imprecise parameters more precise; "" if there are none."""
     if end is None or not end.weak or session.fixture.kind != "hinge":
         return ""
     estimate = solution.estimate
@@ -140,7 +141,7 @@ def next_placement(
 
 
 def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
-    """Wait for and record the confirmation of a later placement without a pose.
+    """Wait for and record the confirmation that the fixture is mounted in a later placement that has no pose yet.
 
     Raises
     ------
@@ -161,7 +162,7 @@ def require_mounted(opening: Opening, listener: ConsoleListener) -> None:
 
 @contextmanager
 def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterator[None]:
-    """Report what is kept of a run that is interrupted while the fixture is being mounted."""
+    """Report what has been saved if a run is interrupted while the fixture is being mounted."""
     try:
         yield
     except KeyboardInterrupt:
@@ -174,7 +175,7 @@ def _interrupted_in_words(opening: Opening, listener: ConsoleListener) -> Iterat
 
 
 def _confirmed(opening: Opening, number: int) -> None:
-    """Wait for the word; discard input typed before the question."""
+    """Wait until the confirming word is typed; discard input typed before the question."""
     if sys.stdin.isatty():
         import termios
 
@@ -189,7 +190,7 @@ def _confirmed(opening: Opening, number: int) -> None:
 
 
 def words(opening: Opening, *, drives_off: bool) -> tuple[str, ...]:
-    """Return the instructions between two placements; states that drives are off only if that was checked."""
+    """Return the instructions between two placements; they state that drives are off only if that was checked."""
     off = (
         "Nothing commands the arm any more: its drives are off."
         if drives_off

@@ -1,1 +1,1 @@
-"""The manual: pages of Markdown, and reference pages generated from code, both as text for a terminal."""
+"""The manual: Markdown pages, and reference pages generated from code; both can be shown as text in a terminal."""

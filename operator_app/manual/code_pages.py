@@ -92,14 +92,14 @@ def _model(name: str, model: Mapping[str, Any], models: Mapping[str, Any]) -> It
 
 
 def heading(model: str) -> str:
-    """Return the name of a model on the page: ``RvdtModel`` is an Rvdt."""
+    """Return the name of a model as shown on the page: Rvdt for ``RvdtModel``."""
     bare = re.sub(r"(Model|Spec)$", "", model)
     words = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", bare).lower()
     return words[:1].upper() + words[1:]
 
 
 def _docstring(text: str) -> tuple[str, dict[str, str]]:
-    """Return a model's description, and those of its keys, from its docstring."""
+    """Return the descriptions of a model and of its keys, from its docstring."""
     about, _, attributes = text.replace("``", "`").partition("Attributes\n----------\n")
     of_keys = {}
     for names, said in re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", attributes, re.MULTILINE):

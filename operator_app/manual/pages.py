@@ -1,7 +1,7 @@
 """The pages of the manual, in their order, and the source of each.
 
-Text is Markdown in `pages`. Options, keys of files, faults, objects and exit codes are generated from the code when a
-page is read, so that no second copy can become outdated.
+The text is Markdown in `pages`. Options, keys of files, faults, objects and exit codes are generated from the code when
+a page is read, so that no second copy can become outdated.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ FOLDER = files("operator_app") / "manual" / "pages"
 
 
 class NoSuchTopicError(Exception):
-    """There is no page of this name; the text lists all pages, and the nearest name."""
+    """There is no page of this name; the text gives the most similar name and lists all pages."""
 
     def __init__(self, topic: str, topics: tuple[str, ...]) -> None:
         near = [name for name in topics if topic and name.startswith(topic)]
@@ -102,7 +102,7 @@ class Page:
 
     @property
     def files(self) -> Mapping[str, str]:
-        """Complete files that the page shows or includes, by name."""
+        """Contents of the complete files that the page shows or includes, by file name."""
         shown: dict[str, str] = dict(FILE.findall(self.markdown))
         for topic in FILES_OF.findall(self.markdown):
             shown |= FILE.findall(_written(topic))
@@ -151,7 +151,7 @@ def _written(topic: str) -> str:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table; line breaks in a cell become spaces."""
+    """Return a Markdown table; line breaks in a cell become spaces."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(map(_cell, line))} |" for line in lines)
 

@@ -1,6 +1,6 @@
-"""Pages of the manual as text for a terminal of any width: rich renders the Markdown.
+"""Renders pages of the manual as text for a terminal of any width, with rich.
 
-A link to another page shows its topic, a picture its description; comments are for tests and not shown.
+A link to another page is shown as its topic, a picture as its description; comments are for tests and are not shown.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def as_text(markdown: str, width: int) -> str:
 
 
 def _inline(text: str) -> str:
-    """Replace links by their target as text, and keep the marks of code, which has no colour here."""
+    """Replace links by text that names their target; keep the backticks of code, as there is no colour to mark it."""
     text = PICTURE.sub(r"\\[Picture: \1]", text)
     text = LINK.sub(lambda m: m[1] + _target(m[2]), text)
     return CODE.sub(r"`` \1 ``", text)
@@ -54,7 +54,7 @@ def _target(link: str) -> str:
 
 
 class _Underlined(Heading):
-    """Headings at the left; titles and sections are underlined."""
+    """Headings that start at the left; those of titles and sections are underlined."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         yield self.text
@@ -63,7 +63,7 @@ class _Underlined(Heading):
 
 
 class _Verbatim(CodeBlock):
-    """Code with unchanged lines, for copying."""
+    """Code with unchanged lines, so that it can be copied."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         code = str(self.text).rstrip("\n").splitlines()
@@ -71,7 +71,7 @@ class _Verbatim(CodeBlock):
 
 
 class _Rows(TableElement):
-    """Tables without cut cells: if the text does not fit, each row is a block under its first cell."""
+    """Tables in which no cell is cut: if the text does not fit, each row becomes a block under its first cell."""
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         for table in super().__rich_console__(console, options):

@@ -1,4 +1,4 @@
-"""Text and remedy of every finding; no other module has any.
+"""Text and remedy of every finding; no other module contains such texts.
 
 A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units`,
 ``{limit:ANGLE|LENGTH}`` in the first one if the finding's unit is rad, else in the second; ``{certain:drifts|may
@@ -32,7 +32,7 @@ def words(found: Finding) -> tuple[str, str]:
 
 
 def brief(found: Finding) -> str:
-    """Return a finding for a small panel: for an RVDT the verdict without figures."""
+    """Return the text of a finding for a small panel; for an RVDT, the verdict without figures."""
     template = BRIEF.get(found.kind)
     return found.sentence if template is None else template.format_map(_Fields(found))
 
@@ -45,7 +45,7 @@ def poses_named(labels: tuple[str, ...]) -> str:
 
 
 def source_remedy(source: str) -> str:
-    """Return the remedy that halves a source of the uncertainty budget."""
+    """Return a remedy with which a source in the uncertainty budget can be halved."""
     kind, _, joint = source.rpartition("_")
     written = SOURCE_REMEDIES.get(source) or SOURCE_REMEDIES.get(kind, SOURCE_REMEDIES[""])
     return written.format(joint=joint)
@@ -546,7 +546,10 @@ OWN_FORMATS = {
 
 
 class _Amount(float):
-    """A value (SI) that a template formats by the name of a `Kind`; ``A|B`` is A for angles and B for lengths."""
+    """A value (SI units) that a template formats by the name of a `Kind`.
+
+    ``A|B`` means A for angles and B for lengths.
+    """
 
     angle: bool
 
@@ -576,7 +579,7 @@ class _Choice:
 
 
 class _Fields(dict[str, object]):
-    """Names that a template may use: a finding's figures, and FIELDS."""
+    """Mapping of the names that a template may use: a finding's figures, and FIELDS."""
 
     def __init__(self, found: Finding) -> None:
         figures = {"size": found.size, "sigma": found.sigma, **found.figures}
@@ -590,7 +593,7 @@ class _Fields(dict[str, object]):
 
 
 def fixed_briefly(found: tuple[str, ...]) -> str:
-    """Return a note for the tool's accuracy: the fixed offsets on which it depends."""
+    """Return a note that names the fixed offsets on which the tool's accuracy depends."""
     return (
         f". It holds only if the fixed value of {names(found)} is right: see the warnings"
         if found
@@ -599,7 +602,7 @@ def fixed_briefly(found: tuple[str, ...]) -> str:
 
 
 def _holds(f: Finding) -> str:
-    """Return what the accuracy of the tool does not include; the figures of `f` are rates, m/rad, by offset."""
+    """Return text on what the accuracy of the tool does not include; the figures of `f` are m/rad, by offset."""
     if not f.figures:
         return ""
     rates = (

@@ -1,4 +1,4 @@
-"""Messages of errors of arm, solver and disk: event and remedy.
+"""Messages for errors of arm, solver and disk: event and remedy.
 
 The screen and plain mode show the same sentences.
 """
@@ -119,7 +119,7 @@ _TRIPS: Mapping[int, str] = {
 
 
 def drive_words(state: DriveState) -> str:
-    """Return a drive's state in one of four words for an operator beside the arm."""
+    """Return a drive's state for an operator beside the arm, in one of four short terms."""
     match state:
         case DriveState.OPERATION_ENABLED:
             return "enabled"

@@ -1,6 +1,6 @@
 """A finding: a fault or a fact with its place, size and probability, and whether it blocks acceptance.
 
-Its text and remedy are written in `operator_app.messages.calibration`; nothing reads them back.
+Its text and remedy are written in `operator_app.messages.calibration`; no code reads figures back from them.
 """
 
 # Kinds share public codes.
@@ -17,7 +17,7 @@ CERTAIN = 0.5
 
 
 class FindingKind(Enum):
-    """Kind of a finding; `template` is its code in JSON, journals and the API, which is a contract.
+    """Kind of a finding; `template` is the pattern of its code in JSON, journals and the API, which is a contract.
 
     Several kinds with different texts may share a code.
     """
@@ -25,7 +25,7 @@ class FindingKind(Enum):
     template: str
 
     def __new__(cls, template: str) -> Self:
-        """Keep members with the same code distinct: the value is a running number."""
+        """Keep members with the same code distinct, by a running number as the value."""
         member = object.__new__(cls)
         member._value_ = len(cls.__members__)
         member.template = template
@@ -157,23 +157,23 @@ class Finding:
     Attributes
     ----------
     joint, joints
-        The joint (1-based, 0 for none), and all joints if several; for placements and sockets their numbers.
+        The joint (1-based, 0 for none), and all joints if there are several; for placements and sockets, their numbers.
     sensor
         "RVDT" or "ENCODER" if the finding is about a joint's sensor.
     names
         Parameters, entries, fixtures or files concerned.
     size, sigma, unit
-        Its size and standard uncertainty, in "rad" or "m"; "" for a number.
+        Its size and standard uncertainty, and their unit: "rad", "m", or "" for a plain number.
     figures
         Its other figures, in SI units.
     sizes
         Sizes of several parameters.
     reported
-        Text and remedy written by a lower layer (fixtures, solver, file readers).
+        Text and remedy that a lower layer wrote (fixtures, solver, file readers).
     probability
         Probability relative to all other explanations, including no fault.
     doubted
-        Whether it is stated as a possibility in any case.
+        Whether it is always stated as a mere possibility.
     blocking
         Whether it prevents acceptance: parameters may be wrong by more than their sigmas allow.
     """
@@ -196,7 +196,7 @@ class Finding:
 
     @staticmethod
     def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return a record in the present format: those of earlier versions have code, text and remedy."""
+        """Convert a record to the current format; those of earlier versions have code, text and remedy."""
         if "kind" in data:
             return data
         return {
@@ -238,7 +238,7 @@ class Finding:
 
     @property
     def brief(self) -> str:
-        """The sentence, or a short form of a long one for a small panel."""
+        """The sentence or, if it is long, a short form for a small panel."""
         from operator_app.messages.calibration import brief
 
         return brief(self)

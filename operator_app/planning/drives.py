@@ -1,4 +1,4 @@
-"""Selection of the drive joints from the rankings of `solver.design` and measured trials, with reasons."""
+"""Selects the drive joints, with reasons, from the rankings of `solver.design` and from measured trials."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ class DrivePrediction:
     here, region
         Rankings at the present pose and over the reachable region, the best first.
     inexact
-        Joints with a linearity deviation above `INEXACT_RAD`: as drives they would miss planned positions, so
-        that others are preferred.
+        Joints with a linearity deviation above `INEXACT_RAD`: other joints are preferred as drives, since these would
+        miss planned positions.
     """
 
     here: tuple[RankedDrives, ...]
@@ -123,7 +123,7 @@ def predict_drives(
 def sets_to_try(
     prediction: DrivePrediction, unsensed_joints: tuple[int, ...] = ()
 ) -> tuple[tuple[int, ...], ...]:
-    """Return the best usable sets for a trial, the best first."""
+    """Return the usable sets to try, the best first."""
     return tuple(r.drives for r in _usable(prediction, unsensed_joints)[:TRIED_SETS])
 
 
@@ -135,8 +135,8 @@ def choose_drives(
 ) -> DriveChoice:
     """Return the best usable set.
 
-    Without trials: of the sets usable at the present pose, the one that reaches most of the region. With trials: of
-    the tried sets, the best by prediction and measurement.
+    Without trials, it is the set that reaches most of the region, of those usable at the current pose; with trials, the
+    best of the tried sets by prediction and measurement.
 
     Raises `SessionError` if no set is usable.
     """
@@ -185,7 +185,7 @@ def _beyond(arm: ArmModel, manifold: Manifold) -> str:
 
 
 def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> list[RankedDrives]:
-    """Sets usable at the present pose and over the region, the best of the region first."""
+    """Sets usable at the current pose and over the region, the best over the region first."""
     here = {r.drives for r in prediction.here if r.usable}
     usable = [
         r
@@ -196,7 +196,7 @@ def _usable(prediction: DrivePrediction, unsensed_joints: tuple[int, ...]) -> li
 
 
 def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str, ...]:
-    """Return the reason against the set that is best at the present pose."""
+    """Return why the set that is best at the current pose was not chosen."""
     first = prediction.here[0]
     if first.drives == best.drives:
         return ("also best at the present pose",)
@@ -213,7 +213,7 @@ def _against_here(prediction: DrivePrediction, best: RankedDrives) -> tuple[str,
 def _with_others(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
-    """Add the sets that reach poses that those before them cannot."""
+    """Add the sets that reach poses which the sets before them cannot."""
     chosen, limits = [drives], MotionLimits()
     reached = float(PathGraph(manifold, chosen, limits).reachable(0).mean())
     # A set that reaches little alone adds little: the first six are enough.
@@ -233,7 +233,7 @@ def _with_others(
 def modes_problem(
     position_joints: tuple[int, ...], *, joint_count: int, mobility: int, kind: str
 ) -> GuardError | None:
-    """Return the error of a wrong set of joints in position mode; None for a right one."""
+    """Return the error for a wrong set of joints in position mode; None for a valid one."""
     have = len(set(position_joints))
     wrong = [j for j in position_joints if not 1 <= j <= joint_count]
     if wrong:

@@ -1,7 +1,7 @@
-"""Waypoints of the drive joints for explored captures, without a kinematic model; watches of a move.
+"""Waypoints of the drive joints for captures without a kinematic model, and watches that end a move.
 
-A low-discrepancy sequence fills the procedure's box of drive angles around home, so that even a short session covers
-all of it. Whether a waypoint can be reached shows only when the arm moves there.
+A low-discrepancy sequence fills the procedure's box (ranges of drive angles around home), so that even a short session
+covers all of it. Whether a waypoint can be reached shows only when the arm moves there.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ BATCH = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """The box of drive angles.
+    """The box: the ranges of the drive joints' angles within which poses are explored.
 
     `joints`: drive joints (1-based). `centre_rad`, `lower_rad`, `upper_rad` (d,): sensor coordinates, inside the
     ranges of the joints.
@@ -85,8 +85,8 @@ def box_of(
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Targets of the position-mode joints, in visiting order.
 
-    Three times as many as poses wanted, so that unreachable ones can be skipped. A resumed session gets the same
-    plan.
+    There are three times as many as poses wanted, so that unreachable ones can be skipped. A resumed session gets the
+    same plan.
     """
     corners = (box.lower_rad, box.upper_rad, box.centre_rad)
     lower, upper, centre = (tuple(map(float, found)) for found in corners)
@@ -142,10 +142,10 @@ def overload(arm: ArmModel, snapshot: ArmSnapshot) -> str:
 
 
 def range_watch(arm: ArmModel, braking_s: float) -> Watch:
-    """Return a watch that ends a move before a joint leaves its range, is too fast or overloaded.
+    """Return a watch that ends a move before a joint leaves its range, or if one is too fast or overloaded.
 
-    Free joints may be faster than the drives: the limit applies where a joint would come to rest, its speed times
-    `braking_s` ahead (`hardware.control.trajectory.coming_to_rest_s`); 0 for planned paths.
+    Free joints may be faster than the drives, so the limit applies to where a joint would come to rest, which is ahead
+    by its speed times `braking_s` (`hardware.control.trajectory.coming_to_rest_s`; 0 for planned paths).
     """
     lower = arm.lower_rad + RANGE_END_MARGIN_RAD
     upper = arm.upper_rad - RANGE_END_MARGIN_RAD

@@ -1,4 +1,4 @@
-"""Inspection of files for `sarcal check`: which arm in which fixture, and the prospects of a calibration."""
+"""Inspects files for `sarcal check`: which arm is in which fixture, and whether a calibration can succeed."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class Chain:
     held
         Entries fixed at their value in the arm file, with the reason.
     home
-        Proposed home (n,) rad with its outlook, if the arm's home is unsuitable; None without a proposal.
+        Proposed home (n,), rad, and its outlook, if the arm's own home is unsuitable; None without a proposal.
     poses
-        Files of poses of this arm, and their identifiability.
+        Poses files of this arm, and their identifiability.
     unfit
-        Files of poses that do not fit this fixture, and why.
+        Poses files that do not fit this fixture, and why.
     """
 
     arm: ArmModel
@@ -52,7 +52,7 @@ class Chain:
 
 
 def chains_of(found: Found) -> tuple[Chain, ...]:
-    """Return the chain of each procedure; without procedures, of every arm with every fixture."""
+    """Return the chain of each procedure or, without procedures, of every arm with every fixture."""
     procedures = [p.holds for p in found.of("procedure") if isinstance(p.holds, Procedure)]
     if procedures:
         return tuple(

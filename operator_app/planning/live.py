@@ -1,6 +1,6 @@
-"""Quality of the poses so far, by the paper's estimator (fast, not for export), and prediction of a plan.
+"""Quality of the poses so far, from the paper's estimator (fast, not for export), and prediction of a plan.
 
-With nominal geometry the prediction has the errors of that geometry.
+As long as the geometry is nominal, the prediction has its errors.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class LiveQuality:
     Attributes
     ----------
     needed
-        Smallest number of poses that can be solved.
+        Smallest number of poses from which parameters can be estimated.
     x
         Parameters: the estimate so far, nominal values before there is one.
     scaled_condition_number, weakest
@@ -48,8 +48,8 @@ class LiveQuality:
     coverage
         Per joint: lowest and highest captured angle, rad; empty without poses.
     predicted_m
-        By pose number: distance by which the loop failed to close at that pose under the estimate
-        from the poses before it, m.
+        By pose number: distance, m, by which the loop failed to close at that pose with the estimate from the poses
+        before it.
     """
 
     needed: int
@@ -71,7 +71,7 @@ def live_quality(
     *,
     earlier: LiveQuality | None = None,
 ) -> LiveQuality:
-    """Return the quality of poses `q_rad` (m, n) with these numbers; reuses `earlier` results."""
+    """Return the quality of poses `q_rad` (m, n), which have these numbers; reuses `earlier` results."""
     shared = 0
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality, shared = earlier, len(earlier.numbers)
@@ -208,7 +208,7 @@ def predict(
 def _followed(
     model: ClosureModel, x: FloatArray, start_rad: FloatArray, columns: list[int], goal: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the closed poses (w, n) as the drive joints (`columns`) go to `goal`, and which of them close (w,)."""
+    """Return the poses (w, n) on the way of the drive joints (`columns`) to `goal`, and which of them close (w,)."""
     here = close_loops(model, x, np.asarray(start_rad)[None, :])
     weight = np.ones(model.joint_count)
     # The drive joints are given; the other joints follow.
@@ -231,7 +231,7 @@ def most_informative(
     forecast: Forecast,
     open_waypoints: Sequence[int],
 ) -> int | None:
-    """Return the waypoint whose pose adds most information to the captured ones (m, n), as in a plan."""
+    """Return the waypoint whose pose adds most information to the captured poses (m, n), by a plan's criterion."""
     candidates = [k for k in open_waypoints if forecast.reachable[k]]
     if not candidates or not len(taken_rad):
         return None
@@ -248,7 +248,7 @@ def is_path_clear(
     here_rad: FloatArray,
     targets_rad: Mapping[int, float],
 ) -> bool:
-    """Whether a straight move of the drives to `targets_rad` avoids folds and the ends of ranges.
+    """Whether a straight move of the drives to `targets_rad` avoids folds and the ends of the ranges.
 
     `model`, `x`: a closed loop and its calibrated parameters (P,). `here_rad`: present angles of all joints (n,).
     """

@@ -1,4 +1,4 @@
-"""Outlook of an arm in a fixture, from nominal geometry: drive joints and identifiability."""
+"""Outlook for calibrating an arm in a fixture, from nominal geometry: drive joints, identifiability."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ class Outlook:
     parameters
         Unknowns of the calibration, without those that the fixture's placement hides.
     from_home_rad
-        Distance (n,) of the nearest closed pose from home; None for an open arm, and if none closes.
+        Distance (n,) of the nearest closed pose from home; None for an open arm, or if no pose closes.
     mobility
         Freedoms of the chain, the number of drive joints; None if no pose closes.
     choice
-        Drive joints; None for an open arm, and if none can drive.
+        Choice of drive joints; None for an open arm, or if no joints can drive.
     refusal
         Why no joints can drive; None if they can.
     seen
@@ -57,7 +57,7 @@ class Outlook:
 
     @property
     def blind(self) -> tuple[UnidentifiableDirection, ...]:
-        """Directions that no poses of this chain determine."""
+        """Parameter directions that no poses of this chain determine."""
         return () if self.seen is None else self.seen.directions
 
     @property
@@ -77,7 +77,7 @@ def outlook(
     position_joints: tuple[int, ...] | None = None,
     unsensed_joints: tuple[int, ...] = (),
 ) -> Outlook:
-    """Return the outlook of `arm` in `fixture`; `position_joints` are named by a procedure."""
+    """Return the outlook of `arm` in `fixture`; `position_joints` are the drive joints that a procedure lists."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
     parameters, checks = model.parameters, fixture.setup_checks(arm, arm.home_rad)

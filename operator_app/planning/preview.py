@@ -1,4 +1,4 @@
-"""Preview of a plan: drive joints, poses, paths, predicted precision. The planner of planned captures."""
+"""Preview of a plan (drive joints, poses, paths, predicted precision), made with the planner of planned captures."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def preview(
 def named_drives(
     prediction: DrivePrediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
 ) -> DriveChoice:
-    """Return the procedure's choice of drive joints, with its ranking."""
+    """Return the drive joints that the procedure lists, with their ranking."""
     problem = modes_problem(drives, joint_count=arm.joint_count, mobility=mobility, kind=kind)
     if problem is not None:
         raise problem

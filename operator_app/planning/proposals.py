@@ -1,7 +1,7 @@
-"""Proposals: home poses, and fixtures from measured lines and points.
+"""Proposes home poses, and fixtures from measured lines and points.
 
-In a good home every joint takes part in the motion of the closed chain; in a stretched arm some do not. Uses nominal
-geometry.
+In a good home pose every joint takes part in the motion of the closed chain; in a stretched arm some do not. Uses
+nominal geometry.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ AXES = frozen(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0,
 
 
 def bent_home(arm: ArmModel) -> FloatArray | None:
-    """Return a pose (n,) whose joints all move in a hinge, in whole degrees; None if home is as good, or none is."""
+    """Return a pose (n,), in whole degrees, in which a hinge lets all joints move.
+
+    None if home is as good, or none was found.
+    """
     q = np.concatenate((arm.home_rad[None], _drawn(arm)))
     score = np.mean([_least_motion(_in_a_hinge(arm, q, axis)) for axis in AXES], axis=0)
     best = float(score.max())
@@ -57,9 +60,9 @@ def bent_home(arm: ArmModel) -> FloatArray | None:
 def closing_home(
     arm: ArmModel, fixture: EndpointConstraint, from_home: Outlook
 ) -> tuple[FloatArray, Outlook] | None:
-    """Return a home pose (n,) for the fixture and its outlook: within a degree of a closed pose, near home.
+    """Return a home pose (n,) for the fixture, near the arm's and within a degree of a closed pose, and its outlook.
 
-    None if the arm file's home is good, by `from_home`, or if no pose was found.
+    None if the arm file's home is good (by `from_home`) or if no pose was found.
     """
     off = from_home.from_home_rad
     if not fixture.holds_hand or (
@@ -77,7 +80,7 @@ def closing_home(
 
 
 def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[FloatArray]:
-    """Yield closed poses away from the ends of the ranges whose joints all move, those near home first."""
+    """Yield closed poses, nearest to home first, in which all joints can move and none is near an end of its range."""
     found = close_loops(model, x, np.concatenate((arm.home_rad[None], _drawn(arm))))
     here = found.closed & _clear(arm, found.q)
     if not here.any():
@@ -100,7 +103,7 @@ def _is_seen_well(found: Outlook) -> bool:
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
     """Return the motion (m,) of the joint that moves least in chains with these velocities (m, k, freedoms).
 
-    0: a joint does not move. Reduced near singularities of the chain.
+    0 means that a joint does not move. The value is reduced near singularities of the chain.
     """
     rows, freedoms = columns.shape[1:]
     if freedoms <= rows:
@@ -111,7 +114,7 @@ def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
 
 
 def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return velocities (m, 6, n + 1) of the tool at `q` (m, n) by joint, and last by a hinge on its `axis` (3,)."""
+    """Return the tool's velocities (m, 6, n + 1) at `q` (m, n): per joint and, last, for a hinge on its `axis` (3,)."""
     theta_off, *rest = arm.table.stacked()
     frames = forward(q + theta_off, *rest)
     z, at = frames.axes[:, :-1, :, 2], frames.origins_m[:, :-1]
@@ -123,7 +126,7 @@ def _in_a_hinge(arm: ArmModel, q: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _drawn(arm: ArmModel) -> FloatArray:
-    """Return fixed poses (m, n) evenly over the middle of the ranges."""
+    """Return a fixed set of poses (m, n), evenly spread over the middle of the ranges."""
     from scipy.stats import qmc
 
     ranges = _ranges(arm)
@@ -160,9 +163,9 @@ def ball_between(arm: ArmModel, hand_m: FloatArray, base_m: FloatArray | None) -
 
 
 def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
-    """Return the hinge between a line in the tool frame and one in the base; their points coincide.
+    """Return the hinge in which a line of the tool frame and a line of the base, and their points, coincide.
 
-    Of the two directions along the base's line, the one that closes nearer to the arm's home.
+    Of the two directions along the base's line, it takes the one that closes nearer to the arm's home.
     """
     if base is None:
         R, p = _hand_at_home(arm)

@@ -1,7 +1,7 @@
 """Reproduction of the paper's experiment (Giugovaz and Hollerbach, sections 3 and 4) on a simulated specimen.
 
 The original readings are not available: the specimen has the three suspected sources of error, with sizes that give
-the reported residuals. The figures are of the same size, not of the same arm.
+the reported residuals. The figures are of similar size, but not those of the same arm.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ SIGMA_POS_M, SIGMA_ORI_RAD, PUBLISHED_CONDITION = 2.7e-3, 6.6e-3, 28.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Share:
-    """Residual closure with one source of error alone: rms of eqs. 14 and 15 in m and rad."""
+    """Remaining closure error with a single source of error: rms of eqs. 14 and 15 in m and rad."""
 
     source: str
     position_m: float
@@ -42,7 +42,7 @@ class Share:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """Errors after a remedy: rms of the offsets (rad) and of the lengths (m) against the truth."""
+    """True errors after a remedy: rms of the offsets (rad) and of the lengths (m)."""
 
     name: str
     paragraph: str
@@ -133,7 +133,7 @@ def _calibrated(
 
 
 def _measured(arm: ArmModel, chosen: Scenario) -> ArmModel:
-    """Return the arm with the true fixed lengths of the specimen, as from an open-loop calibration."""
+    """Return the arm with the true fixed lengths of the specimen, as if measured by an open-loop calibration."""
     true = chosen.true_loop().table
     table = replace(arm.table, s_m=true.s_m[1:], a_m=true.a_m[1:])
     return replace(arm, table=table)

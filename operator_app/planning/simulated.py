@@ -1,4 +1,4 @@
-"""Simulated poses of an arm in a fixture: drawn truth, closed loops, sensor errors as stated.
+"""Simulates poses of an arm in a fixture: true values drawn at random, closed loops, sensor errors as stated.
 
 Errors: lengths and twists within tolerance, sensor resolution and noise, linearity deviation of RVDTs. Not included:
 encoder scales, backlash, sag and fixture compliance, which the virtual controller simulates.
@@ -35,7 +35,7 @@ ROOM = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedPoses:
-    """Readings and the truth behind them.
+    """Readings, and the true values behind them.
 
     `parameters`, `x`: unknown parameters, with lengths and twists within tolerance, and their true values (P,), rad and
     m.
@@ -51,7 +51,7 @@ def simulated_poses(
 ) -> SimulatedPoses:
     """Draw an arm and a placement, and measure `poses` closed poses; reproducible by `seed`.
 
-    Raises `SessionError` if the chain is not closed, or no placement within tolerance allows that many poses.
+    Raises `SessionError` if the fixture leaves the chain open, or no placement within tolerance allows that many poses.
     """
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])
@@ -133,7 +133,10 @@ def _drawn(
 
 
 def _sensor(arm: ArmModel, joint: int, rng: np.random.Generator) -> JointSensor | None:
-    """Return the sensor of a joint (from 0), an RVDT with its largest linearity deviation; None without a sensor."""
+    """Return the simulated sensor of a joint (from 0), with the largest specified linearity deviation.
+
+    None without a sensor.
+    """
     found = arm.joints[joint]
     if isinstance(found.sensor, NoSensor):
         return None

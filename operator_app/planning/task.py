@@ -1,4 +1,4 @@
-"""The planning task of an arm in a fixture: ranges with margin, noise, drive sets, fixed parameters."""
+"""Makes the planning task of an arm in a fixture: ranges with margin, noise, drive sets, fixed parameters."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def ranges_of(arm: ArmModel) -> Ranges:
 
 
 def margin_rad(arm: ArmModel) -> FloatArray:
-    """Return the margin (n,) of planned poses to the ends of the ranges, with sensor errors."""
+    """Return the margin (n,) that planned poses keep to the ends of the ranges, sensor errors included."""
     return MARGIN_RAD + arm.linearity_rad()
 
 
@@ -63,7 +63,7 @@ def require_closed_chain(fixture: EndpointConstraint) -> None:
 
 
 def without_hidden(arm: ArmModel, fixture: EndpointConstraint, model: ClosureModel) -> ClosureModel:
-    """Return the loop with parameters that the fixture's placement hides fixed at their nominal value."""
+    """Return the loop in which parameters hidden by the fixture's placement are fixed at their nominal values."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = fixture.placement_checks(arm, part, nominal)
@@ -83,7 +83,7 @@ def planning_task(
 ) -> PlanningTask:
     """Return the task of planning poses of `arm` in `fixture`.
 
-    `drive_sets`: sets of drive joints, the present one first; None: rank all sets. `unsensed_joints`: joints whose
+    `drive_sets`: sets of drive joints, the current one first; None: rank all sets. `unsensed_joints`: joints whose
     readings are not used. `samples`: readings averaged into one pose.
     """
     require_closed_chain(fixture)
@@ -109,7 +109,7 @@ def planning_task(
 
 
 def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
-    """Return a check for each fixed entry of the arm, with the reason."""
+    """Return a set-up check for each fixed entry of the arm, with the reason."""
     stacked = procedure.arm.table.stacked()
     checks = []
     for name, why in procedure.held.items():
@@ -128,7 +128,7 @@ def fixed_parameter_checks(procedure: Procedure) -> tuple[SetupCheck, ...]:
 
 
 def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, str]:
-    """Return the free entries of an arm that a fixture cannot identify, with the reason: for a new procedure."""
+    """Return, for a new procedure, the free entries of an arm that a fixture cannot identify, with the reason."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
         for check in fixture.setup_checks(arm, arm.home_rad)
@@ -143,7 +143,7 @@ def _stated_errors(
     unsensed_joints: tuple[int, ...],
     samples: int,
 ) -> StatedErrors:
-    """Return the stated errors of a calibration from poses of `samples` readings each."""
+    """Return the stated errors for a calibration from poses of `samples` readings each."""
     _, tolerance = free_within_tolerance(model, arm)
 
     def at_readings(q_rad: FloatArray) -> ErrorModel:

@@ -1,1 +1,1 @@
-"""Results as text, tables and JSON. Renders only; computes nothing."""
+"""Results as text, tables and JSON. This package renders; it computes nothing."""

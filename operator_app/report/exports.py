@@ -1,7 +1,7 @@
 """A calibration in the formats of other tools: JSON, CSV, URDF, MATLAB. Computes nothing, writes no file.
 
-Each format states the side of every parameter (arm, ground or tool): only those of the arm remain valid when the
-fixture is dismounted. A URDF holds the arm's side alone.
+Each format states the side of every parameter (arm, ground or tool): only the arm's remain valid when the
+fixture is dismounted. A URDF contains the arm's side alone.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Calibration:
 
 
 def in_format(found: Calibration, kind: str) -> bytes:
-    """Return the bytes of one of `EXPORT_FILES`."""
+    """Return the calibration in one of the formats in `EXPORT_FILES`, as bytes."""
     return {"json": _json, "csv": _csv, "urdf": _urdf, "mat": _mat}[kind](found)
 
 
@@ -82,7 +82,7 @@ def _json(found: Calibration) -> bytes:
 
 
 def _rows(found: Calibration) -> list[dict[str, Any]]:
-    """Rows 1..n of the arm's side, in deg and m, as in its URDF."""
+    """D-H rows 1..n of the arm's side, in deg and m, as in its URDF."""
     arm = found.by_itself
     columns = arm.table().stacked()
     angles = [kind for kind in DhKind if kind.is_angle]
@@ -120,12 +120,12 @@ def _csv(found: Calibration) -> bytes:
 
 
 def into_description(found: Calibration, data: bytes, file: str) -> bytes:
-    """Return the user's own URDF, xacro or UR kinematics file with the calibrated arm in its origins.
+    """Return the user's own URDF, xacro or UR kinematics file with the calibration in its joint origins.
 
     Raises
     ------
     ConfigError
-        The file cannot be read, or is of another arm.
+        The file cannot be read, or describes another arm.
     """
     estimate, own = found.solution.identified, set(found.by_itself.identified)
     figures = [
@@ -155,7 +155,7 @@ def _urdf(found: Calibration) -> bytes:
 
 
 def _provenance(found: Calibration) -> list[str]:
-    """Return comment lines: arm, poses, calibrated entries, and the reason of a forced export."""
+    """Return comment lines that state arm, poses, calibrated entries, and the reason for a forced export."""
     arm = found.by_itself
     model = found.solution.model.parts()[0][0]
     mounting = [

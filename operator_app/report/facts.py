@@ -1,6 +1,6 @@
-"""Facts of a calibration: verdict, headlines, tables and notices, built once for every renderer.
+"""Facts of a calibration: verdict, headlines, tables and notices, built once for all renderers.
 
-Text, page, JSON, screen and plain mode render these facts and decide nothing. A table that is added
+Text, page, JSON, screen and plain mode render these facts and make no decisions. A table that is added
 to `facts_of` appears in all of them; figures with a key are in JSON as well; further JSON data are in
 `calibration_data`.
 """
@@ -72,7 +72,7 @@ class Facts:
     causes
         Possible faults, the most probable first.
     data
-        Content of the JSON object other than figures with a key.
+        Content of the JSON object apart from figures with a key.
     """
 
     accepted: bool
@@ -108,7 +108,7 @@ def facts_of(
     checks
         Cross-validation and jackknife; None where they were not computed.
     captured
-        Number of captured poses, unused ones included; None where all were used.
+        Number of captured poses, including unused ones; None if all were used.
     """
     estimate, beside = solution.identified, solution.beside
     left_out = 0 if captured is None else captured - solution.poses
@@ -167,7 +167,7 @@ def facts_of(
 
 
 def estimate_json(estimate: Estimate) -> dict[str, Any]:
-    """Return the result of one estimator as JSON: the paper's, in addition to the chosen one."""
+    """Return the result of one estimator as JSON, such as the paper's in addition to the chosen one."""
     rows = closure_row(estimate.estimator, estimate.sigmas, key=())
     closure = FactTable(ident="", title="", columns=CLOSURE_COLUMNS, rows=(rows,))
     return merged(
@@ -224,7 +224,7 @@ EVERY = 4
 
 
 def side_note(solution: Solution) -> str:
-    """Return the side of each parameter (arm, ground or tool): only the arm's stay valid in another mounting."""
+    """Return a note on each parameter's side (arm, ground or tool): only the arm's stay valid in another mounting."""
     names: dict[str, list[str]] = {"arm": [], "ground": [], "hand": []}
     for parameter in solution.identified.parameters:
         names[side_of(solution.model, parameter.name)].append(parameter.name)

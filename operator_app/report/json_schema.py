@@ -1,4 +1,4 @@
-"""Parts of a calibration's JSON object that no table holds. The key names are a contract.
+"""Parts of a calibration's JSON object that are in no table. The key names are a contract.
 
 Angles in deg, lengths in m.
 """
@@ -81,7 +81,7 @@ def calibration_data(solution: Solution) -> dict[str, Any]:
 
 
 def estimate_data(estimate: Estimate) -> dict[str, Any]:
-    """Return one estimator's keys that do not come from figures."""
+    """Return those keys of one estimator that do not come from tables' figures."""
     band = None if estimate.chi2 is None else chi2_test(estimate.chi2, estimate.dof)
     return {
         "estimator": estimate.estimator,
@@ -196,5 +196,5 @@ def unidentifiable_data(
 
 
 def notices_data(notices: Iterable[Finding]) -> list[dict[str, str]]:
-    """Return warnings as code and text."""
+    """Return warnings as codes with texts."""
     return [{"code": n.code, "text": n.sentence} for n in notices]

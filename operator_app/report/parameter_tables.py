@@ -32,7 +32,7 @@ SEVERAL_SIGMAS = 3.0
 
 
 def precision(estimate: Estimate) -> Callable[[Quantity], int]:
-    """Decimal places for angles and for lengths: two significant digits of the smallest sigma of each."""
+    """Decimal places for angles and for lengths, such that the smallest sigma of each has two significant digits."""
     sigmas = estimate.standard_deviation.tolist()
     return precision_of(zip(estimate.parameters, sigmas, strict=True), most=MOST_PLACES)
 
@@ -40,7 +40,7 @@ def precision(estimate: Estimate) -> Callable[[Quantity], int]:
 def precision_of(
     sigmas: Iterable[tuple[Valued, float]], *, most: int = 9
 ) -> Callable[[Quantity], int]:
-    """Return the same for parameters with their sigmas."""
+    """Return the same as `precision`, for parameters with their sigmas."""
     listed = tuple(sigmas)
 
     def places(quantity: Quantity) -> int:
@@ -203,7 +203,7 @@ def _change(parameter: Parameter, value: float, reference: float) -> float:
 
 
 def dh_table(solution: Solution) -> FactTable | None:
-    """D-H table, identified entries beside nominal ones; None for a loop without one."""
+    """D-H table, with identified entries beside nominal ones; None for a loop without such a table."""
     model = solution.model
     before = model.dh_table(nominal_vector(model.parameters))
     after = model.dh_table(solution.estimate.x)
@@ -249,7 +249,7 @@ def dh_table(solution: Solution) -> FactTable | None:
 
 
 def shown_kinds(*, with_beta: bool) -> tuple[DhKind, ...]:
-    """Return the columns of a D-H table; beta only where an entry of it counts."""
+    """Return the columns of a D-H table, including beta only if some row uses it."""
     beta = (DhKind.BETA,) if with_beta else ()
     return (DhKind.A, DhKind.S, DhKind.ALPHA, *beta, DhKind.THETA_OFF)
 

@@ -175,7 +175,7 @@ def accuracy_table(solution: Solution) -> FactTable | None:
 
 
 def truth_table(solution: Solution) -> FactTable | None:
-    """Return the errors of a simulated arm's calibration against the truth; None for a real arm."""
+    """Return the table of a simulated arm's true calibration errors; None for a real arm."""
     truth = solution.truth
     if truth is None:
         return None
@@ -204,7 +204,7 @@ def truth_table(solution: Solution) -> FactTable | None:
 
 
 def truth_in_words(solution: Solution) -> str:
-    """Return the table of the truth as a sentence, where a table does not fit; empty for a real arm."""
+    """Return the content of `truth_table` as a sentence, for use where a table does not fit; empty for a real arm."""
     truth = solution.truth
     if truth is None:
         return ""
@@ -242,7 +242,7 @@ CLOSURE_COLUMNS = (
 
 
 def closure_table(solution: Solution, beside: Estimate | None, checks: Checks | None) -> FactTable:
-    """Closure sigmas before and after, in both interpretations, and for held-out poses."""
+    """Closure sigmas before and after calibration, by both interpretations, and for held-out poses."""
     estimate = solution.identified
     rows = [
         closure_row("nominal, before", solution.before, key=("before",)),
@@ -289,7 +289,7 @@ def closure_row(
     key
         Key of the figures in JSON; None: not in JSON.
     reading
-        JSON's name of a figure that exists in one interpretation only.
+        Name in JSON of a figure that exists in one interpretation only.
     """
     cells: list[Cell] = [name]
     turned = sigmas.orientation_rad
@@ -309,7 +309,7 @@ def closure_row(
 
 
 def causes_table(solution: Solution) -> FactTable | None:
-    """Return the causes, the most probable first; their sentences are shown by page and JSON only."""
+    """Return the causes, the most probable first; only the page and JSON show their sentences."""
     rows = tuple(
         (
             cause.code,

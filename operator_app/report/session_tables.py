@@ -101,7 +101,7 @@ def _stated_rad(arm: ArmModel) -> FloatArray:
 
 
 def sensor_words(sensor: Sensor, *, used: bool) -> str:
-    """Return a joint's sensor in words."""
+    """Return a description of a joint's sensor."""
     match sensor:
         case Encoder():
             words = f"encoder, {sensor.counts_per_rev} counts/rev"

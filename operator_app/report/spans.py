@@ -1,4 +1,4 @@
-"""Lines of a terminal as spans: each is a text and the role that styles it."""
+"""Lines of a terminal as spans; a span is text with the role that styles it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Line = tuple[Span, ...]
 
 
 def line(*parts: str | Span) -> Line:
-    """Make a line; bare strings are in the ``text`` role."""
+    """Make a line of spans; plain strings get the role ``text``."""
     return tuple((p, "text") if isinstance(p, str) else p for p in parts)
 
 
@@ -25,7 +25,7 @@ short_entry = partial(entry, column=11)
 
 
 def length(of: Line) -> int:
-    """Cells a line takes; every character used here is one cell wide."""
+    """Number of cells that a line takes; every character used is one cell wide."""
     return sum(len(text) for text, _ in of)
 
 
@@ -44,7 +44,7 @@ def clip(of: Line, width: int) -> Line:
 
 
 def cut(rows: list[Line], width: int, height: int, more: str) -> list[Line]:
-    """Return at most `height` rows; the last one states the number of cut ones."""
+    """Return at most `height` rows; if some are cut, the last one states how many."""
     if len(rows) <= height:
         return rows
     if height < 1:
@@ -61,7 +61,7 @@ def wrapped(text: str, width: int, role: str = "text", indent: str = "") -> list
 
 
 def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], int, int]:
-    """Return the rows from `first` on that fit, their number, and the index of the first.
+    """Return the rows from `first` on that fit, how many they are, and the index of the first.
 
     The last row states the number of rows that do not fit.
     """
@@ -75,6 +75,6 @@ def window(rows: Sequence[Line], first: int, height: int) -> tuple[list[Line], i
 
 
 def beside(left: Line, right: Line, width: int) -> Line:
-    """Combine one line at the left end and one at the right end."""
+    """Combine two lines, one at the left end and one at the right end."""
     gap = max(1, width - length(left) - length(right))
     return (*left, (" " * gap, "text"), *right)

@@ -38,9 +38,9 @@ class Subject:
     checks
         Cross-validation and jackknife of the solution; None where they were not computed.
     recalculated_because
-        Reason why the solution is not that of the journal; empty if it is.
+        Why the solution is not the one in the journal; empty if it is.
     last_utc, events, torn
-        Time of the journal's last event, number of events, and text about a part dropped from its end.
+        Time of the journal's last event, number of events, and text about an incomplete line dropped from its end.
     simulated
         Whether the drives report that they are virtual.
     """
@@ -100,7 +100,7 @@ class Subject:
 
     @property
     def implicit(self) -> Estimate | None:
-        """Estimate of the implicit estimator, chosen or not."""
+        """Estimate of the implicit estimator, whether or not it was chosen."""
         if self.solution is None:
             return None
         both = (self.solution.identified, self.solution.beside)
@@ -108,7 +108,7 @@ class Subject:
 
     @property
     def used(self) -> tuple[CapturedPose, ...]:
-        """Poses of the solution, in the order of its rows."""
+        """Poses from which the solution was made, in the order of its rows."""
         return tuple(p for p in self._counting if p.number not in self.flipped)
 
     @property
@@ -152,7 +152,7 @@ def subject_of_session(
     found
         Its calibration; None if the poses do not determine every parameter.
     unidentifiable
-        The undetermined parameters in that case.
+        The undetermined parameters, in that case.
     """
     return Subject(
         name=name,
@@ -190,7 +190,7 @@ def subject_on(s: SessionSnapshot) -> Subject | None:
 
 
 def no_facts(s: SessionSnapshot) -> str:
-    """Return why there is no calibration to show; empty if there is one."""
+    """Return text on why there is no calibration to show; empty if there is one."""
     if s.solution is None:
         return "no calibration of these poses yet"
     counting = sum(not pose.excluded for pose in s.state.poses)

@@ -1,4 +1,4 @@
-"""Tables of facts: figures under headers with their units."""
+"""Tables of facts: figures under headers with units."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class Column:
     words
         Whether its cells are text, aligned to the left.
     group
-        Header over neighbouring columns of the same group.
+        Header above neighbouring columns that belong together.
     detail
-        Whether it is shown on the page only.
+        Whether only the HTML page shows it.
     summary
-        Whether it replaces details where there is no room for them.
+        Whether it replaces detail columns where there is no room for them.
     """
 
     title: str
@@ -63,7 +63,7 @@ class FactTable:
     ident, title
         Name for links, and caption.
     detail
-        Whether it is shown on the page only.
+        Whether only the HTML page shows it.
     out
         Rows (indices) that are not used, shown dimmed.
     """
@@ -82,7 +82,7 @@ class FactTable:
 
     @property
     def brief(self) -> FactTable:
-        """The table without page-only columns."""
+        """The table without columns that only the page shows."""
         return self._of([k for k, column in enumerate(self.columns) if not column.detail])
 
     @property

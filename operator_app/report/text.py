@@ -21,9 +21,9 @@ WIDTH = 80
 
 
 def facts_text(facts: Facts, *, failed: str = "") -> str:
-    """Return the result of a calibration as text, most important facts first.
+    """Return the result of a calibration as text, the most important facts first.
 
-    `failed` names a failed test of new poses, which is added to the verdict's line.
+    `failed` describes a failed test with new poses, which is added to the verdict's line.
     """
     blocks = [
         verdict_text(facts, failed=failed),
@@ -34,7 +34,7 @@ def facts_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def verdict_text(facts: Facts, *, failed: str = "") -> str:
-    """Return the verdict with its reasons and, in the same line, the test of new poses that `failed`."""
+    """Return the verdict with its reasons and, in the same line, the test with new poses that `failed`."""
     said = facts.reasons
     head = facts.verdict.upper()
     if failed:
@@ -51,12 +51,12 @@ def verdict_text(facts: Facts, *, failed: str = "") -> str:
 
 
 def _said_first(facts: Facts) -> set[str]:
-    """Codes of notices that the verdict includes already: its causes or, if not accepted, the blocking ones."""
+    """Codes of notices that the verdict already includes: its causes or, if it is not accepted, the blocking ones."""
     return {c.code for c in facts.causes if facts.accepted or c.blocking}
 
 
 def table_text(table: FactTable) -> str:
-    """Return a table under its title, its note below."""
+    """Return a table under its title, with its note below."""
     rows = table_lines(table)
     if max(map(len, rows), default=0) > WIDTH:
         rows = table_lines(table, gap=" ")
@@ -65,13 +65,13 @@ def table_text(table: FactTable) -> str:
 
 
 def table_lines(table: FactTable, gap: str = "  ", margin: str = "  ") -> list[str]:
-    """Return head and rows of a table without page-only columns."""
+    """Return head and rows of a table without columns that only the page shows."""
     heads, rows = placed(table.brief, gap)
     return [(margin + gap.join(cells)).rstrip() for cells in (*heads, *rows)]
 
 
 def placed(table: FactTable, gap: str) -> tuple[list[list[str]], list[list[str]]]:
-    """Return the rows of the head (groups above titles) and of the body, aligned."""
+    """Return the aligned rows of the head (groups above titles) and of the body."""
     if not table.rows:
         return [], []
     columns, groups = table.columns, _groups(table.columns)
@@ -114,7 +114,7 @@ ROLES = {"found": "bold"}
 
 
 def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
-    """Return head and body of a table without the page-only columns."""
+    """Return head and body of a table, as spans, without columns that only the page shows."""
     table = table.brief
     heads, rows = placed(table, " ")
     body = [
@@ -133,7 +133,7 @@ def table_spans(table: FactTable) -> tuple[list[Line], list[Line]]:
 
 
 def headline_spans(headlines: Sequence[Headline], width: int) -> Line:
-    """Return headlines side by side, the last ones without notes if these do not fit."""
+    """Return headlines side by side; the last ones without their notes if these do not fit."""
     row = ""
     for with_note in range(len(headlines), -1, -1):
         said = [h.text if k < with_note else h.figure_text for k, h in enumerate(headlines)]
@@ -181,7 +181,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: bool = False) -> str:
-    """Return rows as columns: the first column to the left, all others to the right or also to the `left`."""
+    """Return rows as columns, the first one left-aligned, the others right-aligned (if `left`, left-aligned too)."""
     columns = list(zip_longest(*(map(harmless, row) for row in rows), fillvalue=""))
     for k, cells in enumerate(columns):
         width = max(map(len, cells))

@@ -1,4 +1,4 @@
-"""Tables of the sources of error: sizes, shares of each variance, effect of halving one; results of the posterior."""
+"""Tables of the sources of error (sizes, shares of variances, effect of halving one) and of the posterior's results."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def components_table(
 ) -> FactTable | None:
     """Size of every estimated source of error, with its interval.
 
-    Where the solution diverged (`diverged`) there is no note on the fixture's compliance.
+    If the solution has `diverged`, there is no note on the fixture's compliance.
     """
     if found is None or (not found.components and found.compliance is None):
         return None
@@ -86,7 +86,7 @@ def component_words(name: str) -> str:
 
 
 def budget_table(solution: Solution) -> FactTable | None:
-    """Share of each source of error in every parameter's variance."""
+    """Share of every parameter's variance due to each source of error."""
     if solution.components is None:
         return None
     estimate, budget = solution.estimate, solution.components.budget
@@ -119,7 +119,7 @@ def budget_table(solution: Solution) -> FactTable | None:
 
 
 def sensitivity_table(solution: Solution) -> FactTable | None:
-    """Largest source of the widest sigmas, and the sigma with that source halved."""
+    """For the largest sigmas: the largest source, and the sigma if that source were halved."""
     found = source_sensitivities(solution)
     rows: list[tuple[Cell, ...]] = []
     for h in found:
@@ -154,7 +154,7 @@ def source_words(source: str) -> str:
 
 
 def scale_table(solution: Solution) -> FactTable | None:
-    """Size of each family of errors, relative to the stated one."""
+    """Ratio of the size of each family of errors to the stated size."""
     if not solution.scales:
         return None
     rows: list[tuple[Cell, ...]] = [
@@ -209,7 +209,7 @@ def _measured(distance: Distance) -> tuple[Cell, ...]:
 
 
 def best_table_table(solution: Solution) -> FactTable | None:
-    """D-H table that gives the best tool position where no corrections are applied."""
+    """D-H table that gives the best tool position if no corrections are applied."""
     best = solution.best
     if best is None:
         return None
@@ -236,7 +236,7 @@ def best_table_table(solution: Solution) -> FactTable | None:
 
 
 def posterior_data(solution: Solution) -> dict[str, Any]:
-    """Return the JSON keys of these results; angles in deg, lengths in m or as the key says."""
+    """Return the JSON keys of the posterior's results; angles in deg, lengths in m or as the key says."""
     best = solution.best
     found: dict[str, Any] = {
         "shares": dict(solution.shares),

@@ -1,1 +1,1 @@
-"""The workflow without a screen: states, guards, journal, resume. It prints nothing."""
+"""The workflow, independent of any screen: states, guards, journal, resume. It prints nothing."""

@@ -1,6 +1,6 @@
-"""The app: polls one snapshot at 20 Hz, sends keys to actions, STOP straight to the arm.
+"""The app: polls a snapshot at 20 Hz, passes keys to actions, and sends STOP straight to the arm.
 
-Decides nothing about a calibration; `session` does. Slow imports run in a thread while the first screen is shown.
+All decisions about a calibration are made in `session`. Slow imports run in a thread while the first screen is shown.
 """
 
 from __future__ import annotations
@@ -52,12 +52,12 @@ class _Fixed(Lines, can_focus=False):
         self._rows = rows
 
     def on_mount(self) -> None:
-        """Show them."""
+        """Show the lines."""
         self.show_lines(self._rows)
 
 
 class StartScreen(Screen[None]):
-    """First screen: the strip, a line of text, and the key to leave."""
+    """First screen: the safety strip, a line of text, and the key to leave."""
 
     AUTO_FOCUS = ""
 
@@ -86,7 +86,7 @@ class AsciiScrollBar(ScrollBarRender):
 
 
 class SarcalApp(App[str]):
-    """The full-screen app with its seven steps. Runs until `leave`; returns why it ended."""
+    """The full-screen app with its seven steps. It runs until `leave` and returns why it ended."""
 
     CSS_PATH = "sarcal.tcss"
     TITLE = "sarcal"
@@ -155,14 +155,14 @@ class SarcalApp(App[str]):
         await self.push_screen(self.main)
 
     def on_main_screen_ready(self) -> None:
-        """Begin a session, or offer to resume; then poll."""
+        """Begin a session, or offer to resume one; then poll."""
         gc.enable()
         self.main.set_class(self.look.ascii_only, "-ascii")
         self.interface.begin()
         self.main.set_interval(self.poll_s, self.poll)
 
     def _asked_to_end(self, reason: str, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave through the event loop; without the screen if the loop does not respond."""
+        """Leave through the event loop or, if the loop does not respond, without the screen."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: leaving already
             loop.call_soon_threadsafe(self.leave, reason)
         if self.owns_process:
@@ -170,14 +170,14 @@ class SarcalApp(App[str]):
             threading.Thread(target=leave, args=(reason,), daemon=True).start()
 
     def _watch_terminal(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Leave when the terminal is gone; only a process with it as controlling terminal gets SIGHUP."""
+        """Leave when the terminal is gone: SIGHUP reaches only a process whose controlling terminal it was."""
         terminal = select.poll()
         terminal.register(sys.__stdin__ or 0, 0)  # a hang-up is reported unasked
         terminal.poll()
         self._asked_to_end(signal.SIGHUP.name, loop)
 
     def _leave_without_screen(self, reason: str) -> None:
-        """Close the source from here: the loop may wait forever on a terminal that takes no output."""
+        """Close the source from this thread, as the loop may wait forever for a terminal that takes no output."""
         if not self._screen_over.wait(SCREEN_PATIENCE_S):
             try:
                 self.close_source(reason)
@@ -185,7 +185,7 @@ class SarcalApp(App[str]):
                 os._exit(ExitCode.INTERRUPTED)
 
     def close_source(self, reason: str) -> None:
-        """Hold the arm and close the journal, once; a second caller waits until that is done."""
+        """Hold the arm and close the journal; a second caller waits until the first has done it."""
         self._screen_over.set()
         with self._source_lock:
             if self.loaded:
@@ -216,11 +216,11 @@ class SarcalApp(App[str]):
     # -- keys --------------------------------------------------------------------------------------
 
     def get_driver_class(self) -> type[Driver]:
-        """Return the platform's driver, which also reports STOP before the event loop sees it."""
+        """Return the platform's driver, extended to report STOP before the event loop sees it."""
         return watched(super().get_driver_class(), self.at_the_door)
 
     def at_the_door(self, event: Pressed) -> None:
-        """Stop from the thread that reads keys and mouse; the event loop is informed later."""
+        """Handle STOP in the thread that reads keys and mouse; the event loop is informed later."""
         runner = self.runner
         if runner is None or not runner.connected:
             return
@@ -248,13 +248,13 @@ class SarcalApp(App[str]):
         return len(self._stopped_at_the_door) < before
 
     def _is_stop(self, event: events.Key) -> bool:
-        """Whether an event is STOP: F8 always, space unless text is being entered, with any modifier."""
+        """Whether an event means STOP: F8 always, space unless text is being entered; with any modifier."""
         key = event.key.rpartition("+")[2]
         typing = key == "space" and isinstance(self.focused, Input)
         return key in STOP_KEYS and not typing
 
     async def on_event(self, event: events.Event) -> None:
-        """Handle keys before any widget does: STOP first, then those that end a motion."""
+        """Handle keys before any widget does: STOP first, then keys that end a motion."""
         if isinstance(event, events.Key) and not event.is_forwarded and self._take(event):
             event.stop()
             event.prevent_default()
@@ -262,7 +262,7 @@ class SarcalApp(App[str]):
         await super().on_event(event)
 
     def _take(self, event: events.Key) -> bool:
-        """Handle a key; return whether it was one of the app's."""
+        """Handle a key; return whether the app uses it."""
         if self._typed_early is not None:
             if event.key in QUIT_KEYS:
                 self.leave("left")
@@ -293,7 +293,7 @@ class SarcalApp(App[str]):
         return False
 
     def on_clicked(self, event: Clicked) -> None:
-        """Do the action of a key or a step that was clicked."""
+        """Do the action of a key, or of a step, that was clicked."""
         self.main.refuse("")
         self.interface.do_named(event.action)
 

@@ -1,4 +1,4 @@
-"""Questions over the main screen. They never cover the safety strip, and they focus Cancel."""
+"""Questions over the main screen. They never cover the safety strip, and Give Cancel the focus."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Dialog(ModalScreen[str | None]):
         self._title, self._text = title, text
 
     def on_resize(self, event: events.Resize) -> None:
-        """Leave the strip and the rail uncovered in both layouts."""
+        """Leave the safety strip and the list of steps uncovered in both layouts."""
         app: Any = self.app
         self.set_class(is_compact(*event.size), "-compact")
         self.set_class(app.look.ascii_only, "-ascii")
@@ -77,15 +77,15 @@ class Confirm(Dialog):
             yield Button(self._plain(f"{self._yes}  y"), id="yes", compact=True)
 
     def on_mount(self) -> None:
-        """Cancel has the focus."""
+        """Give Cancel the focus."""
         self.query_one("#cancel", Button).focus()
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """Answer."""
+        """Close with the answer."""
         self.dismiss("yes" if event.button.id == "yes" else None)
 
     def action_yes(self) -> None:
-        """Answer yes."""
+        """Close with the answer yes."""
         self.dismiss("yes")
 
     def action_other(self) -> None:
@@ -95,7 +95,7 @@ class Confirm(Dialog):
 
 
 class Ask(Dialog):
-    """One line of text; with `expected`, only that text is taken."""
+    """One line of text; with `expected`, only that text is accepted."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss_none", show=False)]
 
@@ -109,11 +109,11 @@ class Ask(Dialog):
         yield Static(self._plain("Enter accepts, Esc cancels"), id="said")
 
     def on_mount(self) -> None:
-        """Type at once."""
+        """Give the input the focus, so that typing can start at once."""
         self.query_one(Input).focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Accept the text, or say why it is refused."""
+        """Accept the text, or show why it is refused."""
         if self._expected and event.value.strip() != self._expected:
             self.query_one("#said", Static).update(
                 self._plain(f"▲ that is not {self._expected}: nothing was sent")
@@ -123,26 +123,26 @@ class Ask(Dialog):
 
 
 class Choose(Dialog):
-    """One of several."""
+    """A choice of one of several."""
 
     def __init__(self, title: str, text: str, options: Sequence[tuple[str, str]]) -> None:
         super().__init__(title, text)
         self._options = options
 
     def body(self) -> ComposeResult:
-        """A list; the first entry changes nothing."""
+        """A list whose first entry changes nothing."""
         cancel = Option(self._plain("Cancel"), id="")
         rows = [Option(self._plain(text), id=key) for key, text in self._options]
         yield OptionList(cancel, *rows, id="options", compact=True)
 
     def on_mount(self) -> None:
-        """The list has the focus, Cancel is marked."""
+        """Give the list the focus, with Cancel marked."""
         found = self.query_one(OptionList)
         found.focus()
         found.highlighted = 0
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Answer."""
+        """Close with the answer."""
         self.dismiss(event.option.id or None)
 
 
@@ -161,12 +161,12 @@ class Read(Dialog):
             yield Static(self._plain(self._text), id="text")
 
     def on_mount(self) -> None:
-        """Scroll with the arrows."""
+        """Give the text the focus, so that the arrow keys scroll it."""
         self.query_one("#box").focus()
 
 
 def dialog(question: Question) -> Dialog:
-    """Return the dialog of a question."""
+    """Return the dialog for a question."""
     match question:
         case YesNo(title=title, text=text, yes=yes):
             return Confirm(title, text, yes)

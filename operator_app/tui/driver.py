@@ -1,8 +1,8 @@
-"""The terminal driver: it detects STOP in the reading thread, and survives the loss of the terminal.
+"""The terminal driver, which detects STOP in the reading thread and survives the loss of the terminal.
 
 A repaint or a calibration may keep the event loop for some hundredths of a second; STOP does not wait
-for it: keys are examined in the thread that reads them. If a closed terminal ended the writing thread, another thread
-would wait for it forever, with the arm still enabled.
+for it, because keys are examined in the thread that reads them. If a closed terminal ended the writing thread, another
+thread would wait for it forever while the arm is still enabled.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Pressed = events.Key | events.MouseDown
 
 
 def watched(driver: type[Driver], at_the_door: Callable[[Pressed], None]) -> type[Driver]:
-    """Return a driver class that reports each key before the event loop, and never fails to write."""
+    """Return a driver class that reports each key before the event loop does, and never fails to write."""
 
     class WatchedDriver(driver):  # type: ignore[misc, valid-type]
         """See `watched`."""

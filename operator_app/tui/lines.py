@@ -1,6 +1,6 @@
 """A widget that shows lines of plain spans and repaints only those that changed.
 
-No markup anywhere: brackets in `[deg]` are brackets. A span is text and the name of its role.
+Text contains no markup: the brackets in `[deg]` are just brackets. A span is text with the name of its role.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Clicked(Message):
 class Lines(Widget, can_focus=True):
     """Lines of spans.
 
-    Subclasses override `build`, which turns a snapshot into lines for the present size, and set `HELP`, the text that
+    Subclasses override `build`, which turns a snapshot into lines for the current size, and set `HELP`, the text that
     `?` shows while the panel is focused.
     """
 
@@ -63,7 +63,7 @@ class Lines(Widget, can_focus=True):
         self._painted: dict[int, Strip] = {}
 
     def on_mount(self) -> None:
-        """Title the frame."""
+        """Set the title of the frame."""
         self.retitle(self.TITLE)
 
     def retitle(self, text: str) -> None:
@@ -80,7 +80,7 @@ class Lines(Widget, can_focus=True):
         return ()
 
     def show(self, s: SessionSnapshot) -> None:
-        """Show a snapshot; only rows that differ are painted."""
+        """Show a snapshot; only rows that have changed are painted."""
         if self._room is None or not self._room.area:
             self._room = self.content_size
         if self._room.area:
@@ -109,7 +109,7 @@ class Lines(Widget, can_focus=True):
             self.refresh(*(Region(0, y, width, 1) for y in changed))
 
     def forget(self) -> None:
-        """Repaint everything after a change of look or layout."""
+        """Repaint everything after a change of theme or layout."""
         self._base = self._room = None
         self._strips.clear()
         self.refresh()
@@ -127,12 +127,12 @@ class Lines(Widget, can_focus=True):
         return super().refresh(*regions, repaint=repaint, layout=layout, recompose=recompose)
 
     def notify_style_update(self) -> None:
-        """Paint with other colours or another frame."""
+        """Repaint with other colours or another frame."""
         self._painted.clear()
         super().notify_style_update()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Return rows with frame and background, unchanged ones from the cache."""
+        """Return rows with frame and background; unchanged rows come from the cache."""
         painted, width = self._painted, self.outer_size.width
         missing = [y for y in crop.line_range if y not in painted]
         if missing:

@@ -1,4 +1,4 @@
-"""The main screen: strip, banner, rail, present step, next action, messages, keys."""
+"""The main screen: safety strip, banner, list of steps, current step, next action, messages, keys."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def done(step: Step, s: SessionSnapshot) -> bool:
 
 
 def detail(step: Step, s: SessionSnapshot) -> str:
-    """Return a summary of a step in a word or two."""
+    """Return a summary of a step, in a word or two."""
     match step:
         case Step.CONNECT:
             return s.identity.serial_number if s.identity else "not connected"
@@ -75,7 +75,7 @@ class StepRail(Lines, can_focus=False):
     current = Step.CONNECT
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Glyph, number, title; below it the detail."""
+        """Return glyph, number and title of each step, with its detail below."""
         rows: list[Line] = []
         for step in Step:
             here = step is self.current
@@ -93,19 +93,22 @@ class StepRail(Lines, can_focus=False):
             self.post_message(Clicked(action))
 
     def _action_at(self, x: int, y: int) -> str:
-        """Return the action of a click; a handler in a subclass would be called in addition to this one."""
+        """Return the action of a click.
+
+        Subclasses override this, because a handler of theirs would be called in addition.
+        """
         number = y // 3 + 1
         return f"step_{number}" if number <= len(Step) else ""
 
 
 class StepRow(StepRail, can_focus=False):
-    """All steps in one row, for small terminals. `place`: number of the view, and of how many."""
+    """All steps in one row, for small terminals. `place`: number of the view shown, and number of views."""
 
     place = (1, 1)
     _view_at: int | None = None
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return one row; only the present step has its name."""
+        """Return one row, in which only the current step is shown with its name."""
         row: list[Span] = []
         for step in Step:
             here = step is self.current
@@ -120,7 +123,7 @@ class StepRow(StepRail, can_focus=False):
         return [tuple(row)]
 
     def _action_at(self, x: int, y: int) -> str:
-        """A click on a number goes to its step, elsewhere to the next view; it ends no motion."""
+        """A click on a number goes to that step, a click elsewhere to the next view; neither ends a motion."""
         if self._view_at is not None and x >= self._view_at:
             return "view"
         end = 0
@@ -139,7 +142,7 @@ VIEWS = (ConnectView, FixtureView, ModesView, CaptureView, CalibrateView, Result
 
 
 class Hint(Lines, can_focus=False):
-    """The next action, or why the last one was refused."""
+    """The next action, or why the last action was refused."""
 
     step = Step.CONNECT
     refusal = ""
@@ -203,12 +206,12 @@ class Footer(Lines, can_focus=False):
 
 
 class TooSmall(Lines, can_focus=False):
-    """Shown in a terminal that is too small: the size that is needed."""
+    """Shown in a terminal that is too small; states the size that is needed."""
 
     FIXED = True
 
     def show_size(self, width: int, height: int) -> None:
-        """Show the present and the needed size."""
+        """Show the current and the required size."""
         columns, rows = SMALLEST_TERMINAL
         text = f"sarcal needs {columns} x {rows} characters; this window has {width} x {height}."
         self.show_lines(
@@ -266,7 +269,7 @@ class MainScreen(Screen[None]):
         return self.steps[self.hint.step - 1]
 
     def go_to(self, step: Step) -> None:
-        """Show a step; no widget has the focus."""
+        """Show a step, with no widget in focus."""
         self.query_one(ContentSwitcher).current = f"step-{int(step)}"
         self.set_focus(None)
         for rail in self.rails:
@@ -274,7 +277,7 @@ class MainScreen(Screen[None]):
         self.hint.step = self.footer.step = step
 
     def refuse(self, sentence: str) -> None:
-        """Show why something was refused; the empty string removes it."""
+        """Show why something was refused; an empty string removes the text."""
         self.hint.refusal = sentence
 
     def show(self, s: SessionSnapshot) -> None:
@@ -291,7 +294,7 @@ class MainScreen(Screen[None]):
                     widget.show(s)
 
     def _make_room(self, s: SessionSnapshot) -> None:
-        """Give the next action and an alarm the rows they need, an alarm at most a third of the screen.
+        """Give the next action and an alarm the rows they need; an alarm gets at most a third of the screen.
 
         The joints stay visible. A row not used by the next action goes to the log, so that nothing else moves.
         """
@@ -307,7 +310,7 @@ class MainScreen(Screen[None]):
             self.call_after_refresh(self.forget)
 
     def _news(self, s: SessionSnapshot) -> object:
-        """Return the parts of a snapshot that the frame shows at once; ages and rates may be late."""
+        """Return the parts of a snapshot whose change is shown at once; ages and rates may be shown later."""
         joints = () if s.arm is None else tuple((j.mode, j.drive) for j in s.arm.joints)
         latest = s.messages[-1].number if s.messages else 0
         return (

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def title(action: Entry) -> str:
-    """Return the entry of an action: words and key."""
+    """Return the palette's entry for an action: text and key."""
     where = ""
     if len(action.steps) == 1:
         where = f" (step {int(next(iter(action.steps)))})"
@@ -22,10 +22,10 @@ def title(action: Entry) -> str:
 
 
 class ActionProvider(Provider):
-    """Every action, found by its words."""
+    """Provider of all actions, found by their words."""
 
     def _all(self) -> Iterator[tuple[Entry, dict[str, Any]]]:
-        """Yield every action, its text, and the call that performs it."""
+        """Yield every action with its text and the call that performs it."""
         from operator_app.session.ui import action_table
 
         app: Any = self.app
@@ -45,7 +45,7 @@ class ActionProvider(Provider):
             yield DiscoveryHit(Content(title(action)), **shown)
 
     async def search(self, query: str) -> Hits:
-        """Match words."""
+        """Yield the actions whose words match."""
         matcher = self.matcher(query)
         for action, shown in self._all():
             score = matcher.match(f"{title(action)} {action.help}")

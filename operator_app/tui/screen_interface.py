@@ -1,4 +1,4 @@
-"""The user interface of the screen: dialogs, actions on the marked row, opening of sessions."""
+"""The user interface on the screen: dialogs, actions on the marked row, opening of sessions."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ ABOUT = {
 
 
 def help_text(step: Step, panel: Lines | None, width: int) -> str:
-    """Return the help for a step and the focused panel, if any."""
+    """Return the help for a step and for the panel in focus, if any."""
     blocks = [textwrap.fill(ABOUT[step], width)]
     if panel is not None and panel.HELP:
         blocks.append(textwrap.fill(f"This panel ({panel.TITLE}): {panel.HELP}", width))
@@ -93,7 +93,7 @@ class ScreenInterface:
         return action is not None
 
     def do(self, action: Action | OnScreen) -> None:
-        """Do an action at the present step and show its result at once."""
+        """Do an action at the current step and show its result at once."""
         if isinstance(action, OnScreen):
             ON_SCREEN[action.name](self)
         else:
@@ -101,7 +101,7 @@ class ScreenInterface:
         self.app.poll()
 
     def do_named(self, name: str) -> None:
-        """Do an action by name, from a click or as the next action."""
+        """Do the action of this name, after a click or as the next action."""
         self.do(action_table.by_name(name))
 
     def do_anywhere(self, action: Action | OnScreen) -> None:
@@ -157,7 +157,7 @@ class ScreenInterface:
         return self.app.main.query_one(CaptureView).marked_pose(s)
 
     def item(self, s: SessionSnapshot) -> int | None:
-        """The marked item of the check list, or the next that is open."""
+        """The marked item of the check list or, if none is marked, the next open one."""
         left = action_table.open_items(s)
         marked = self.marked_item()
         return marked if marked in left else next(iter(left), None)
@@ -179,7 +179,7 @@ class ScreenInterface:
             action_table.tick(runner, s, s.ticked ^ {self.marked_item()})
 
     def toggle_joint(self) -> None:
-        """Select the other mode for the marked joint."""
+        """Switch the selected mode of the marked joint."""
         s, runner = self.snapshot(), self.runner
         if s is not None and runner is not None:
             joint = self.app.main.query_one(ModesView).cursor + 1
@@ -253,7 +253,7 @@ class ScreenInterface:
     def open(
         self, make: Callable[[], Runner], then: Callable[[], Awaitable[None]] | None = None
     ) -> None:
-        """Switch to another session, in a thread: the previous one may have to end work and hold the arm."""
+        """Switch to another session, in a thread, as the previous one may have to end work and hold the arm."""
         if self._opening:
             self.refuse("wait: another session is being opened")
             return
@@ -296,14 +296,14 @@ class ScreenInterface:
     # -- moving about ------------------------------------------------------------------------------
 
     def follow(self, s: SessionSnapshot) -> None:
-        """Follow the progress: after a calibration show the Results step."""
+        """Follow the progress: when a calibration is done, show step Results."""
         if s.solution is not None and s.solution is not self._seen_solution:
             self._seen_solution = s.solution
             if self.app.step is Step.CALIBRATE:
                 self.go(Step.RESULTS)
 
     def go(self, step: Step) -> bool:
-        """Show a step if it is open; otherwise say what is missing."""
+        """Show a step if it is open; otherwise show what is missing."""
         s = self.snapshot()
         if s is None:
             return False
@@ -344,7 +344,7 @@ class ScreenInterface:
             self.refuse("STOP: no arm is connected, nothing was sent")
 
     def show_help(self) -> None:
-        """Explain the focused panel and list the keys."""
+        """Explain the panel in focus and list the keys."""
         panel = self.app.focused if isinstance(self.app.focused, Lines) else None
         text = help_text(self.app.step, panel, min(86, self.app.size.width - 8))
         self.app.push_screen(Read(f"Help: {self.app.step.title}", text))

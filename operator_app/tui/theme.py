@@ -1,6 +1,6 @@
-"""Colours and glyphs: three themes, one table of roles, plain ASCII on request.
+"""Colours and glyphs: three themes, one table of roles; plain ASCII on request.
 
-Normal is grey; colour marks the abnormal, always together with a glyph and a word.
+What is normal is grey; colour marks what is not, always together with a glyph and a word.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ PLUS_MINUS = "±", "+-"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """Style of text: theme name, whether ASCII only, styles by role."""
+    """Style of text: name of the theme, whether only ASCII is used, styles by role."""
 
     theme: str
     ascii_only: bool

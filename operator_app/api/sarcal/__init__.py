@@ -31,11 +31,11 @@ Errors, besides TypeError and ValueError for a wrong argument::
     SessionError             a session cannot be read, or no plan can be made
     IncomparableError        a SessionError: two Results have no parameter in common
 
-Each has a help page: ``help(sarcal.Result)``. A first script: ``sarcal help scripting`` in a shell.
+Each has a help text: ``help(sarcal.Result)``. For a first script, type ``sarcal help scripting`` in a shell.
 
-Own readings come as an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture
-are files, or the names of packaged ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``,
-``_mm``. Angles are sensor readings: joint angle = reading + theta_off.
+Your own readings may be an array (`poses_of`), a CSV file or a data frame (`load_poses`); an arm and a fixture are
+files, or the names of packaged ones. The end of a name is its unit: ``_rad``, ``_deg``, ``_m``, ``_mm``. Angles are
+sensor readings: joint angle = reading + theta_off.
 
 **Stability.** The names in ``sarcal.__all__``, their parameters and the attributes in their docstrings are this
 program's interface. They change only in a release that raises the version's first number (before 1.0: the second),

@@ -1,4 +1,4 @@
-"""Requirements of `sarcal` on an arm, as tests that a package runs on its simulator or on a free arm.
+"""Requirements of `sarcal` on an arm, as tests that a package runs on its simulator or on an arm free to move.
 
 ::
 
@@ -45,7 +45,7 @@ class ConnectedArm:
 
     @property
     def drives(self) -> tuple[int, ...]:
-        """Joints in position mode: those of the procedure, else those that move the others most at the present pose."""
+        """Joints in position mode: those in the procedure or, if none, those that now move the others most."""
         fixture = self.procedure.fixture.fixture
         if not fixture.holds_hand:
             return tuple(range(1, self.n + 1))
@@ -73,7 +73,7 @@ class ConnectedArm:
         return self.procedure.capture.speed_rad_per_s
 
     def away(self, joint: int) -> float:
-        """A target `STEP_RAD` away, on the side where the joint's range is longer."""
+        """A target `STEP_RAD` away, on the side where the joint has more range."""
         here, limits = self.arm.snapshot().joints[joint - 1], self.procedure.arm.joints[joint - 1]
         up = limits.upper_rad - here.position_rad > here.position_rad - limits.lower_rad
         return here.position_rad + (STEP_RAD if up else -STEP_RAD)
@@ -104,7 +104,10 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ConnectedArm]:
 
 
 def fulfils(tried: Clause | Iterable[Clause]) -> None:
-    """Test every clause on the arm until one fails; skip with the reason if some could not be tested."""
+    """Test every clause on the arm, up to the first failure.
+
+    Skip the test, with the reason, if a clause could not be tested.
+    """
     count, unknown = 0, []
     for clause in [tried] if isinstance(tried, Clause) else tried:
         count += 1

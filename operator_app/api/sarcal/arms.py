@@ -1,6 +1,6 @@
-"""For packages that add an arm to ``sarcal``: the `Arm` protocol and its data types.
+"""The `Arm` protocol and its data types, for packages that add an arm to ``sarcal``.
 
-``sarcal help outside-arm`` shows a complete package. Its entry point, group ``sarcal.arm``, names an `ArmOffer`;
+``sarcal help outside-arm`` shows a complete package. Its entry point, in group ``sarcal.arm``, refers to an `ArmOffer`;
 ``-i NAME -c CHANNEL`` makes `sarcal` request that arm with an `ArmOrder`. Angles are sensor readings, rad.
 
 `identity_of`, `snapshot_of` and `reading_of` build an arm's answers from plain angles; `SimulatedChain` is a simulated
@@ -100,11 +100,11 @@ def identity_of(
     device_name: str = "",
     by_hand: bool = False,
 ) -> ArmIdentity:
-    """Return the identity of an arm whose joints all have the same one.
+    """Return the identity of an arm all of whose joints have the same identity.
 
-    `serial_number` distinguishes arms, so that poses of two are never in one session. `speaks` names the protocol for
-    people, such as ``"JSON"``. A simulated arm has a `device_name` that begins with `SIMULATED_NAME`. `by_hand`: only a
-    person moves it, so that no hardware stop is required.
+    `serial_number` distinguishes arms, so that a session never has poses of two of them. `speaks` names the protocol in
+    text for the operator, such as ``"JSON"``. A simulated arm has a `device_name` that begins with `SIMULATED_NAME`.
+    `by_hand`: only a person moves it, so that no hardware stop is required.
     """
     nodes = tuple(
         NodeIdentity(
@@ -138,7 +138,7 @@ def snapshot_of(
     torques_nm: ArrayLike | None = None,
     moving: bool = False,
 ) -> ArmSnapshot:
-    """Return the state of an arm from its latest sample, number `sample`, `age_s` old.
+    """Return the state of an arm from its latest sample, which has the number `sample` and is `age_s` old.
 
     `angles_rad`, `torques_nm` and `modes` have one entry per joint; missing torques are taken as zero.
     """
@@ -200,9 +200,9 @@ class SimulatedChain:
     arm, fixture
         Files, or names of packaged ones.
     seed
-        Seed of the true geometry, drawn within the tolerances of the files.
+        Seed of the true geometry, which is drawn within the tolerances of the files.
     scenario
-        Its errors, as in `sarcal --scenario`.
+        Scenario of the arm's errors, as in `sarcal --scenario`.
 
     Attributes
     ----------

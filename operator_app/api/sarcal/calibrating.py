@@ -1,4 +1,4 @@
-"""`calibrate`: from an arm, a fixture and poses to a result with its verdict. `load_result`: that of a session."""
+"""`calibrate`: calibrates an arm from poses in a fixture. `load_result`: reads the result of a session."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def calibrate(
     TypeError, ValueError
         An argument is invalid; the text names it.
     ConfigError
-        A file is wrong; the text lists all problems.
+        A file is invalid; the text lists all problems.
     UnidentifiableError, SolverError, FixtureError
         The poses do not suffice; the text says what is missing.
 
@@ -131,16 +131,16 @@ def load_result(session: str | PathLike[str]) -> Result:
     Parameters
     ----------
     session
-        Its folder; its name, or ``latest``, below ``sessions``.
+        Its folder, or its name in the folder ``sessions``, or ``latest``.
 
     Raises
     ------
     TypeError
         The argument is no path.
     SessionError
-        There is no session, it cannot be read, or it has no used pose.
+        There is no such session, it cannot be read, or none of its poses is used.
     SolverError, FixtureError
-        It has to be solved again, and its poses do not suffice.
+        It had to be solved again, and its poses do not suffice.
 
     Examples
     --------

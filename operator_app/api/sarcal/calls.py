@@ -34,7 +34,7 @@ def shown(value: Any) -> str:
 
 
 def whole(name: str, value: Any, *, least: int = 0) -> int:
-    """Return a whole number, `least` or more."""
+    """Check a whole number, which must be `least` or more, and return it."""
     wanted = f"give a whole number, {least} or more"
     if isinstance(value, bool | np.bool_):
         raise TypeError(f"{name}={value}: {wanted}")
@@ -48,7 +48,7 @@ def whole(name: str, value: Any, *, least: int = 0) -> int:
 
 
 def numbers(name: str, value: Any) -> FloatArray:
-    """Return real, finite numbers as an array of floats."""
+    """Check real, finite numbers and return them as an array of floats."""
     try:
         found = np.asarray(value)
     except ValueError:
@@ -72,7 +72,7 @@ def numbers(name: str, value: Any) -> FloatArray:
 
 
 def number(name: str, value: Any) -> float:
-    """Return one real, finite number."""
+    """Check one real, finite number and return it."""
     found = numbers(name, value)
     if found.ndim:
         raise TypeError(f"{name} has shape {found.shape}: give one number")
@@ -80,7 +80,7 @@ def number(name: str, value: Any) -> float:
 
 
 def tolerance_m(name: str, value_mm: Any) -> float | None:
-    """Return a standard deviation of lengths in m from one in mm; None stays None."""
+    """Convert a standard deviation of lengths from mm to m; None stays None."""
     if value_mm is None:
         return None
     found = number(name, value_mm)
@@ -92,7 +92,7 @@ def tolerance_m(name: str, value_mm: Any) -> float | None:
 
 
 def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
-    """Return joint numbers, from 1, ascending, each once."""
+    """Check joint numbers, counted from 1, and return them in ascending order, each once."""
     wanted = f"give a list of joint numbers from 1 to {joint_count}, such as [6, 7]"
     if isinstance(value, str | bytes) or not isinstance(value, Iterable):
         raise TypeError(f"{name}={shown(value)}: {wanted}")
@@ -109,13 +109,13 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> None:
-    """Refuse a value that is none of the choices."""
+    """Refuse a value that is not one of the choices."""
     if value not in choices:
         raise ValueError(f"{name}={shown(value)}: give {' or '.join(map(repr, choices))}")
 
 
 def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatArray) -> FloatArray:
-    """Return sensor readings (n,) or (m, n) of an arm with these ranges; they may be a turn outside."""
+    """Check sensor readings (n,) or (m, n) against these ranges, which they may exceed by a turn, and return them."""
     found, n = numbers(name, value), len(lower_rad)
     if found.ndim == 0 or found.shape[-1] != n:
         raise ValueError(f"{name} has shape {found.shape}: {shape_wanted(found.shape, n)}")

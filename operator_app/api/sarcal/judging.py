@@ -39,12 +39,12 @@ class Verification:
 
     @property
     def chi2_per_dof(self) -> float:
-        """chi2/dof by the uncertainties that the files state; 1 or less if these are right."""
+        """chi2/dof with the uncertainties that the files state; about 1 or less if these are right."""
         return self._found.verification.chi2.per_dof
 
     @property
     def odd_poses(self) -> tuple[str, ...]:
-        """Names of poses too improbable to be chance, the worst first."""
+        """Names of poses that deviate too far for chance, the worst first."""
         return tuple(self._poses.names[k] for k in self._found.odd_poses)
 
     def to_json(self) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def verify(result: Result, poses: str | PathLike[str] | Poses | Any) -> Verifica
     Raises
     ------
     ValueError
-        Some are poses of the calibration itself, or of other placements, or have measured endpoints although its
+        Some poses are poses of the calibration itself, or of other placements, or have measured endpoints although its
         fixture has no instrument.
 
     Examples
@@ -139,16 +139,16 @@ def compare(
     before, after
         Results, parameters files, or session folders.
     level
-        Chance of a false alarm over all parameters together.
+        Probability of a false alarm, over all parameters together.
     remounted
-        The fixture was taken off in between: compare the arm's own parameters only.
+        Whether the fixture was taken off in between: only the arm's own parameters are compared.
 
     Raises
     ------
     IncomparableError
-        They are not of the same arm, or have no parameter in common.
+        The two are not of the same arm, or have no parameter in common.
     ConfigError, SessionError
-        There is no such file or session, or it has no calibration.
+        There is no such file or session, or there is no calibration in it.
     TypeError, ValueError
         An argument is invalid; the text names it.
 

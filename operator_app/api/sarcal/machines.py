@@ -29,7 +29,7 @@ class Arm:
     name
         Model name, e.g. ``sarcos_dextrous``.
     source_file
-        Its source, ``packaged:...`` for a packaged one.
+        File it was read from; ``packaged:...`` for a packaged one.
 
     Examples
     --------
@@ -69,10 +69,10 @@ class Arm:
         return self._model.home_rad
 
     def fk(self, q_rad: ArrayLike) -> FloatArray:
-        """Pose of frame n in the arm's base frame by the figures of its file, before any calibration.
+        """Pose of frame n in the arm's base frame, by the figures in its file: before any calibration.
 
-        Readings (n,) or (m, n), rad, lead to T_base_flange (4, 4) or (m, 4, 4), lengths in m; `Result.fk` with
-        ``frame="flange"`` is the calibrated one. TypeError, ValueError: not valid readings of this arm.
+        For readings (n,) or (m, n), rad, returns T_base_flange (4, 4) or (m, 4, 4), lengths in m; `Result.fk` with
+        ``frame="flange"`` returns the calibrated one. Raises TypeError or ValueError for invalid readings of this arm.
         """
         q = readings_rad("q_rad", q_rad, self.lower_rad, self.upper_rad)
         return T_base_flange(self._model.table, q)
@@ -90,7 +90,7 @@ class Fixture:
     name, kind
         Name shown to the operator; ``hinge``, ``ball``, ``rigid`` or ``measured``.
     source_file
-        Its source, ``packaged:...`` for a packaged one.
+        File it was read from; ``packaged:...`` for a packaged one.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
     TypeError
         The argument is none of these.
     ConfigError
-        The file is wrong; lists all problems with line, key and remedy.
+        The file is invalid; the text lists all problems with line, key and remedy.
     """
     if isinstance(arm, Arm):
         return arm
@@ -127,7 +127,7 @@ def load_arm(arm: str | PathLike[str] | Arm) -> Arm:
 
 
 def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
-    """Read a fixture by the path of its file or the name of a packaged one; raises as `load_arm`."""
+    """Read a fixture by the path of its file or the name of a packaged one; raises the same errors as `load_arm`."""
     if isinstance(fixture, Fixture):
         return fixture
     found = resolve("fixture", _reference("fixture", fixture))
@@ -136,7 +136,7 @@ def load_fixture(fixture: str | PathLike[str] | Fixture) -> Fixture:
 
 
 def _reference(kind: Literal["arm", "fixture"], given: Any) -> str:
-    """Return a path or a name as text; TypeError where it is neither."""
+    """Return a path or a name as text; raises TypeError if it is neither."""
     found = fspath(given) if isinstance(given, str | PathLike) else None
     if not isinstance(found, str):
         raise TypeError(

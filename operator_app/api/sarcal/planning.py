@@ -81,7 +81,7 @@ def plan(
     poses
         Number of poses.
     drive_joints
-        Joints (from 1) for position mode; None takes the best of all sets.
+        Joints (from 1) for position mode; None: the best set is chosen.
     unsensed_joints
         Joints whose readings will not be used.
     samples
@@ -145,10 +145,10 @@ def simulate(
     samples: int = 32,
     seed: int = 0,
 ) -> Simulation:
-    """Draw an arm and a mounting, and simulate readings of poses.
+    """Draw an arm and its mounting at random, and simulate readings of poses.
 
-    Errors are some 2 deg in offsets, half the stated tolerance in the placement, and the stated one in lengths and
-    twists. Sensors have their stated resolution and noise, and RVDTs the largest linearity deviation within
+    Errors are about 2 deg in offsets, half the stated tolerance in the placement, and the stated tolerance in lengths
+    and twists. Sensors have their stated resolution and noise, and RVDTs the largest linearity deviation within
     specification. Encoder scale errors, play, sag and compliance are left out; ``sarcal run`` simulates them.
 
     Parameters
@@ -167,7 +167,7 @@ def simulate(
     TypeError, ValueError
         An argument is invalid; the text names it.
     SessionError
-        The loop does not close near the arm's home, or does not allow that many poses.
+        The loop does not close near the arm's home, or that many poses are not possible in it.
 
     Examples
     --------

@@ -37,7 +37,7 @@ class Poses:
     Attributes
     ----------
     source
-        Their source, as text.
+        Where the poses come from, as text.
 
     Examples
     --------
@@ -66,7 +66,7 @@ class Poses:
 
     @property
     def placement(self) -> IntArray:
-        """Placement of the fixture that each pose belongs to, from 1, shape (m,)."""
+        """Number (from 1) of the fixture placement of each pose, shape (m,)."""
         return self._set.placement
 
     @property
@@ -75,7 +75,7 @@ class Poses:
         return self._set.label
 
     def to_csv(self, path: str | PathLike[str]) -> Path:
-        """Write a poses file (degrees) that reads back as exactly the same numbers."""
+        """Write a poses file (degrees) from which exactly the same numbers are read."""
         target = Path(path)
         target.write_bytes(format_poses(self._set))
         return target
@@ -99,19 +99,19 @@ def poses_of(
     sd_rad: ArrayLike | None = None,
     endpoint_m: ArrayLike | None = None,
 ) -> Poses:
-    """Make poses of arrays.
+    """Make `Poses` from arrays.
 
     Parameters
     ----------
     q_rad, q_deg
         Readings (m, n), in one of the two units: angles as read from the sensors, continuous, without offsets.
     placement
-        Placement of the fixture that each pose belongs to, from 1 (m,), or one number for all; None: one placement.
+        Number (from 1) of the fixture placement of each pose (m,), or one number for all; None: a single placement.
     names
         Name of each pose; None: 1 to m.
     samples, sd_rad
-        Number of samples averaged in each pose (m,), and their spread (m, n); or one number for all, for the spread
-        also one for each joint (n,). None: one sample each.
+        Number of samples averaged in each pose (m,), and their spread (m, n). Either may be one number for all poses;
+        the spread may also be one number for each joint (n,). None: one sample each.
     endpoint_m
         Endpoint measured by an instrument, for a ``measured`` fixture: (m, 3), or (m, 6) with a rotation vector, rad.
         With any other fixture it is not used, and a warning of the result says so.
@@ -195,20 +195,20 @@ def load_poses(
     Parameters
     ----------
     source
-        Path of a file, or anything with ``to_csv`` (pandas, polars has ``write_csv``) that has the columns
-        ``theta1_deg`` to ``thetaN_deg``, and optionally ``placement``, ``pose``, ``sd1_deg``..,
-        ``samples``, ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are, and so are those of a `Simulation`.
+        Path of a file, or a data frame (with ``to_csv``, as in pandas, or ``write_csv``, as in polars) that has the
+        columns ``theta1_deg`` to ``thetaN_deg``, and optionally ``placement``, ``pose``, ``sd1_deg``.., ``samples``,
+        ``x_m``,``y_m``,``z_m``. `Poses` are returned as they are, and so are those of a `Simulation`.
     joint_count
-        Number of the arm's joints; None takes that of the file.
+        Number of the arm's joints; None: as in the file.
 
     Raises
     ------
     ConfigError
         The file is wrong; lists all problems with line, column and remedy.
     ValueError
-        These `Poses` have another number of joints.
+        These `Poses` are of an arm with another number of joints.
     TypeError
-        It is a bare array: state its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
+        The argument is a bare array: state its unit with ``poses_of(q_rad=...)`` or ``poses_of(q_deg=...)``.
     """
     held = getattr(source, "poses", None)
     if isinstance(held, Poses):
@@ -236,7 +236,7 @@ def load_poses(
 
 
 def _csv_of(frame: Any, columns: list[str]) -> bytes:
-    """Write a data frame as a poses file: by columns, so that any library's frame will do."""
+    """Write a data frame as a poses file, column by column, so that a frame of any library can be used."""
     cells = {name: [_cell(v) for v in frame[name]] for name in columns}
     count = len(next(iter(cells.values()), []))
     head = {
@@ -250,6 +250,6 @@ def _csv_of(frame: Any, columns: list[str]) -> bytes:
 
 
 def _cell(value: Any) -> str:
-    """Write one value with the digits that read back as the same double."""
+    """Write one value with as many digits as are needed to read the same double."""
     plain = value.item() if hasattr(value, "item") else value
     return repr(plain) if isinstance(plain, float) else str(plain)

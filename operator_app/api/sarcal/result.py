@@ -56,7 +56,7 @@ YAML = ("yaml", "yml")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Journalled:
-    """A session that a calibration was read from."""
+    """The session from which a calibration was read."""
 
     folder: Path
     state: SessionState
@@ -127,12 +127,12 @@ class Result:
 
     @property
     def sigmas(self) -> Mapping[str, float]:
-        """Their standard deviations from all stated sources of error, by the same names."""
+        """Standard deviations of the values, from all stated sources of error, by the same names."""
         return self._by_name(self._solution.identified.standard_deviation)
 
     @property
     def intervals_95(self) -> Mapping[str, tuple[float, float]]:
-        """Their 95 % intervals, lower and upper end, by the same names."""
+        """95 % intervals of the values, lower and upper end, by the same names."""
         found = intervals(self._solution.identified)
         low, high = (
             self._by_name(np.array([getattr(i, end) for i in found])) for end in ("low", "high")
@@ -150,7 +150,7 @@ class Result:
         return tuple(t.ident for t in self._facts.tables)
 
     def table(self, name: str = "parameters") -> Table:
-        """Return one table; KeyError, with the available names, if there is none of that name."""
+        """Return one table; raises KeyError, which lists the available names, if there is none of that name."""
         found = self._facts.table(name)
         if found is None:
             raise KeyError(f"no table {name!r}; there are {', '.join(self.tables)}")
@@ -170,7 +170,7 @@ class Result:
         Raises
         ------
         KeyError
-            There is none of that name; the text lists the available ones.
+            There is no figure of that name; the text lists those available.
         """
         return draw_figure(self._subject, name)
 
@@ -208,13 +208,13 @@ class Result:
         Raises
         ------
         TypeError, ValueError
-            The readings are not valid for this arm in radians, or there is no such frame.
+            The readings, taken as radians, are not valid for this arm, or there is no such frame.
         """
         one_of("frame", frame, get_args(Frame))
         return self._hand.T_base(self._readings(q_rad), frame, corrected=corrections)
 
     def tip_sigma(self, q_rad: ArrayLike) -> FloatArray:
-        """Standard deviation of the tip's distance from its position by `fk`, in m.
+        """Standard deviation of the distance between the true tip and its position by `fk`, in m.
 
         From the covariance of the parameters, in the arm's base frame; errors of the readings are not included.
 
@@ -238,13 +238,13 @@ class Result:
         ``sarcal report``, ``compare``, ``verify`` and ``export`` work on it. `parameters.yaml` is left out
         where the calibration was not accepted, or has no D-H table of the whole loop (a ball).
 
-        A cell or a script that is run again may save again: a session of the same poses, arm and fixture is replaced,
-        with the exports in its folder. Other files remain.
+        A notebook cell or a script may be run again: a session of the same poses, arm and fixture in the folder is
+        replaced, and its exports are removed. Other files remain.
 
         Parameters
         ----------
         folder
-            A new folder, one without a session, or one with a session of the same poses, arm and fixture.
+            A new folder, a folder without a session, or one with a session of the same poses, arm and fixture.
         overwrite
             Replace a saved or imported session of other data as well. A session captured from an arm, or one that was
             edited (notes, excluded poses), is never replaced.
@@ -252,7 +252,8 @@ class Result:
         Raises
         ------
         SessionError, WriteError
-            There is a session that must not be replaced, the folder cannot be written, or this was read from a session.
+            The folder has a session that must not be replaced or cannot be written, or this result was read from a
+            session.
         """
         if isinstance(self._origin, Journalled):
             raise SessionError(
@@ -301,12 +302,12 @@ class Result:
         Raises
         ------
         ValueError
-            The path has another ending, or is the file of `into` itself.
+            The path has an unknown ending, or is the file of `into` itself.
         ConfigError
-            The file of `into` cannot be read, or is of another arm.
+            The file `into` cannot be read, or describes another arm.
         SessionError
-            The calibration is not accepted and `force` has no reason; or a parameters file was requested without a D-H
-            table of the whole loop (a ball).
+            The calibration is not accepted and `force` gives no reason; or a parameters file was requested but there is
+            no D-H table of the whole loop (a ball).
         """
         if not isinstance(force, str):
             raise TypeError(f'force={force!r}: state the reason, as force="reason"')
@@ -369,7 +370,7 @@ class Result:
 
     @cached_property
     def _state_source(self) -> Journalled | ImportedSession:
-        """Source of the session's poses, as it is or would be recorded."""
+        """Source of the poses, as it is (or would be) recorded in a session."""
         origin = self._origin
         return origin if isinstance(origin, Journalled) else self._session(origin)
 

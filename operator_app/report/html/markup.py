@@ -1,6 +1,6 @@
-"""HTML and SVG elements: text is escaped unless it is already markup. Parts of all sections, and the style sheet.
+"""HTML and SVG elements, in which text is escaped unless it is already markup; common parts of sections; style sheet.
 
-Strings from operators, buses and files arrive in the page as text.
+Strings from operators, buses and files therefore appear in the page as text.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def text(value: str) -> Html:
 def element(tag: str, *children: str, **attributes: Attribute) -> Html:
     """Build one element.
 
-    Attribute names are Python's: ``class_`` is class, ``stroke_width`` is stroke-width. None and False
-    leave an attribute out, True gives it no value.
+    Attribute names follow Python's rules: ``class_`` is class, ``stroke_width`` is stroke-width. An attribute that is
+    None or False is left out; one that is True has no value.
     """
     written = "".join(
         f" {name.rstrip('_').replace('_', '-')}"
@@ -66,7 +66,7 @@ def join(parts: Iterable[str], separator: str = "") -> Html:
 
 
 def spoken(value: str) -> Html:
-    """Return text from a person in isolation: its right-to-left marks do not affect the text around it."""
+    """Return text from a person, isolated so that its right-to-left marks do not affect the text around it."""
     return element("bdi", value)
 
 
@@ -122,17 +122,17 @@ def plots(drawn: Iterable[Html]) -> Html:
 
 
 def remark(*words: str) -> Html:
-    """Return a paragraph that explains."""
+    """Return an explanatory paragraph."""
     return element("p", *(w if isinstance(w, Html) else prose(w) for w in words), class_="muted")
 
 
 def bullets(points: Iterable[str]) -> Html:
-    """Return a list."""
+    """Return a bulleted list."""
     return element("ul", *(element("li", point) for point in points))
 
 
 def sentence(words: str) -> str:
-    """Return text as a sentence: capital first, full stop last."""
+    """Return text as a sentence, with a capital letter and a full stop."""
     return words[:1].upper() + words[1:] + ("" if words.endswith(".") else ".")
 
 
@@ -176,7 +176,7 @@ def table_html(table: FactTable) -> Html:
 
 
 def _words(cell: Cell) -> Html:
-    """Return the content of a cell; text of people and devices is isolated (right-to-left marks)."""
+    """Return the content of a cell; text from people and devices is isolated (see `spoken`)."""
     if isinstance(cell, Figure):
         words = text(typeset(cell.shown))
         return element("span", "▲ ", words, class_="warn") if cell.role == "warn" else words
@@ -211,7 +211,7 @@ def _header(columns: tuple[Column, ...]) -> list[Html]:
 
 
 def _class(column: Column, cell: Cell = "", *, starts: bool) -> str | None:
-    """CSS class of a cell: numbers to the right, a gap before the first column of a group."""
+    """CSS class of a cell: numbers are aligned right, and a gap precedes the first column of a group."""
     classes = [] if column.words else ["n"]
     classes += ["start"] if starts else []
     if isinstance(cell, Figure) and cell.role not in ("text", "warn"):

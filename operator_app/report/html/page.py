@@ -111,7 +111,7 @@ REPORT_NAME = "report.html"
 
 
 def write_report(session: Session) -> Path:
-    """Write the page into the session's folder, from its journal."""
+    """Make the page from the session's journal and write it into the session's folder."""
     found = journal_calibration(session.state)
     if not isinstance(found, StoredCalibration):
         raise GuardError("There is no calibration of these poses", "Calibrate first (step 5)")
@@ -142,7 +142,7 @@ def summary(subject: Subject) -> Html:
 
 
 def _widest(subject: Subject) -> list[Html]:
-    """The least certain parameter and the remedy; empty without a budget."""
+    """Text on the least certain parameter and the remedy; empty without an uncertainty budget."""
     found = () if subject.solution is None else source_sensitivities(subject.solution)
     if not found:
         return []
@@ -237,7 +237,7 @@ def tiles(facts: Facts | None) -> Html:
 
 
 def _reasons(subject: Subject) -> Sequence[str]:
-    """Reasons of the verdict."""
+    """Reasons for the verdict."""
     if subject.facts is not None:
         return subject.facts.reasons
     blind = subject.unidentifiable
@@ -280,7 +280,7 @@ def history_html(found: ArmHistory) -> bytes:
 
 
 def _chart(part: EntryHistory, j: int) -> Html:
-    """Draw one entry over the sessions, with both kinds of limits where there are any."""
+    """Draw one entry over the sessions, with both kinds of control limits where there are any."""
     name, chart = part.names[j], part.chart
     unit = quantity(name)
     count = len(part.calibrations)

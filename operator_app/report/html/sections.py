@@ -1,4 +1,4 @@
-"""The sections of a report page: order of tables, plots and notes."""
+"""The sections of a report page: which tables, plots and notes it has, and in which order."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def sections_of(subject: Subject) -> tuple[Section, ...]:
 
 
 def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section:
-    """One table of the facts, its note, and the page's plots for it."""
+    """Section with one table of the facts, its note, and the plots that belong to it."""
     content: list[str] = [table_html(table)] if table.rows else []
     if table.note:
         content.append(remark(table.note))
@@ -161,7 +161,7 @@ def _of_table(subject: Subject, estimate: Estimate, table: FactTable) -> Section
 
 
 def _before_and_after(subject: Subject) -> list[str]:
-    """The arm before and after, side by side; the tool error is in the page's head."""
+    """The arm before and after calibration, side by side; the tool error is at the top of the page."""
     pair = None if subject.solution is None else before_after.arm_pair(subject)
     if pair is None:
         return []
@@ -182,7 +182,7 @@ def _about_sigmas(subject: Subject, estimate: Estimate) -> str:
 
 
 def _warnings(subject: Subject) -> Section | None:
-    """Warnings, or notes where nothing has to be done; None without any."""
+    """Warnings, and notes that require no action; None without any."""
     facts = subject.facts
     notes = facts is not None and facts.verdict == Verdict.ACCEPTED.words
     glyph = element("span", "· " if notes else "▲ ", class_="glyph", aria_hidden="true")

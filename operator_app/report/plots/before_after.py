@@ -1,4 +1,4 @@
-"""Before and after calibration, side by side: arm and fixture in one pose, the tool error over the workspace.
+"""Pictures before and after calibration, side by side: arm and fixture in one pose; tool error over the workspace.
 
 Both pictures of a pair have the same axes.
 """
@@ -43,7 +43,7 @@ class Pair:
 
 
 def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
-    """Return the pictures of tool position errors over the joints' ranges, before and after; None if not computed."""
+    """Return pictures of the tool position error over the joints' ranges, before and after; None if not computed."""
     accuracy = solution.accuracy
     if accuracy is None:
         return None
@@ -90,7 +90,7 @@ def hand_pair(solution: Solution, arm: ArmModel) -> Pair | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Words:
-    """Captions of the pictures of an arm; `there` labels the measured point, empty for a fixture."""
+    """Captions of the pictures of an arm; `there` labels the measured point (empty with a fixture)."""
 
     title: str
     worst: str
@@ -113,7 +113,7 @@ MEASURED = _Words(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """Points of arm and fixture by one set of parameters, in the arm's base frame, m; a zero axis is not drawn."""
+    """Points of arm and fixture for one set of parameters, in the arm's base frame, m; a zero axis is not drawn."""
 
     chain: FloatArray
     hand_axis: FloatArray
@@ -122,7 +122,7 @@ class _Seen:
 
     @property
     def gap(self) -> FloatArray:
-        """Vector from the tool to its place at the fixture."""
+        """Vector from the tool to the place where the fixture holds it."""
         return np.asarray(self.pin - self.chain[-1])
 
 
@@ -187,7 +187,7 @@ def _seen(part: ClosureModel, x: FloatArray, q: FloatArray) -> _Seen | None:
 
 
 def _view(points: FloatArray, up: FloatArray) -> FloatArray:
-    """Rows: right and up of the view that shows most of these points, with `up` as vertical as possible."""
+    """Return the directions right and up (rows) of the view, upright, that shows these points most spread out."""
     spread = points - points.mean(axis=0)
     # The horizontal axis is the level direction with the largest extent.
     level = spread - np.outer(spread @ up, up)

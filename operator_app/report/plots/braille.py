@@ -1,4 +1,4 @@
-"""A canvas of braille dots, 2 x 4 to a cell, or of ASCII marks; and a plan drawn on it."""
+"""A canvas of braille dots (2 x 4 per cell) or ASCII marks, and drawings of a plan on it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Canvas:
         return _whole(y) // 4
 
     def dot(self, x: float, y: float, role: str = "text") -> None:
-        """Set one dot; outside the canvas it is ignored."""
+        """Set one dot; a dot outside the canvas is ignored."""
         across, down = _whole(x), _whole(y)
         column, row = across // 2, self.row(y)
         if 0 <= column < self.columns and 0 <= row < self.rows:
@@ -80,7 +80,7 @@ class Canvas:
                 self.dot(x + dx, y + dy, role)
 
     def letter(self, x: float, y: float, text: str, role: str = "text") -> None:
-        """Write text over the cell at a dot."""
+        """Write text into the cells from the one that contains a dot."""
         column, row = _whole(x) // 2, self.row(y)
         for k, character in enumerate(text):
             if 0 <= column + k < self.columns and 0 <= row < self.rows:
@@ -194,7 +194,7 @@ class Plane:
                 self._canvas.segment(x0, y0, x1, y1)
 
     def mark(self, q_rad: FloatArray, text: str) -> None:
-        """Write a label at a pose, or beside it where another label stands already."""
+        """Write a label at a pose, or beside it if there is already a label."""
         x, y = self._at(q_rad)
         column, row = int(x) // 2, int(y) // 4
         # First where no other label touches it: 6 beside 7 would read as 67.
@@ -233,7 +233,7 @@ class Plane:
 
 
 def _axes(shown: Preview) -> tuple[int, int]:
-    """Return the drive joints (from 0); beside a single one, the joint that moves most."""
+    """Return two joints (from 0): the drive joints or, with a single one, also the joint that moves most."""
     drives = [j - 1 for j in shown.choice.drives]
     if len(drives) > 1:
         return drives[0], drives[1]

@@ -51,7 +51,7 @@ def pose_axis(subject: Subject) -> Axis:
 
 
 def costs(steps: Sequence[tuple[int, float]]) -> Picture:
-    """Return an estimator's cost over its iterations, in powers of ten."""
+    """Return the plot of an estimator's cost over its iterations, in powers of ten."""
     numbers = [float(number) for number, _ in steps]
     powers = [math.log10(max(cost, 1e-30)) for _, cost in steps]
     return Picture(
@@ -87,7 +87,7 @@ def condition_trend(trend: Sequence[tuple[int, float]], limit: float) -> Picture
 
 
 def misses(subject: Subject, estimate: Estimate) -> Picture:
-    """Return the distance between tool and fixture in every pose; large ones are marked."""
+    """Return the plot of the distance between tool and fixture in every pose; large distances are marked."""
     miss = np.linalg.norm(estimate.residual[:, estimate.rotation_rows :], axis=1)
     rms = float(np.sqrt(np.mean(miss**2)))
     odd, values = miss > FAR_OFF * rms, CLOSURE_LENGTH.per_si * miss
@@ -109,7 +109,7 @@ def misses(subject: Subject, estimate: Estimate) -> Picture:
 
 
 def closure_by_pose(subject: Subject, estimate: Estimate) -> tuple[Picture, ...]:
-    """Return the closure error of every pose at the measured joints: position, then orientation."""
+    """Return plots of the closure error of every pose at the measured joint angles: position, then orientation."""
     split, after = estimate.rotation_rows, estimate.sigmas
     drawn = [("position", CLOSURE_LENGTH, after.position_m, estimate.residual[:, split:])]
     if split and after.orientation_rad is not None:
@@ -155,7 +155,7 @@ def _closure(
 
 
 def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture:
-    """Return one RVDT's reading minus the angle measured by the loop, with its linearity deviation and its limits."""
+    """Return the plot of one RVDT's readings minus the angles by the loops, with linearity deviation and limits."""
     grid = np.linspace(found.curve.low, found.curve.high, CURVE_POINTS)
     curve = found.curve(grid)
     allowed = _rvdt(subject, joint).linearity_rad
@@ -177,7 +177,7 @@ def rvdt_deviations(subject: Subject, joint: int, found: RvdtFigures) -> Picture
 
 
 def rvdt_corrections(subject: Subject, estimate: Estimate, joint: int) -> Picture:
-    """Return one RVDT joint's corrections against its reading, with the stated noise."""
+    """Return the plot of one RVDT joint's corrections over its reading, with the stated noise."""
     if estimate.corrections is None:
         raise ValueError("this estimator finds no corrections")
     values = estimate.corrections[:, joint - 1]
@@ -216,7 +216,7 @@ def _of_rvdt(
     curve_rad: tuple[FloatArray, FloatArray] | None = None,
     known_rad: FloatArray | None = None,
 ) -> Picture:
-    """Return values (m,) over angles (m,), within a band about zero.
+    """Return the plot of values (m,) over angles (m,), with a band about zero.
 
     `known_rad` (k, 3) are the corrections of a curve, by reading, with their standard deviations.
     """

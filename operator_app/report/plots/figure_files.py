@@ -1,7 +1,7 @@
 """Figures for a paper as files: the report's own pictures as SVG and, with the extra ``[plots]``, as PDF.
 
-One column of a journal is 88 mm wide, two are 180 mm. Colours are those of the page's light theme; bars have
-the colours of Okabe and Ito, which colour-blind readers tell apart, and marks differ in shape as well.
+One column of a scientific journal is 88 mm wide, two are 180 mm. Colours are those of the page's light theme; bars have
+the colours of Okabe and Ito, which colour-blind readers can tell apart, and marks differ in shape as well.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class PaperFigure:
 
 
 def figure(subject: Subject, name: str) -> PaperFigure:
-    """Return one figure; KeyError lists those of this calibration."""
+    """Return one figure; raises KeyError, which lists those available, if there is none of that name."""
     return PaperFigure(_document(drawing(subject, name)))
 
 
@@ -102,7 +102,7 @@ def pdf_is_possible() -> bool:
 
 
 def _document(of: Panels) -> str:
-    """Return a complete SVG file: the panels in rows, each under its letter, with its own colours."""
+    """Return a complete SVG file with its own colours and the panels in rows, each under a letter."""
     columns = min(of.columns, len(of.pictures))
     words = of.words or ("",) * len(of.pictures)
     parts: list[Html] = []
@@ -137,7 +137,7 @@ def _style(colours: Mapping[str, str]) -> str:
 
 
 def _pdf(svg: str) -> bytes:
-    """Convert by svglib and reportlab; the same picture gives the same bytes."""
+    """Convert with svglib and reportlab; the same picture gives the same bytes."""
     try:
         from reportlab.graphics import renderPDF
         from reportlab.pdfbase import pdfmetrics

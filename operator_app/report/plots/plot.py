@@ -55,7 +55,7 @@ def axis(
     whole: bool = False,
     symmetric: bool = False,
 ) -> Axis:
-    """Return an axis that holds all finite `values` with a little room and about five ticks."""
+    """Return an axis that contains all finite `values`, with a small margin and about five ticks."""
     finite = [v for v in values if math.isfinite(v)]
     low, high = (min(finite), max(finite)) if finite else (0.0, 1.0)
     if symmetric:
@@ -80,7 +80,7 @@ def map_axes(
     unit: str,
     aspect: float,
 ) -> tuple[Axis, Axis]:
-    """Return two axes of one scale that hold all values in a frame of this width over height."""
+    """Return two axes of equal scale that contain all values, for a frame of this ratio of width to height."""
     across, up = axis(labels[0], x, unit=unit), axis(labels[1], y, unit=unit)
     width, height = across.high - across.low, up.high - up.low
     size = max(width, aspect * height)
@@ -92,7 +92,7 @@ def map_axes(
 
 
 def _about(axis: Axis, size: float, step: float) -> Axis:
-    """Return an axis of this size with the same middle, and a tick at every `step`."""
+    """Return an axis of this length with the same middle as `axis`, and a tick at every `step`."""
     middle = 0.5 * (axis.low + axis.high)
     low, high = middle - 0.5 * size, middle + 0.5 * size
     first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
@@ -102,7 +102,7 @@ def _about(axis: Axis, size: float, step: float) -> Axis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogAxis(Axis):
-    """A logarithmic axis; its ticks are powers of ten and, where there are few, 2 and 5 times them."""
+    """A logarithmic axis; ticks are at powers of ten and, if these are few, at 2 and 5 times them."""
 
     def place(self, value: float, start: float, end: float) -> float:
         """Position of a positive value between `start` (of low) and `end` (of high)."""
@@ -116,7 +116,7 @@ class LogAxis(Axis):
 
 
 def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
-    """Return a logarithmic axis that holds all finite positive `values` with a little room."""
+    """Return a logarithmic axis that contains all finite positive `values`, with a small margin."""
     positive = [v for v in values if math.isfinite(v) and v > 0.0] or [1.0]
     low, high = min(positive) / 1.2, max(positive) * 1.2
     decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
@@ -126,7 +126,7 @@ def log_axis(label: str, values: Iterable[float], *, unit: str = "") -> LogAxis:
 
 
 def _round_step(rough: float, *, whole: bool) -> float:
-    """Return the 1, 2 or 5 times a power of ten next above `rough`."""
+    """Return the smallest 1, 2 or 5 times a power of ten that is not below `rough`."""
     if whole and rough <= 1.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(rough))
@@ -164,7 +164,7 @@ class Polyline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marks:
-    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` describe each point.
+    """Points. `class_` is a colour: ``a``, ``b``, ``c``; `tips` are a description of each point.
 
     `sizes` are areas, 1 the largest; empty: all are of the usual size.
     """
@@ -183,7 +183,7 @@ Layer = Band | Ribbon | Polyline | Marks
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A plot: name, description, axes, and layers, the first ones below.
+    """A plot: name, description, axes, and layers, of which the first are drawn lowest.
 
     `aspect` is width over height of its frame; 0 lets the renderer choose.
     """

@@ -1,4 +1,4 @@
-"""Rows of small plots, one for each joint: values over poses, and ranges with their covered part.
+"""Rows of small plots, one for each joint: values over poses, and ranges with the part covered by poses.
 
 Drawn as SVG.
 """
@@ -67,7 +67,7 @@ def strips(
     at: Sequence[float],
     rows: Sequence[Strip],
 ) -> Html:
-    """Draw each row with its own scale, written at its right, over one x axis."""
+    """Draw the rows over a common x axis, each with its own scale, which is written at its right."""
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + FOOT
     parts = [label(f"full scale [±{unit}]", PLOT_WIDTH - 2.0, 10.0, class_="axis", anchor="end")]
@@ -112,7 +112,7 @@ def _x_axis(x: Axis, right: float, foot: float) -> list[Html]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bars:
-    """Named rows on one x axis, each with bars from one value to another and marks.
+    """Named rows on one x axis, each with marks, and with bars from one value to another.
 
     Attributes
     ----------
@@ -169,7 +169,7 @@ def bars(of: Bars) -> Drawn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Range:
-    """One row of a range chart: from `low` to `high`, with `values` in it."""
+    """One row of a range chart: a range from `low` to `high`, and the `values` in it."""
 
     name: str
     low: float
@@ -185,7 +185,7 @@ class Range:
 def ranges(*, ident: str, title: str, description: str, unit: str, rows: Sequence[Range]) -> Html:
     """Draw each range as a bar with a tick for each value; its ends are written below it.
 
-    Bars have the full width, minus space for values beyond the range.
+    Bars are as wide as the picture, minus space for values beyond the range.
     """
     right = PLOT_WIDTH - RIGHT - SCALE_WIDTH
     height = HEAD + ROW * len(rows) + 4.0

@@ -33,20 +33,20 @@ CHARACTER = 6.2
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """The parts of a picture `PLOT_WIDTH` wide."""
+    """The parts of a picture that is `PLOT_WIDTH` wide."""
 
     height: float
     parts: tuple[Html, ...]
 
 
 def plot(of: Picture) -> Html:
-    """Draw a picture as a separate image."""
+    """Draw a picture as a complete SVG image."""
     drawn = draw(of)
     return picture(of.ident, of.title, of.description, drawn.height, drawn.parts)
 
 
 def draw(of: Picture) -> Drawn:
-    """Draw layers, first ones below, in one frame."""
+    """Draw layers in one frame, the first ones lowest."""
     x, y, layers = of.x, of.y, of.layers
     height = HEIGHT if of.aspect == 0.0 else (PLOT_WIDTH - LEFT - RIGHT) / of.aspect + TOP + BOTTOM
     right, bottom = PLOT_WIDTH - RIGHT, height - BOTTOM
@@ -150,7 +150,7 @@ def _band(layer: Band, y: Axis, right: float, bottom: float) -> Html:
 
 
 def _legend(layers: Sequence[Layer], right: float) -> Html:
-    """Name the layers above the frame, from the right."""
+    """Write the names of the layers above the frame, starting at the right."""
     parts: list[Html] = []
     at = right
     for layer in reversed([layer for layer in layers if layer.label]):

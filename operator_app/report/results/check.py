@@ -50,7 +50,7 @@ FORECAST_NOTE = (
 
 
 def problems_text(problems: Sequence[Problem]) -> str:
-    """Return all problems, file by file, one line each in the format that editors follow."""
+    """Return all problems, file by file, one line each, in the format in which editors can follow them."""
     count = len(problems)
     files = list(dict.fromkeys(p.file for p in problems))
     many = f" in {len(files)} files" if len(files) > 1 else ""
@@ -204,7 +204,7 @@ def _chain(chain: Chain) -> str:
 
 
 def _freedom(chain: Chain) -> list[str]:
-    """Mobility, drive joints with reasons, and the distance of home from a closed pose."""
+    """Mobility, drive joints with reasons, and the distance between home and a closed pose."""
     found, n = chain.outlook, chain.arm.joint_count
     if found.mobility is None:
         return []
@@ -228,7 +228,7 @@ def _freedom(chain: Chain) -> list[str]:
 
 
 def _other_home(chain: Chain) -> list[str]:
-    """A usable home pose if the arm's own is not, ready for copying into the arm's file."""
+    """A usable home pose, ready to be copied into the arm file, if the arm's own home is not usable."""
     if chain.home is None:
         return []
     home, found = chain.home

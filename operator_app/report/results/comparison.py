@@ -65,7 +65,7 @@ def comparison_json(found: CalibrationComparison) -> dict[str, Any]:
 
 
 def _reading(found: CalibrationComparison) -> str:
-    """Return a note on how to read the table."""
+    """Return a note on how to interpret the table."""
     change = "Change = B - A, angles the short way round."
     if found.same_poses:
         return f"{change} Sigma applies to new poses; it is not used for the verdict here."

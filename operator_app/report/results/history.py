@@ -95,7 +95,7 @@ def sessions_table(part: EntryHistory) -> FactTable:
 
 
 def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
-    """Return a text: the entries that have shifted, or none, or too few sessions."""
+    """Return text: which entries have shifted, that none has, or that there are too few sessions."""
     lines = [
         paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
         for part in found.parts
@@ -117,7 +117,7 @@ def _most_sessions(found: ArmHistory) -> int:
 
 
 def due_text(found: ArmHistory) -> str:
-    """Return a text with the date of the next calibration."""
+    """Return text with the date of the next calibration."""
     return f"Next calibration due {found.due:%Y-%m-%d}: {found.due_why}."
 
 

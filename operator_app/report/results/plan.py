@@ -79,7 +79,7 @@ def _checks(shown: Preview) -> list[str]:
 
 
 def _drives(shown: Preview) -> str:
-    """The ranking over the region, the same sets at the start, and the choice."""
+    """The ranking of drive sets over the region, the same sets at the start pose, and the choice."""
     here = {r.drives: r for r in shown.choice.prediction.here}
     listed = list(shown.choice.prediction.region[:SHOWN_SETS])
     if all(r.drives != shown.choice.drives for r in listed):
@@ -172,7 +172,7 @@ def _sigma(parameter: Parameter, sigma: float) -> list[str]:
 def advice_text(
     ranked: tuple[RankedPlacement, ...], parameters: dict[str, Parameter], joints: int
 ) -> str:
-    """Return ranked hinge placements: predicted sigmas, and the difference from the present placement."""
+    """Return ranked hinge placements: predicted sigmas, and the difference from the current placement."""
     if not ranked:
         return "No placement near the present one can be used."
     rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]
@@ -262,7 +262,7 @@ def _entries(mounted: MountedHinge) -> dict[str, float]:
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
-    """Return the object for a plan."""
+    """Return the JSON object for a plan."""
     choice, seen = shown.choice, shown.seen
     known = {p.name: p for p in shown.parameters}
     names = shown.plan.information.parameters

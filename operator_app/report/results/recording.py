@@ -25,7 +25,7 @@ def recording_text(
     dwell_s: float,
     spread_deg: float,
 ) -> str:
-    """Return a line about the recording and one for each stretch that is no dwell."""
+    """Return one line about the recording, and one for each stretch that does not count as a dwell."""
     found = recording
     span_s = found.time_s[-1] - found.time_s[0]
     lost = f" ({found.left_out} more left out: a joint has no angle, or a time occurs twice)"

@@ -1,6 +1,6 @@
-"""Output of a session's calibration for `run` and `report`, its planned capture and poses, and a repaired journal.
+"""Output of `run`, `report` and `session`: a session's calibration, planned capture and poses, and a repaired journal.
 
-It checks only whether a poses file holds the session's poses.
+Nothing is computed, but poses.csv is checked to contain the session's poses.
 """
 
 from __future__ import annotations
@@ -79,7 +79,10 @@ def unidentifiable_json(
 
 
 def _poses_file(folder: Path, state: SessionState) -> str | None:
-    """Path of poses.csv beside the journal, from the first calibration on, while it holds the poses in use."""
+    """Path of poses.csv beside the journal.
+
+    None unless it contains the poses in use (from the first calibration on).
+    """
     from operator_app.config.poses_file import format_poses, load_poses
 
     path = folder / POSES_NAME
@@ -97,7 +100,7 @@ def _poses_file(folder: Path, state: SessionState) -> str | None:
 
 
 def session_text(folder: Path, state: SessionState, *, accepted: bool) -> str:
-    """Return a text with the paths of session and files, and the upload."""
+    """Return text with the paths of the session and its files, and the result of the upload."""
     lines, exported = [f"Session     {folder}"], state.exported
     if poses := _poses_file(folder, state):
         lines.append(f"Poses       {poses}")
@@ -227,7 +230,7 @@ KEPT_POSE, RESTORED, LOST = "kept", "restored", "lost"
 
 
 def fate(line: RepairedLine) -> str:
-    """Return the result for a line, in one word."""
+    """Return in one word what the repair did with a line."""
     if line.event is None:
         return LOST
     return RESTORED if line.words else KEPT_POSE
@@ -303,7 +306,7 @@ def capture_json(
     parameters: Iterable[Parameter],
     poses: Sequence[CapturedPose],
 ) -> dict[str, Any] | None:
-    """Return the JSON object of a planned capture; None where poses were explored only."""
+    """Return the JSON object of a planned capture; None if poses were only explored."""
     if end is None:
         return None
     known = {p.name: p for p in parameters}
@@ -325,7 +328,7 @@ def capture_json(
 
 
 def capture_text(end: CampaignEnd, advice: str, parameters: Iterable[Parameter]) -> str:
-    """Return how a planned capture ended, which parameters fall short, and advice."""
+    """Return text: how a planned capture ended, which parameters are less precise than requested, and advice."""
     known = {p.name: quantity_of(p) for p in parameters}
     weak = FactTable(
         ident="weak",

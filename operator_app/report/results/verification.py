@@ -1,4 +1,4 @@
-"""Verification of a calibration by new poses, in a closed loop or by measured endpoints, as text and as JSON."""
+"""Verification of a calibration with new poses, in a closed loop or with measured endpoints, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
 
 
 def verified_words(found: VerificationSummary) -> str:
-    """Return a text: whether the parameters are valid for the new poses."""
+    """Return text on whether the parameters are valid for the new poses."""
     ratio = CHI2(found.chi2_per_dof).shown
     turned = found.orientation_rad
     return (

@@ -1,10 +1,10 @@
-"""Closure gate: whether the loop can close at the present reading within the tolerances of the files, without any pose.
+"""Closure gate: whether the loop can close at the current reading within the tolerances of the files, before any pose.
 
 With S and Q the covariances of the unknowns phi and of the readings q, the most probable way to close is
 
     min (phi - phi_0)' S^-1 (phi - phi_0) + (q - reading)' Q^-1 (q - reading),   c(phi, q, u) = 0,
 
-by Newton's iteration on the reduced equations (`solver.closing`); its value is chi2 with as many degrees of
+by Newton's iteration on the reduced equations (`solver.closing`); the minimum is chi2 with as many degrees of
 freedom as a pose has equations.
 """
 
@@ -38,8 +38,8 @@ UNKNOWN_RAD = math.pi
 class ClosureFit:
     """The most probable way to close the loop at one reading.
 
-    `chi2`: chi2 of the necessary changes; infinite where it does not close at all. `dof`: equations of the pose minus
-    ignored readings. `q_rad`: joint angles (n,) at which it closes.
+    `chi2`: chi2 of the necessary changes; infinite if the loop does not close at all. `dof`: equations of the pose
+    minus ignored readings. `q_rad`: joint angles (n,) at which it closes.
     """
 
     chi2: float
@@ -110,7 +110,7 @@ def loop_at_reading(
     unsensed_joints: tuple[int, ...] = (),
     known: KnownArm | None = None,
 ) -> LoopAtReading:
-    """Return the loop at a reading (n,), with the prior from its files and from the arm as far as `known`."""
+    """Return the loop at a reading (n,), with the prior from its files and from what is `known` of the arm."""
     model, stated = free_within_tolerance(fixture.model(arm, unsensed_joints=unsensed_joints), arm)
     errors = np.stack(
         [

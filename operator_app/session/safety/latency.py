@@ -1,4 +1,4 @@
-"""Messages and journal entries about a computer that was too busy to read the bus in time.
+"""Messages and journal entries for times in which this computer was too busy to read the bus.
 
 Host latency is distinguished from silence of the arm, because the remedy differs.
 """
@@ -13,7 +13,7 @@ MIN_INTERVAL_S = 30.0
 
 
 def lateness_text(times: int, longest_s: float) -> str:
-    """Return the message about `times` delays of at most `longest_s`."""
+    """Return the message about a number (`times`) of delays, of at most `longest_s`."""
     how = f"was late by {longest_s:.1f} s" if times == 1 else f"was late {times} times"
     most = "" if times == 1 else f", by {longest_s:.1f} s at most"
     return (
@@ -30,7 +30,10 @@ class LatenessReporter:
         self._reported_at_s = -MIN_INTERVAL_S
 
     def new_text(self, lateness: HostLatency, now_s: float) -> str:
-        """Return a message about new delays; "" for none, or within `MIN_INTERVAL_S` of the last message."""
+        """Return a message about new delays.
+
+        "" if there are none, or the last message is less than `MIN_INTERVAL_S` old.
+        """
         new = lateness.times - self._reported.times
         if new == 0 or now_s - self._reported_at_s < MIN_INTERVAL_S:
             return ""

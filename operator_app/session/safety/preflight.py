@@ -1,8 +1,8 @@
 """Checks of the joint readings before the drives are enabled; the result goes into the journal. Moves nothing.
 
-In this order: a counter near zero outside its joint's range; closure by the poses so far; where there are too few
-of them, closure within the tolerances of the files. With readings that do not close the loop (counter reset, wrong
-direction, wrong joint order), the drives would move the arm to unintended places.
+The checks, in order: a counter near zero outside its joint's range; closure as predicted by the poses so far or, with
+too few poses, closure within the tolerances of the files. With readings that do not close the loop (counter reset,
+wrong direction, wrong joint order), the drives would move the arm to unintended places.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ from solver.chain.arm_model import ArmModel
 def require_plausible_readings(
     session: Logbook, reading: Reading, endpoint: Callable[[], FloatArray | None]
 ) -> tuple[int, ...]:
-    """Refuse joint readings that cannot be true; record the result.
+    """Refuse joint readings that cannot be true; record the result in the journal.
 
-    `endpoint` measures the tool with the instrument, if there are poses to compare it with.
+    `endpoint`: function that measures the tool with the instrument; called if there are poses to compare it with.
 
     Returns
     -------
-    Joints (1-based) whose shift since the last pose, if any, would not show at the present pose.
+    Joints (1-based) of which a shift since the last pose would not show at the current pose.
 
     Raises
     ------
     StandingRefusedError
-        Names the joint if one joint explains the readings.
+        The loop does not close; the error names the joint if a single joint explains the readings.
     """
     try:
         check_counters(session.model, reading.mean_rad)
@@ -137,7 +137,7 @@ def check_closure_without_poses(
     Raises
     ------
     StandingRefusedError
-        Names the joint that alone explains the readings, if there is one.
+        The loop cannot close; the error names the joint that alone explains the readings, if there is one.
     """
     if not procedure.fixture.fixture.holds_hand:
         return None
@@ -172,9 +172,9 @@ def check_closure_without_poses(
 
 
 def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> dict[int, float]:
-    """Joints with a reset counter and their estimated angles (rad); empty for none.
+    """Joints whose counters were reset, with their estimated angles (rad); empty for none.
 
-    Tests the joint nearest to zero first, then the two nearest, and so on.
+    The joint nearest to zero is tested first, then the two nearest together, and so on.
     """
     times = {j: t for j, t in counters_near_zero(arm, loop.reading_rad).items() if j in loop.joints}
     for farthest in dict.fromkeys(times.values()):
@@ -187,10 +187,12 @@ def _reset_counters(arm: ArmModel, loop: LoopAtReading, found: ClosureFit) -> di
 def _reset_among(
     arm: ArmModel, loop: LoopAtReading, found: ClosureFit, zeros: tuple[int, ...], at_most: float
 ) -> dict[int, float]:
-    """Return the angle (rad) that closes the loop, by joint of `zeros` whose counter was reset; empty if none was.
+    """Return, by joint of `zeros` whose counter was reset, the angle (rad) that closes the loop.
 
-    A reset is found where these readings raise chi2 by an amount less probable than `at_most` without one. Other errors
-    in the files raise chi2 with and without the readings.
+    Empty if none was reset.
+
+    A reset is found if these readings raise chi2 by an amount that without a reset is less probable than `at_most`.
+    Other errors in the files raise chi2 both with and without these readings.
     """
     from scipy.special import chdtrc
 

@@ -1,7 +1,7 @@
-"""Resume checks before the drives are enabled: same nodes, no counter reset, loop closed by the poses so far.
+"""Resume checks before the drives are enabled: same nodes, no counter reset, loop closed as the poses so far predict.
 
-Moves nothing. `return_check` follows once the arm may move. A reset sets a counter to zero at the present position;
-hydraulic valves leak, so that the arm, and the counter, may sag until the next connection.
+Moves nothing; `return_check` follows once the arm may move. A reset sets a counter to zero at the current position, but
+as hydraulic valves leak, the arm may sag, and the counter change, until the next connection.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ MAX_SAG_RAD = float(np.deg2rad(5.0))
 def counters_near_zero(arm: ArmModel, reading_rad: FloatArray) -> dict[int, float]:
     """Joints (1-based) whose counter is within `MAX_SAG_RAD` of zero, the nearest first.
 
-    The value is the distance in units of `AT_ZERO_COUNTS`, at least 1: the probability of being that close by
-    chance is in proportion to it.
+    The value of each is its distance in units of `AT_ZERO_COUNTS`, at least 1; the probability of being that close by
+    chance is proportional to it.
     """
     times = {
         j: max(1.0, abs(float(q)) / (AT_ZERO_COUNTS * joint.sensor.resolution_rad))
@@ -71,7 +71,7 @@ def zero_position(arm: ArmModel, reading_rad: FloatArray, joints: Sequence[int])
 
 
 def check_counters(arm: ArmModel, reading_rad: FloatArray) -> None:
-    """Refuse joints whose reading is outside their range and closer to zero than to it.
+    """Refuse joints whose reading is outside their range and closer to zero than to the range.
 
     Raises
     ------
@@ -129,10 +129,10 @@ NEW_SESSION_REMEDY = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClosureResult:
-    """Result of a closure check at the present pose.
+    """Result of a closure check at the current pose.
 
-    `message` is the message; `probability` that of a larger chi2, None with too few poses. A shift of `SHIFT_RAD`
-    of one of the `unresolved_joints` would not show at this pose.
+    `message` is for the operator; `probability` is that of a larger chi2, None with too few poses. A shift of
+    `SHIFT_RAD` of one of the `unresolved_joints` would not show at this pose.
     """
 
     message: str
@@ -141,7 +141,7 @@ class ClosureResult:
 
 
 def check_identity(state: SessionState, identity: ArmIdentity) -> None:
-    """Refuse an arm without nodes, and another arm or other nodes than the session's.
+    """Refuse an arm without nodes, and an arm or nodes other than the session's.
 
     Raises
     ------
@@ -180,7 +180,7 @@ def check_closure_by_poses(
     reading: Reading,
     endpoint: FloatArray | None = None,
 ) -> ClosureResult:
-    """Check the closure at the present pose by the poses so far; `endpoint` is measured there.
+    """Check the closure at the current pose, as predicted by the poses so far; `endpoint` is measured at this pose.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def check_closure_by_poses(
 
 
 def _cause_text(near: Innovation | None) -> str:
-    """Name the joint whose shift alone explains the closure error."""
+    """Return text that names the joint whose shift alone explains the closure error."""
     from scipy.special import chdtrc
 
     if near is not None and near.dof > 1:
@@ -291,7 +291,8 @@ def fixture_in_place(state: SessionState, procedure: Procedure) -> EndpointConst
 def parameters_from_poses(state: SessionState, procedure: Procedure) -> Fixed | None:
     """Return the parameters determined by the poses so far; None with too few poses.
 
-    The recorded calibration if there is one, else a quick fit: it has to detect degrees and millimetres.
+    They are those of the recorded calibration or, without one, of a quick fit, as shifts to be found are degrees or
+    millimetres.
     """
     known = journal_calibration(state)
     if isinstance(known, StoredCalibration):

@@ -1,4 +1,4 @@
-"""Compares a repeated pose with its first reading: names what has shifted in between, and by how much."""
+"""Compares a repeated pose with its first reading: states what has shifted in between, and by how much."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ FIXTURE_MOVED_M, FIXTURE_TURNED_RAD = 4e-3, float(np.deg2rad(1.0))
 
 
 def check_repeat(state: SessionState, procedure: Procedure) -> str:
-    """Compare the last repeated pose with its first reading; return a message, "" for agreement.
+    """Compare the last repeated pose with its first reading; return a message, or "" if they agree.
 
     Raises
     ------
@@ -57,9 +57,9 @@ def check_repeat(state: SessionState, procedure: Procedure) -> str:
 
 
 def repeat_text(state: SessionState, procedure: Procedure) -> str:
-    """Return the message about the last repeated pose of an uninterrupted capture; "" for agreement.
+    """Return the message about the last repeated pose of an uninterrupted capture; "" if its readings agree.
 
-    Refuses nothing: all poses are captured, and the diagnosis of the calibration uses both readings.
+    Nothing is refused, since all poses are captured and the diagnosis of the calibration uses both readings.
     """
     state = state.here
     if not procedure.fixture.fixture.holds_hand:
@@ -91,7 +91,7 @@ def _fixture_moved_text(pose: int, found: Repeat) -> str:
 
 
 def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | None:
-    """Return the last repeat if it differs by more than noise, backlash and the fixture's compliance."""
+    """Return the last repeat if it differs by more than noise, backlash and the fixture's compliance explain."""
     from scipy.special import chdtri
 
     last = state.repeats[-1]
@@ -150,7 +150,7 @@ def _check_target_again(state: SessionState, procedure: Procedure) -> str:
 
 
 def _joint_variance(arm: ArmModel, samples: int) -> FloatArray:
-    """Variance (n,) of the mean of this many readings, with backlash, rad^2."""
+    """Variance (n,), rad^2, of the mean of this many readings, including backlash."""
     return np.array(
         [
             0.0

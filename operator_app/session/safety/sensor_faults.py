@@ -1,4 +1,4 @@
-"""Sensor faults: recorded in the journal, and the poses they may have affected are excluded. Moves nothing."""
+"""Records sensor faults in the journal and excludes the poses that they may have affected. Moves nothing."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class SensorFaults:
 
     @contextmanager
     def recorded(self) -> Iterator[None]:
-        """Context: record a sensor fault raised in it, exclude the affected poses, and re-raise."""
+        """Context that records a sensor fault raised in it, excludes the affected poses, and raises the fault again."""
         try:
             yield
         except SensorFault as fault:
@@ -83,9 +83,9 @@ class SensorFaults:
         return tuple(pose.number for pose in state.poses[-1:])
 
     def _poses_with_present_reading(self, joint: int) -> tuple[int, ...]:
-        """Numbers of the last poses in which a joint that did not follow reads what it reads now.
+        """Numbers of the last poses in which a joint that did not follow has the same reading as now.
 
-        Its sensor may have been stuck during them while the joint moved.
+        Its sensor may have been stuck during these poses while the joint moved.
         """
         state, model = self._logbook.state, self._logbook.model
         if not state.poses_here:
@@ -97,7 +97,7 @@ class SensorFaults:
 
 
 def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: Reading) -> None:
-    """Refuse a reading in which a joint reads the same count as at the last pose, although it must have turned.
+    """Refuse a reading in which a joint has the same count as at the last pose although it must have turned.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def require_no_stuck_sensor(state: SessionState, procedure: Procedure, reading: 
 
 
 def poses_with_same_reading(state: SessionState, arm: ArmModel, joint: int) -> tuple[int, ...]:
-    """Numbers of the last poses in which a joint reads the same count as in the last one."""
+    """Numbers of the latest poses in which a joint has the same count as in the last one."""
     near = _resolution_rad(arm, joint)
     here = state.poses_here
     indistinguishable_placements = []

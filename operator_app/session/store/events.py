@@ -1,7 +1,7 @@
 """Checks the data of journal events: keys, types and limits. Returns the first problem as text.
 
-A line with a valid checksum can still hold data that no session can use: written by another version of the
-program, or by hand.
+A line with a valid checksum can still contain data that no session can use, written by another version of the program
+or by hand.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d(\.\d{1,9})?Z")
 def event_problem(
     name: str, data: Mapping[str, Any], utc: str, joints: int | None
 ) -> tuple[str, str]:
-    """Return the first invalid key of an event and the problem with it; two empty strings for a valid event."""
+    """Return the first invalid key of an event, and its problem; two empty strings for a valid event."""
     if not _is_time(utc):
         return "utc", f"{_quoted(utc)} is not a time such as 2026-01-31T12:00:00.000Z"
     return _first_problem(EVENTS.get(name, {}), data, joints)
 
 
 def joint_count_in(name: str, data: Mapping[str, Any]) -> int | None:
-    """Return the number of joints in a valid event; None if it holds no value for each joint."""
+    """Return the number of joints in a valid event; None if it has no list with a value for each joint."""
     return next((len(data[k]) for k in EVENTS.get(name, {}) if k in PER_JOINT and k in data), None)
 
 
@@ -63,7 +63,7 @@ def _is_time(utc: str) -> bool:
 
 
 def integer(least: int, most: int = MAX_INTEGER) -> Check:
-    """Accept an integer from `least` to `most`."""
+    """Return a check for an integer from `least` to `most`."""
 
     def check(value: Any, _: int | None) -> str:
         if type(value) is not int:
@@ -74,7 +74,7 @@ def integer(least: int, most: int = MAX_INTEGER) -> Check:
 
 
 def number(least: float = -1e300, most: float = 1e300) -> Check:
-    """Accept a number from `least` to `most`."""
+    """Return a check for a number from `least` to `most`."""
 
     def check(value: Any, _: int | None) -> str:
         if type(value) not in (int, float):
@@ -95,14 +95,14 @@ def boolean(value: Any, _: int | None) -> str:
 
 
 def joint_number(value: Any, joints: int | None) -> str:
-    """Accept the number of a joint, from 1."""
+    """Return what is wrong with the number of a joint (from 1); "" for a valid one."""
     most = joints or MOST_JOINTS_RECORDED
     problem = integer(1)(value, joints)
     return problem or ("" if value <= most else f"there is no joint {_quoted(value)}, of {most}")
 
 
 def joint_key(value: Any, joints: int | None) -> str:
-    """Accept the number of a joint as text, as JSON writes keys."""
+    """Return what is wrong with a joint number written as text, as in keys of JSON; "" for a valid one."""
     known = isinstance(value, str) and re.fullmatch(r"[1-9]\d{0,2}", value)
     return joint_number(int(value), joints) if known else f"{_quoted(value)} is not a joint"
 
@@ -182,7 +182,7 @@ def object_with(**checks: Check) -> Check:
 
 
 def anything(_: Any, __: int | None) -> str:
-    """Accept any value: the program does not read it."""
+    """Accept any value, as the program does not read it."""
     return ""
 
 
@@ -194,7 +194,7 @@ def _outside(value: float, least: float, most: float) -> str:
 
 
 def _quoted(value: Any) -> str:
-    """Return a value for a message, shortened to 40 characters."""
+    """Return a value as text for a message, shortened to 40 characters."""
     match value:
         case None:
             return "null"

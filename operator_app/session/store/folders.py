@@ -31,7 +31,7 @@ POSES_NAME = "poses.csv"
 class SessionEntry:
     """One session folder.
 
-    `state` is None where the journal cannot be read; `problem` and `remedy` then say why and what to do.
+    `state` is None if the journal cannot be read; `problem` and `remedy` then state why, and what to do.
     """
 
     folder: Path
@@ -42,16 +42,16 @@ class SessionEntry:
 
 
 def new_folder(root: Path, name: str, utc: datetime) -> Path:
-    """Return the path of a new session folder, e.g. ``20261121-093000-hinge``. Does not create it.
+    """Return the path of a new session folder, e.g. ``20261121-093000-hinge``, without creating it.
 
-    Another program may create it first: `Journal.create_beside` then takes the next free name.
+    If another program creates it first, `Journal.create_beside` takes the next free name.
     """
     stem = f"{utc:{STAMP}}-{re.sub(r'[^A-Za-z0-9_-]+', '-', name)}"
     return next(f for f in numbered_folders(root / stem) if not f.exists())
 
 
 def next_order(root: Path, *, but: Path | None = None) -> int:
-    """Return the order number of a new session below `root`: the largest existing one plus 1, except that of `but`."""
+    """Return the order number of a new session below `root`: 1 more than the largest of all sessions except `but`."""
     try:
         folders = [p for p in root.iterdir() if p != but]
     except OSError:
@@ -65,7 +65,7 @@ def _order_in(path: Path) -> int:
 
 
 def find_session(root: Path, reference: str) -> Path:
-    """Return the folder of a session named by path, by name below `root`, or ``latest``."""
+    """Return the folder of a session given by path, by its name below `root`, or as ``latest``."""
     if reference == "latest":
         # Sessions that only verify another one do not count. Sessions with poses come first.
         found = [
@@ -88,7 +88,7 @@ def find_session(root: Path, reference: str) -> Path:
 
 
 def read_session(folder: Path) -> SessionEntry:
-    """Read one session; does not lock it."""
+    """Read one session, without locking it."""
     try:
         contents = read_journal(folder)
         state = session_state(contents)
@@ -100,7 +100,7 @@ def read_session(folder: Path) -> SessionEntry:
 
 
 def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
-    """Return all sessions below `root` in the order of opening, which does not depend on the clock."""
+    """Return all sessions below `root` in the order in which they were opened, which does not depend on the clock."""
     try:
         folders = sorted(p for p in root.iterdir() if os.path.lexists(p / JOURNAL_NAME))
     except FileNotFoundError:
@@ -122,7 +122,7 @@ def list_sessions(root: Path) -> tuple[SessionEntry, ...]:
 def _begun(entries: Sequence[SessionEntry]) -> dict[str, tuple[str, int]]:
     """Return (time of opening, sequence number) by folder name, for journals without an `order`.
 
-    The sequence number counts the sessions after that time that were opened at an earlier time of a clock set back.
+    The sequence number counts sessions that were opened later but, because the clock was set back, at an earlier time.
     """
     states = {entry.folder.name: entry.state for entry in entries}
     found: dict[str, tuple[str, int]] = {}

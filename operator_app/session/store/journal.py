@@ -1,6 +1,6 @@
 """The journal: an append-only file with one checksummed line for each event, on disk when `append` returns.
 
-All other files of a session can be made from it. If another program deletes, moves, replaces or changes the
+All other files of a session can be made from it again. If another program deletes, moves, replaces or changes the
 file, everything is written to a new session folder beside it.
 """
 
@@ -77,7 +77,7 @@ class Journal:
 
     @classmethod
     def create_beside(cls, folder: Path) -> Journal:
-        """Create a journal in `folder`; if it exists already, in the next free folder of that name."""
+        """Create a journal in `folder` or, if that exists already, in the next free folder of that name."""
         for candidate in numbered_folders(folder):
             with suppress(JournalExistsError):
                 return cls.create(candidate)
@@ -114,7 +114,7 @@ class Journal:
 
     @classmethod
     def resume(cls, folder: Path) -> Journal:
-        """Open the journal of `folder`; an incomplete last line is moved to a file beside it."""
+        """Open the journal in `folder`; an incomplete last line is moved to a file beside it."""
         path = folder / JOURNAL_NAME
         try:
             descriptor = os.open(path, os.O_RDWR | os.O_APPEND | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -152,9 +152,9 @@ class Journal:
         return cls(path, descriptor, parsed, raw[: parsed.whole_bytes])
 
     def append(self, name: str, data: Mapping[str, Any], *, clock: Clock = utc_now) -> JournalEvent:
-        """Write one event; returns when it is on disk. A failed write leaves the file as it was.
+        """Write one event and return once it is on disk. A failed write leaves the file as it was.
 
-        A separate thread writes, so that a signal in the caller's thread cannot leave part of a line.
+        A separate thread writes, so that a signal in the caller's thread cannot leave an incomplete line.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class Journal:
     def require_intact(self, *, unchanged: bool = False) -> None:
         """Raise JournalLostError if another program deleted, moved, replaced or changed the file.
 
-        `unchanged`: read the file back and compare every line.
+        If `unchanged`, read the file and compare every line.
         """
         if self.closed:
             return
@@ -229,7 +229,7 @@ class Journal:
     # -- lost ------------------------------------------------------------------------------------
 
     def _file_problem(self) -> str:
-        """Return what another program did to the file; "" for nothing."""
+        """Return text on what another program did to the file; "" for nothing."""
         try:
             there, here = self.path.stat(), os.fstat(self._descriptor)
         except (FileNotFoundError, NotADirectoryError):
@@ -246,7 +246,7 @@ class Journal:
         return ""
 
     def _changed_line(self) -> str:
-        """Return which line differs from what was read or written; "" for none."""
+        """Return text on which line differs from what was read or written; "" for none."""
         position = 0
         for number, line in enumerate(self._lines, 1):
             try:
@@ -259,7 +259,7 @@ class Journal:
         return ""
 
     def _raise_lost(self, problem: str, line: bytes) -> None:
-        """Write all lines, `line` included, to a new session folder, then raise JournalLostError."""
+        """Write all lines, including `line`, to a new session folder, then raise JournalLostError."""
         if self._loss is not None:
             raise self._loss
         rescued, reason = self._write_rescue(line)
@@ -279,7 +279,7 @@ class Journal:
         raise self._loss
 
     def _write_rescue(self, line: bytes) -> tuple[Path | None, str]:
-        """Return the new session folder that holds all lines, or None and why it cannot be written."""
+        """Return the new session folder with all lines, or None and why it cannot be written."""
         own, reason = self.path.parent, ""
         for root in (own.parent, Path(tempfile.gettempdir())):
             try:
@@ -290,12 +290,12 @@ class Journal:
 
     @property
     def loss(self) -> JournalLostError | None:
-        """The error of a lost file; None while the file is in order."""
+        """The error to raise for a lost file; None as long as the file is in order."""
         return self._loss
 
     @property
     def kept_folder(self) -> Path:
-        """Folder that holds all entries: the session's, or after a loss the rescue copy."""
+        """Folder that contains all entries: the session's or, after a loss, the rescue copy."""
         if self._loss is not None and self._loss.rescued is not None:
             return self._loss.rescued
         return self.path.parent
@@ -316,13 +316,13 @@ class Journal:
 
 
 def read_journal(folder: Path) -> JournalContents:
-    """Read a journal; does not lock or change it."""
+    """Read a journal without locking or changing it."""
     path = folder / JOURNAL_NAME
     return parse_journal(read_bytes(path), path).contents
 
 
 def lock(descriptor: int, path: Path) -> None:
-    """Lock a journal for this process; JournalError, with the descriptor closed, if another process has it."""
+    """Lock a journal for this process; if another process has it, close the descriptor and raise JournalError."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

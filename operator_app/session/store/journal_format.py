@@ -1,4 +1,4 @@
-"""A journal on disk: its lines (JSON with a checksum over the line and all lines before it) and the files beside it.
+"""Format of a journal on disk: lines of JSON, each with a checksum over it and all lines before; files beside it.
 
 Distinguishes an incomplete last line (power cut), a damaged line (changed later), a file that is not a
 journal, and a journal of a newer version.
@@ -49,7 +49,10 @@ class JournalEvent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JournalContents:
-    """Events of a journal. `torn` is the message about an incomplete last line ("": none); `file` for messages."""
+    """Events of a journal. `torn` is the message about an incomplete last line ("": none).
+
+    `file` is its name in messages.
+    """
 
     events: tuple[JournalEvent, ...]
     torn: str
@@ -66,11 +69,11 @@ class Parsed:
 
 
 class BadLineError(Exception):
-    """A complete line is not valid; the text says why."""
+    """A complete line is invalid; the text states why."""
 
 
 def format_line(event: JournalEvent, chain: str) -> tuple[bytes, str]:
-    """Return the line of an event after one with checksum `chain`, and its own checksum.
+    """Return the line of an event that follows one with checksum `chain`, and its own checksum.
 
     Raises
     ------
@@ -112,7 +115,7 @@ def checksum(previous: str, body: bytes) -> str:
 
 
 def split_checksum(line: bytes) -> tuple[bytes, str] | None:
-    """Return a line without its checksum, and the checksum; None if it does not end in one."""
+    """Split a line into content and checksum; None if it does not end in a checksum."""
     found = CHECKSUM.search(line, max(len(line) - 26, 0))
     if found is None or found.end() != len(line):
         return None
@@ -127,7 +130,7 @@ def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, s
     BadLineError
         The checksum does not match, or the line is not an event.
     JournalForeignError
-        An unknown version of this program wrote it.
+        The line was written by an unknown version of this program.
     """
     split = split_checksum(line)
     if split is None:
@@ -139,7 +142,7 @@ def verified_line(line: bytes, number: int, chain: str) -> tuple[JournalEvent, s
 
 
 def parse_line(line: bytes, number: int, *, any_number: bool = False) -> JournalEvent:
-    """Parse a line whose bytes are verified; raises as `verified_line`.
+    """Parse a line whose bytes have been verified; raises the same errors as `verified_line`.
 
     `any_number`: accept any sequence number, because lines before it may be lost.
     """
@@ -254,7 +257,7 @@ def require_regular(descriptor: int, path: Path) -> None:
 
 
 def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
-    """Raise JournalForeignError for a file that is not a journal, or is one of another version."""
+    """Raise JournalForeignError for a file that is not a journal, or is a journal of another version."""
     first = complete[0] if complete else rest
     if not first and len(complete) < 2:
         raise JournalForeignError(
@@ -274,7 +277,7 @@ def require_own_format(complete: list[bytes], rest: bytes, path: Path) -> None:
 
 
 def _require_version(first: bytes, path: Path) -> None:
-    """Raise for a first line of another version, unless its checksum shows that the version is damaged."""
+    """Raise an error if the first line has another version, unless the checksum shows that the version is damaged."""
     found = re.match(rb'\{"schema":"([^"\\]{0,60})"', first)
     split = split_checksum(first)
     if found is None or found[1].decode(errors="replace") == JOURNAL_SCHEMA:
@@ -297,7 +300,7 @@ def _other_version(schema: object) -> tuple[str, str]:
 
 
 def _resembles(first: bytes, begin: bytes, *, torn: bool) -> bool:
-    """Whether a file begins like a journal, with at most `MAX_CHANGED_BYTES` different bytes."""
+    """Whether a file begins like a journal, apart from at most `MAX_CHANGED_BYTES` bytes."""
     begin = begin[: len(first)] if torn else begin
     same = sum(a == b for a, b in zip(first, begin, strict=False))
     return same >= len(begin) - MAX_CHANGED_BYTES
@@ -337,7 +340,7 @@ def write_new_file(path: Path, data: bytes) -> None:
 
 
 def write_session_folder(root: Path, stem: str, lines: list[bytes]) -> Path:
-    """Write a new session folder with a journal of these lines below `root`; OSError if that fails."""
+    """Write a new session folder below `root` with a journal of these lines; OSError if that fails."""
     folder = next(f for f in numbered_folders(root / stem) if not os.path.lexists(f))
     folder.mkdir(parents=True)
     write_new_file(folder / JOURNAL_NAME, b"".join(lines))
@@ -351,7 +354,7 @@ def create_file(path: Path) -> int:
 
 
 def fsync_folder(folder: Path) -> None:
-    """Write the entries of a folder to disk."""
+    """Write the directory entries of a folder to disk."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(descriptor)

@@ -1,7 +1,7 @@
 """Repairs a damaged journal: keeps every line whose checksum matches, removes the others, keeps a copy.
 
 The checksum of a line covers its bytes and the checksum of the line before it, so that lines after a damaged
-one can still be verified by the checksum it states. A single flipped bit is found by trying all bits. Lines
+one can still be verified if that line's checksum can be read. A single flipped bit is found by trying all bits. Lines
 without a matching checksum are not used.
 """
 
@@ -51,7 +51,7 @@ POSE_NUMBER = re.compile(rb'"number":(\d{1,9})[,}]')
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RepairedLine:
-    """Result for one line: `event` is None if it is lost; `words` say why, or what was restored."""
+    """Result for one line: `event` is None if the line is lost; `words` state why, or what was restored."""
 
     number: int
     event: JournalEvent | None
@@ -62,7 +62,7 @@ class RepairedLine:
 class RepairResult:
     """Result of a repair.
 
-    `aside` is the copy of the damaged journal, None if nothing was damaged; `torn`: the last line is incomplete.
+    `aside`: copy of the damaged journal, None if nothing was damaged. `torn`: whether the last line is incomplete.
     """
 
     folder: Path
@@ -151,9 +151,9 @@ def examine_lines(raw: bytes) -> tuple[tuple[RepairedLine, ...], bool]:
 
 
 def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, str] | None:
-    """Return the original line, its checksum, and what was restored; None if no restoration matches a checksum.
+    """Return the original line, its checksum, and what was restored; None if no restored line matches a checksum.
 
-    `after` are the lines that follow. A damaged newline splits or joins lines: `after` is corrected for it.
+    `after` are the lines that follow; it is corrected if a damaged newline has split or joined lines.
     """
     chain = _checksum_if_stated(line, before)
     if chain is not None:
@@ -177,7 +177,7 @@ def _recover(line: bytes, before: str, after: list[bytes]) -> tuple[bytes, str, 
 
 
 def _checksum_if_stated(line: bytes, before: str) -> str | None:
-    """Return the checksum of a line if its end states it with at most one wrong byte."""
+    """Return the checksum at the end of a line, if it can be read with at most one wrong byte."""
     if len(line) < TAIL:
         return None
     found = checksum(before, line[:-TAIL] + b"}")
@@ -208,7 +208,7 @@ def _with_bit_restored(line: bytes, before: str) -> bytes | None:
 
 
 def _event_hint(line: bytes) -> str:
-    """Return what can still be read of a lost line: event and pose number."""
+    """Return text on what can still be read of a lost line: event and pose number."""
     name, number = EVENT_NAME.search(line), POSE_NUMBER.search(line)
     if name is None:
         return ""
@@ -217,7 +217,7 @@ def _event_hint(line: bytes) -> str:
 
 
 def _without_invalid(lines: list[RepairedLine]) -> tuple[RepairedLine, ...]:
-    """Remove lines with a valid checksum whose data no session can use."""
+    """Remove lines that have a valid checksum but data that no session can use."""
     counted = Counter(
         joints
         for line in lines

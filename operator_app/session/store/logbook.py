@@ -1,4 +1,4 @@
-"""A session without its arm: journal and state, edits of poses, calibration, documents.
+"""The part of a session that needs no arm: journal and state, edits of poses, calibration, documents.
 
 Every event is in the journal before it changes the state.
 """
@@ -67,13 +67,13 @@ class Logbook:
         self.state = apply(self.state, event.name, event.data, event.utc)
 
     def require_journal(self, *, unchanged: bool = False) -> None:
-        """Raise JournalLostError if the journal is lost; `unchanged`: or differs from what was written."""
+        """Raise JournalLostError if the journal is lost or, with `unchanged`, if it differs from what was written."""
         self.journal.require_intact(unchanged=unchanged)
 
     # -- poses -----------------------------------------------------------------------------------
 
     def undo(self) -> CapturedPose:
-        """Remove the last pose of the present placement."""
+        """Remove the last pose of the current placement."""
         here = [p for p in self.state.poses if p.placement == self.state.placement]
         if not here:
             raise GuardError("this placement has no pose to undo", "capture one first")
@@ -110,7 +110,7 @@ class Logbook:
     # -- calibration -----------------------------------------------------------------------------
 
     def recorded_calibration(self) -> StoredCalibration | None:
-        """Return the journal's calibration of the used poses, if it was made with the procedure's options."""
+        """Return the journal's calibration from the used poses, if it was made with the procedure's options."""
         own, then = self.procedure, self.state.solved
         asked = (
             own.estimator,
@@ -136,7 +136,7 @@ class Logbook:
     ) -> Solution:
         """Calibrate from the used poses, by default with the procedure's options and in this process.
 
-        Writes poses.csv beside the journal first, so that it exists even if the calibration fails.
+        First writes poses.csv beside the journal, so that it exists even if the calibration fails.
         """
         own, poses = self.procedure, self.state.pose_set()
         save_poses(self.journal.path.parent / POSES_NAME, poses)
@@ -160,7 +160,7 @@ class Logbook:
         return solution
 
     def record_solution(self, solution: Solution) -> None:
-        """Record a solution of the used poses; JournalLostError if the journal has changed."""
+        """Record a solution from the used poses; raises JournalLostError if the journal has changed."""
         self.require_journal(unchanged=True)
         kept = solution_data(
             solution, self.state, length_tolerance_m=self.procedure.length_tolerance_m

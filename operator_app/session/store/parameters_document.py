@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 def export_reason(solution: Solution, reason: str, *, say_it_by: str) -> str:
     """Return the reason for exporting a calibration that was not accepted; empty if it was accepted.
 
-    `say_it_by` is the way to state a reason, such as ``--force REASON``.
+    `say_it_by` tells the operator how to state a reason, such as ``--force REASON``.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def parameters_document(
 ) -> ParametersDocument:
     """Return the parameters document of a session's calibration.
 
-    For a calibration that was not accepted, its first warning says so, with the reason `forced`.
+    For a calibration that was not accepted, the first warning in it says so and gives the reason `forced`.
     """
     arm, fixture = procedure.arm, procedure.fixture
     estimate, turned = solution.estimate, solution.estimate.sigmas.orientation_rad
@@ -136,14 +136,14 @@ def _budget(solution: Solution, listed: Mapping[str, int]) -> Mapping[str, Mappi
 
 
 def _mounted(model: ClosureModel, state: SessionState) -> tuple[ClosureModel, IntArray]:
-    """Return the loop that the document describes (of several placements the last) and its parameter columns."""
+    """Return the loop that the document describes (of several placements, the last) and its parameter columns."""
     if isinstance(model, Placements):
         return model.of(_last(model, state))
     return model, np.arange(len(model.parameters))
 
 
 def _last(model: Placements, state: SessionState) -> int:
-    """Number of the present placement, or of the last one with used poses."""
+    """Number of the current placement or, if it has no used poses, of the last one that has."""
     if state.imported:
         return model.numbers[-1]
     return state.placement if state.placement in model.numbers else model.numbers[-1]
@@ -180,7 +180,7 @@ def _table_of(model: ClosureModel, x: FloatArray, kind: str) -> DhTable:
 
 
 def _with_measured(table: DhTable, offsets_rad: Mapping[int, float]) -> DhTable:
-    """Return the table with the offsets (rad, by joint) that the loop measured for unsensed joints."""
+    """Return the table including the offsets (rad, by joint) that the loops measured for unsensed joints."""
     theta_off = np.array(table.theta_off_rad)
     for joint, offset in offsets_rad.items():
         theta_off[joint] = offset

@@ -34,7 +34,7 @@ def order_of(opened: Mapping[str, Any]) -> int:
 
 
 def apply(state: SessionState, name: str, data: Mapping[str, Any], utc: str) -> SessionState:
-    """Return the state after one event; unknown events (of a newer version) change nothing."""
+    """Return the state after one event; unknown events (from a newer version) change nothing."""
     match name:
         case "opened":
             return replace(
@@ -198,14 +198,14 @@ def _apply_results(
 
 
 def _another_try(state: SessionState) -> SessionState:
-    """Return the state in which skipped waypoints are tried again."""
+    """Return the state in which skipped waypoints will be tried again."""
     return replace(
         state, visited=state.visited - state.skipped_waypoints, skipped_waypoints=frozenset()
     )
 
 
 def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> SessionState:
-    """Return the state in a new placement of the fixture: start, home, modes and waypoints are unknown."""
+    """Return the state in a new placement of the fixture, in which start, home, modes and waypoints are unknown."""
     return replace(
         state,
         placement=placement,
@@ -221,7 +221,7 @@ def _elsewhere(state: SessionState, placement: int, *, mounted: bool) -> Session
 
 
 def _with_other_poses(state: SessionState, poses: tuple[CapturedPose, ...]) -> SessionState:
-    """Return the state with other poses: results of the earlier ones no longer count."""
+    """Return the state with other poses, in which results from the earlier ones no longer count."""
     campaign = replace(state.campaign, ended={})
     return replace(state, poses=poses, campaign=campaign, **UNSOLVED)
 
@@ -236,12 +236,12 @@ def session_state(contents: JournalContents, *, joint_count: int | None = None) 
     Parameters
     ----------
     joint_count
-        Number of the arm's joints; None: as in the first event with a value for each joint.
+        Number of the arm's joints; None: as in the first event that has a value for each joint.
 
     Raises
     ------
     JournalDamagedError
-        The data of a line are not valid.
+        The data of a line are invalid.
     """
     state, joints = SessionState(), joint_count
     for event in contents.events:

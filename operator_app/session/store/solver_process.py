@@ -1,7 +1,7 @@
 """Runs a calibration in a separate process, so that bus and screen are not delayed and cancelling is immediate.
 
-The process has neither bus nor terminal and ends with its parent, however that ends. This module is both ends of
-the pipe.
+The process has neither bus nor terminal, and ends with its parent, however that ends. This module contains both ends of
+the pipe between them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class Solver(Protocol):
-    """Calls a function with these arguments, in this process or another; with `progress` if it is not None."""
+    """Calls a function with these arguments, in this or another process; passes `progress` on if it is not None."""
 
     def __call__(
         self,
@@ -49,14 +49,14 @@ class Solver(Protocol):
 def solve_here(
     function: Callable[..., T], *args: object, progress: Progress | None = None, **options: object
 ) -> T:
-    """Call it in this process."""
+    """Call the function in this process."""
     if progress is not None:
         options["progress"] = progress
     return function(*args, **options)
 
 
 class SolvingProcess:
-    """A `Solver` with a separate process, started by the first call and ended with the ``with`` block.
+    """A `Solver` with a separate process, which the first call starts and the end of the ``with`` block ends.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ _START = "from operator_app.session.store.solver_process import serve; serve()"
 
 
 def serve() -> None:
-    """Run the functions that come through the pipe until its other end closes."""
+    """Run the functions received through the pipe until its other end closes."""
     normal_priority()  # drop the real-time priority inherited from the process that drives the arm
     threading.Thread(target=_end_with_parent, daemon=True).start()
     os.nice(NICENESS)
@@ -192,7 +192,7 @@ def _answer(
 
 
 def _end_with_parent() -> None:
-    """End this process when standard input ends: the parent writes nothing there and has ended then."""
+    """End this process when standard input ends: the parent never writes there, so it must have ended."""
     while os.read(0, 1):
         pass
     os._exit(1)

@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 class CapturedPose:
     """One captured pose.
 
-    `number` counts captures from 1 and is never reused; `waypoint` is its index in the plan, -1 for none;
+    `number` counts captures from 1 and is never reused; `waypoint` is the pose's index in the plan, -1 for none;
     `mean_rad` and `sd_rad` (n,) are in sensor coordinates. `placement` numbers the mountings of the fixture
-    from 1; `endpoint` is the measurement of an instrument (m and rad), or empty; `planned`: a plan chose it.
+    from 1; `endpoint` is the measurement of an instrument (m and rad), or empty; `planned`: whether a plan chose the
+    pose.
     """
 
     number: int
@@ -43,7 +44,7 @@ class CapturedPose:
 class CheckReading:
     """A pose measured to check the calibration, not part of it.
 
-    `kind` is ``verification`` or ``return``: pose number `of` measured again after `after` captures.
+    `kind` is ``verification``, or ``return`` if pose number `of` was measured again after `after` captures.
     `number` counts check readings from 1; `mean_rad` and `sd_rad` (n,) are in sensor coordinates.
     """
 
@@ -104,9 +105,10 @@ class SessionState:
     order
         Order number in its folder, from 1; 0 in journals of earlier versions.
     after
-        In journals of earlier versions: the session opened before this one, if the clock was set back in between.
+        In journals of earlier versions: the session opened before this one, recorded if the clock was set back in
+        between.
     imported
-        File that the poses were read from; empty if an arm captured them.
+        File from which the poses were read; empty if an arm captured them.
     sources
         Text of the arm, fixture and procedure documents at opening, by kind.
     serial_number
@@ -114,43 +116,43 @@ class SessionState:
     node_serials
         Serial numbers (1018h) by node, of the nodes that captured the poses.
     start_rad
-        Joint angles (n,) when the drives were first enabled, or None.
+        Joint angles (n,) when the drives were first enabled; None before.
     home_rad
-        Centre of the drive box (n,): the procedure's home; in journals of earlier versions the start.
+        Centre of the drive box (n,): the procedure's home or, in journals of earlier versions, the start.
     modes
         ``position`` or ``free`` for each joint as last confirmed; empty until set.
     poses
-        Captured poses that were not undone, with the excluded ones.
+        Captured poses that were not undone, including excluded ones.
     visited
         Waypoints of the plan that were captured or skipped.
     skipped_waypoints
         Waypoints that were skipped; tried again when the session is resumed.
     captured
-        Number of captures, with the undone ones: the next pose has number captured + 1.
+        Number of captures, including undone ones: the next pose has number captured + 1.
     drives, drive_sets
         Chosen drive joints, and all sets that a plan may use; empty until chosen.
     resumed
-        Whether the session was resumed or the arm connected again since the last check reading.
+        Whether, since the last check reading, the session was resumed or the arm was connected again.
     placement
-        Number of the present mounting of the fixture, from 1. Start, waypoints and modes belong to it.
+        Number of the current mounting of the fixture, from 1. Start, waypoints and modes belong to it.
     mounted
-        False between taking the fixture off and the operator's confirmation that it is mounted.
+        False from when the fixture is taken off until the operator confirms that it is mounted again.
     missed_repeat
-        Why the last attempt to measure the first pose again failed; empty: no failed attempt.
+        Why the last attempt to measure the first pose again failed; empty if none failed.
     sensor_jump
-        Step of a sensor reading without motion: captures are refused until the first pose, measured again,
-        agrees. Empty: none.
+        Text about a step of a sensor reading without motion, after which captures are refused until the first pose has
+        been measured again and agrees. Empty: none.
     verifications
         Number of verifications with new poses.
     solved, exported
         Summaries of the calibration and of its export; empty until there is one.
     solved_utc
-        Time of the calibration; empty before.
+        Time of the calibration; empty before there is one.
     solution, checks
         Records (`operator_app.calibration.serialization`) of the last calibration and of its
         cross-validation; empty until there is one, and in journals of earlier versions.
     late
-        Lateness of the computer over all connections.
+        Delays of this computer (host latency) over all connections.
     """
 
     opened_utc: str = ""
@@ -203,17 +205,17 @@ class SessionState:
 
     @property
     def poses_here(self) -> tuple[CapturedPose, ...]:
-        """Used poses of the present placement of the fixture."""
+        """Used poses of the current placement of the fixture."""
         return tuple(p for p in self.used_poses if p.placement == self.placement)
 
     @property
     def unconfirmed_placement(self) -> bool:
-        """Whether this is a later placement without a pose: its mounting is not confirmed by any reading."""
+        """Whether this is a later placement that has no pose yet, so that no reading confirms its mounting."""
         return self.placement > 1 and not self.poses_here
 
     @property
     def here(self) -> SessionState:
-        """State with the poses and readings of the present placement only."""
+        """State with the poses and readings of the current placement only."""
         if all(p.placement == self.placement == 1 for p in self.poses):
             return self
         number = self.placement
@@ -247,7 +249,7 @@ class SessionState:
         )
 
     def wanted_poses(self, capture: CapturePlan) -> int:
-        """Number of poses that the procedure requires; planned ones are in addition to explored ones."""
+        """Number of poses that the procedure requires; planned poses are in addition to explored ones."""
         used = self.used_poses
         if capture.strategy != "planned":
             return capture.poses + len(used) - len(self.poses_here)

@@ -1,7 +1,7 @@
 """The calibration in the journal of a session.
 
-The poses are solved again only where the journal holds no solution (earlier versions) or the caller asks for
-other options; `StoredCalibration.recalculated_because` then says why.
+The poses are solved again only if the journal has no solution (earlier versions) or the caller asks for other options;
+`StoredCalibration.recalculated_because` then states why.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ class StoredCalibration:
     Attributes
     ----------
     checks
-        Cross-validation; None if the journal has none of this solution.
+        Cross-validation; None if the journal has none for this solution.
     recalculated_because
-        Why it was not read from the journal; empty if it was.
+        Why the solution was not read from the journal; empty if it was.
     """
 
     solution: Solution
@@ -57,12 +57,12 @@ def session_calibration(
     procedure
         The session's procedure, with the arm that was connected.
     estimator, unsensed_joints
-        None: as in the journal's calibration, else as in the procedure.
+        None: as in the journal's calibration or, without one, as in the procedure.
 
     Raises
     ------
     SessionError, SolverError, FixtureError
-        There is no pose, or solving again fails.
+        There is no pose, or a new solution fails.
     """
     if not state.used_poses:
         raise SessionError("this session has no used pose", "capture poses first")
@@ -119,7 +119,7 @@ def solve(
 def with_checks(
     found: StoredCalibration, state: SessionState, procedure: Procedure
 ) -> StoredCalibration:
-    """Return a calibration, with the cross-validation computed if it was solved again."""
+    """Return a calibration with its cross-validation, which is computed if the calibration was solved again."""
     if not found.recalculated_because:
         return found
     fixture = procedure.fixture.fixture
@@ -147,7 +147,7 @@ def solution_data(
 
 
 def journal_calibration(state: SessionState) -> StoredCalibration | str:
-    """Return the journal's calibration of the used poses, or why there is none."""
+    """Return the journal's calibration from the used poses, or why there is none."""
     if not state.solution:
         return "the journal holds poses but no calibration of them"
     try:
@@ -168,7 +168,7 @@ def journal_calibration(state: SessionState) -> StoredCalibration | str:
 
 
 def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
-    """Whether array shapes match the number of parameters and of poses."""
+    """Whether the shapes of arrays match the numbers of parameters and of poses."""
     if estimate is None:
         return True
     count = len(estimate.parameters)
@@ -182,7 +182,7 @@ def _is_consistent(estimate: Estimate | None, poses: int) -> bool:
 
 
 def _with_recorded_options(state: SessionState, procedure: Procedure) -> Procedure:
-    """Return the procedure with the options of the journal's calibration, if it records them."""
+    """Return the procedure with the options of the journal's calibration, as far as these are recorded."""
     solved: Mapping[str, object] = state.solved
     match solved.get("estimator"):
         case "paper" | "implicit" as estimator:

@@ -21,7 +21,7 @@ Truths = Callable[[int], Mapping[str, float]]
 
 
 def with_truth(solution: Solution, arm: ArmModel, truths: Truths, *, first: int = 1) -> Solution:
-    """Return a calibration with its errors against the truth; `first` is its first mounting with poses.
+    """Return a calibration with its true errors; `first` is its first placement with poses.
 
     The tool position error does not include the fixture's place, as in `HandAccuracy`.
     """

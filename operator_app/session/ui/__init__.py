@@ -1,1 +1,1 @@
-"""Shared by all user interfaces: actions, guards, snapshot, runner."""
+"""What all user interfaces share: actions, guards, snapshot, runner."""

@@ -1,4 +1,4 @@
-"""The work of the actions: submits tasks to the runner, after a question where one is needed."""
+"""What the actions do: they submit tasks to the runner, after a question where one is needed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def task(
 
 
 def connect(context: ActionContext) -> None:
-    """Connect; in a later placement without a pose only after the mounting is confirmed."""
+    """Connect; in a later placement that has no pose yet, only after the mounting is confirmed."""
     state, text = context.s.state, "connecting"
     if not state.unconfirmed_placement:
         context.submit(TaskKind.CONNECT, text, lambda o: o.connect())
@@ -44,7 +44,7 @@ def connect(context: ActionContext) -> None:
 
 
 def manual(context: ActionContext) -> None:
-    """Show a page of the manual, after asking which."""
+    """Ask which page of the manual to show, and show it."""
     interface = context.interface
     options = tuple((topic, f"{topic}: {said}") for topic, said in interface.topics().items())
     interface.ask(OneOf(title="Manual", text="Which page?", options=options), interface.show_page)
@@ -72,7 +72,7 @@ def apply_modes(context: ActionContext) -> None:
 
 
 def _modes_text(s: SessionSnapshot) -> str:
-    """Return which joints get position mode, with the warning about free joints."""
+    """Return text on which joints get position mode, with the warning about free joints."""
     joints, count = s.wanted_joints, s.procedure.arm.joint_count
     free = "" if len(joints) == count else " (they yield when pushed)"
     driven = names(f"J{j}" for j in joints)
@@ -100,7 +100,7 @@ def acknowledge(context: ActionContext) -> None:
 
 
 def automatic(context: ActionContext) -> None:
-    """Capture the missing poses; on a real arm with drives after a question."""
+    """Capture the missing poses; on a real arm with drives, after a question."""
 
     def begin(again: ActionContext) -> None:
         again.submit(
@@ -126,7 +126,7 @@ def go(context: ActionContext, waypoint: int | None) -> None:
 
 
 def home(context: ActionContext) -> None:
-    """Go home, after a question: the path outside the box is not known to be clear."""
+    """Go home, after a question, since the path outside the box is not known to be clear."""
     s = context.s
     ways = [
         (j, s.procedure.arm.home_rad[j - 1] - s.arm.joints[j - 1].position_rad)
@@ -217,7 +217,7 @@ def force(context: ActionContext) -> None:
 
 
 def verify(context: ActionContext) -> None:
-    """Verify with new poses, after a question: the arm moves by itself."""
+    """Verify with new poses, after a question, since the arm moves by itself."""
     joints = () if guards.in_modes(context.s) else context.s.wanted_joints
     text = f"The arm moves to {VERIFY_POSES} new poses by itself. Stand clear. Any key stops it."
     if joints:
@@ -274,7 +274,7 @@ def resume(context: ActionContext) -> None:
 
 
 def _in_a_line(entry: SessionEntry) -> str:
-    """Return number of poses and stage of a session, or why its journal cannot be read."""
+    """Return text: number of poses and stage of a session, or why its journal cannot be read."""
     if entry.state is None:
         return f"cannot be read: {entry.problem}"
     state = entry.state

@@ -1,6 +1,6 @@
-"""The table of actions: keys, texts, steps, guard and handler, for the full screen and for plain mode.
+"""The table of actions, for the full screen and for plain mode: keys, texts, steps, guard and handler.
 
-Handlers that only change settings are here, others in `action_handlers`.
+Handlers that only change settings are in this module, others in `action_handlers`.
 Key dispatch, footer, help, palette and prompts are made from this table.
 """
 
@@ -39,7 +39,7 @@ def open_items(s: SessionSnapshot) -> dict[int, str]:
 
 
 def tick(runner: Runner, s: SessionSnapshot, ticked: frozenset[int]) -> None:
-    """Tick these items of the check list; record the new ones."""
+    """Tick these items of the check list; record the newly ticked ones."""
     runner.publish(lambda now: replace(now, ticked=ticked))
     items = s.procedure.fixture.checklist
     for k in sorted(ticked - s.ticked):
@@ -84,7 +84,7 @@ def other_joints(context: ActionContext) -> None:
 
 
 def other_estimator(s: SessionSnapshot) -> str:
-    """Return the estimator that is not chosen."""
+    """Return the estimator that is not chosen at the moment."""
     return "paper" if s.estimator == "implicit" else "implicit"
 
 
@@ -94,7 +94,7 @@ def estimator(context: ActionContext) -> None:
 
 
 def _next_unsensed(s: SessionSnapshot) -> tuple[int, ...]:
-    """Return the next of: no joint, each RVDT joint, all of them."""
+    """Return the next set in the cycle: no joint, each RVDT joint alone, all RVDT joints."""
     bent = [k for k, j in enumerate(s.procedure.arm.joints, 1) if isinstance(j.sensor, Rvdt)]
     choices: list[tuple[int, ...]] = [(), *((k,) for k in bent)]
     if len(bent) > 1:
@@ -304,12 +304,12 @@ def by_name(name: str) -> Action | OnScreen:
 
 
 def for_key(key: str, step: Step) -> Action | OnScreen | None:
-    """Return the action of a key at a step."""
+    """Return the action that a key has at a step."""
     return next((a for a in ACTIONS if key in a.keys and step in a.steps), None)
 
 
 def footer(step: Step, table: tuple[Action | OnScreen, ...] = ()) -> tuple[Action | OnScreen, ...]:
-    """Return the actions in the footer of a step, at most six; `table` in the place of `ACTIONS`."""
+    """Return the actions in the footer of a step, at most six; `table` may replace `ACTIONS`."""
     shown = [a for a in table or ACTIONS if step in a.steps & a.footer]
     for name in LEAST_IMPORTANT:
         if len(shown) > MAX_IN_FOOTER:

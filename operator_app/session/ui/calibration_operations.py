@@ -1,4 +1,7 @@
-"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify. Run in the worker thread, and may block."""
+"""Operations of steps 5 to 7: calibrate, compare, write, upload, verify.
+
+They run in the worker thread and may block.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ class CalibrationOperations:
     Attributes
     ----------
     solution
-        The calibration of these poses; None before.
+        The calibration from these poses; None before there is one.
     """
 
     def __init__(
@@ -60,7 +63,7 @@ class CalibrationOperations:
                 self._compare()
 
     def calibrate(self, estimator: str, unsensed_joints: tuple[int, ...]) -> None:
-        """Calibrate in a separate process; publishes each iteration; cancelling ends it at once."""
+        """Calibrate in a separate process and publish each iteration; cancelling ends the process at once."""
         self._publisher.publish(lambda s: replace(s, iterations=()))
         with SolvingProcess(self._go_on) as process:
             self._calibrate(process, estimator, unsensed_joints)
@@ -100,7 +103,7 @@ class CalibrationOperations:
             self._compare()
 
     def _compare(self) -> None:
-        """Publish the differences from the active parameters of the controller."""
+        """Publish the differences from the parameters active in the controller."""
         session, solution = self._session, self._current_solution()
         active_bytes = session.arm.active_parameters() if session.identity is not None else b""
         active = parse_parameters(active_bytes, "active parameters") if active_bytes else None
@@ -112,7 +115,10 @@ class CalibrationOperations:
         self._export(upload_too=False)
 
     def upload(self, forced: str = "") -> None:
-        """Hold the arm, write the files, upload, read back; `forced` is the reason without acceptance."""
+        """Hold the arm, write the files, upload, read back.
+
+        `forced` is the reason if the calibration is not accepted.
+        """
         session = self._session
         if any(j.drive is DriveState.OPERATION_ENABLED for j in session.arm.snapshot().joints):
             session.hold()
@@ -136,7 +142,7 @@ class CalibrationOperations:
             )
 
     def verify(self, poses: int) -> None:
-        """Capture new poses and test the present calibration with them."""
+        """Capture new poses and test the current calibration with them."""
         verdict, _ = verify(self._session, self._current_solution(), poses, self._listener)
         judged = verdict.verification
         turned = judged.sigmas.orientation_rad
@@ -162,7 +168,7 @@ class CalibrationOperations:
 
 
 def diff_rows(new: ParametersDocument, active: ParametersDocument | None) -> tuple[DiffRow, ...]:
-    """Return active (None: none) and new value of each calibrated entry, rad and m."""
+    """Return the active value (None: none) and the new value of each calibrated entry, rad and m."""
     now, before = new.table.stacked(), None if active is None else active.table.stacked()
     return tuple(
         DiffRow(

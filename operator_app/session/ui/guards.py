@@ -1,6 +1,6 @@
-"""Guards of steps and actions: pure functions from a snapshot to what is missing, () for nothing.
+"""Guards of steps and actions: pure functions that return what a snapshot lacks, () for nothing.
 
-The workflow checks again whatever could do harm.
+The workflow checks everything that could do harm once more.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Missing = tuple[str, ...]
 
 
 def missing_for(step: Step, s: SessionSnapshot) -> Missing:
-    """Return what keeps a step closed."""
+    """Return what is missing before a step can be opened."""
     return () if step is Step.CONNECT else _STEPS[step](s)
 
 
 def fixture_ready(s: SessionSnapshot) -> Missing:
-    """Fixture needs a connected arm, and on a real arm a tested hardware stop."""
+    """Step Fixture needs a connected arm and, for a real arm, a tested hardware stop."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if not s.simulated and not s.stop_tested:
@@ -43,7 +43,7 @@ def fixture_ready(s: SessionSnapshot) -> Missing:
 
 
 def modes_ready(s: SessionSnapshot) -> Missing:
-    """Modes need a fixture without refused checks and a complete check list."""
+    """Step Modes needs a fixture whose checks do not refuse, and a complete check list."""
     if before := fixture_ready(s):
         return before
     if not s.checks:
@@ -56,7 +56,7 @@ def modes_ready(s: SessionSnapshot) -> Missing:
 
 
 def capture_ready(s: SessionSnapshot) -> Missing:
-    """Capture needs drives that are enabled in their confirmed modes."""
+    """Step Capture needs drives that are enabled in their confirmed modes."""
     if before := modes_ready(s):
         return before
     if s.stopped:
@@ -71,7 +71,7 @@ def capture_ready(s: SessionSnapshot) -> Missing:
 
 
 def calibrate_ready(s: SessionSnapshot) -> Missing:
-    """Calibrate needs more equations than parameters."""
+    """Step Calibrate needs more equations than parameters."""
     used, needed = len(s.state.used_poses), poses_for(s)
     if used < needed:
         return (f"{used} of at least {needed} poses captured (step 4)",)
@@ -79,14 +79,14 @@ def calibrate_ready(s: SessionSnapshot) -> Missing:
 
 
 def results_ready(s: SessionSnapshot) -> Missing:
-    """Results need a calibration of the present poses."""
+    """Step Results needs a calibration from the current poses."""
     if s.solution is None:
         return ("there is no calibration of these poses yet (step 5)",)
     return ()
 
 
 def export_ready(s: SessionSnapshot) -> Missing:
-    """Export needs an accepted calibration."""
+    """Step Export needs an accepted calibration."""
     if before := results_ready(s):
         return before
     if s.solution is not None and not s.solution.accepted:
@@ -119,7 +119,7 @@ def idle(s: SessionSnapshot) -> Missing:
 
 
 def may_connect(s: SessionSnapshot) -> Missing:
-    """Connect if not connected, if data are lost, or if an alarm asks for it."""
+    """Connecting is possible if no arm is connected, if data are lost, or if an alarm asks for it."""
     asked = any(TaskKind.CONNECT in alarm.resolving_tasks for alarm in s.alarms)
     if s.connected and s.data is not DataState.LOST and not asked:
         return ("the arm is already connected",)
@@ -127,7 +127,7 @@ def may_connect(s: SessionSnapshot) -> Missing:
 
 
 def may_use_data(s: SessionSnapshot) -> Missing:
-    """Data must be fresh, and STOP not latched."""
+    """Using data requires that they are fresh and STOP is not latched."""
     if not s.connected:
         return ("no arm is connected: connect first (step 1)",)
     if s.stopped:
@@ -152,22 +152,22 @@ def may_check_fixture(s: SessionSnapshot) -> Missing:
 
 
 def may_tick_all(s: SessionSnapshot) -> Missing:
-    """On a real arm the items are checked one at a time."""
+    """With a real arm, the items of the check list must be ticked one at a time."""
     return () if s.simulated else ("on a real arm the items are checked and ticked one at a time",)
 
 
 def may_suggest(s: SessionSnapshot) -> Missing:
-    """The ranking needs a connected arm."""
+    """Ranking the drive joints needs a connected arm."""
     return () if s.ranked else ("no ranking yet: connect first (step 1)",)
 
 
 def may_apply_modes(s: SessionSnapshot) -> Missing:
-    """The selected joints have to match the freedoms of the chain."""
+    """The number of selected joints must equal the degrees of freedom of the chain."""
     return idle(s) or modes_ready(s) or may_use_data(s) or modes_problem(s, s.wanted_joints)
 
 
 def modes_problem(s: SessionSnapshot, position_joints: tuple[int, ...]) -> Missing:
-    """Return why this number of joints in position mode is wrong."""
+    """Return why this number of joints in position mode is wrong; () if it is right."""
     problem = drives.modes_problem(
         position_joints,
         joint_count=s.procedure.arm.joint_count,
@@ -192,7 +192,7 @@ def may_go_home(s: SessionSnapshot) -> Missing:
 
 
 def may_go_best(s: SessionSnapshot) -> Missing:
-    """The most informative pose needs an estimate."""
+    """Going to the most informative pose needs an estimate."""
     if s.best_waypoint is None:
         return ("no best pose yet: it needs an estimate from a few poses",)
     return may_move(s)
@@ -211,7 +211,7 @@ def may_capture(s: SessionSnapshot) -> Missing:
 
 
 def may_run_automatically(s: SessionSnapshot) -> Missing:
-    """Automatic capture also needs missing poses."""
+    """Automatic capture also requires that some poses have not been taken yet."""
     if missing := may_move(s):
         return missing
     if len(s.state.used_poses) >= s.wanted_poses:
@@ -225,7 +225,7 @@ def moves_real_arm(s: SessionSnapshot) -> bool:
 
 
 def may_remount(s: SessionSnapshot) -> Missing:
-    """Remounting needs a fixture and all poses of the present placement."""
+    """Remounting needs a fixture and all poses of the current placement."""
     if missing := idle(s):
         return missing
     if not s.procedure.fixture.fixture.holds_hand:
@@ -248,7 +248,7 @@ def may_edit_pose(s: SessionSnapshot) -> Missing:
 
 
 def may_calibrate(s: SessionSnapshot) -> Missing:
-    """Calibrating needs enough poses; the paper's estimator all joints sensed."""
+    """Calibrating needs enough poses; the paper's estimator also needs readings of all joints."""
     if missing := idle(s) or calibrate_ready(s):
         return missing
     if s.estimator == "paper" and s.unsensed_joints:
@@ -287,7 +287,7 @@ def _may_send(s: SessionSnapshot) -> Missing:
 
 
 def serial_number(s: SessionSnapshot) -> str:
-    """Return the serial number of the connected arm, else of the session's arm; "" for none."""
+    """Return the serial number of the connected arm or, without one, of the session's arm; "" for none."""
     return s.state.serial_number if s.identity is None else s.identity.serial_number
 
 
@@ -303,7 +303,7 @@ def may_verify(s: SessionSnapshot) -> Missing:
 
 
 def in_modes(s: SessionSnapshot) -> bool:
-    """Whether the drives are enabled, as many of them in position mode as the chain has freedoms."""
+    """Whether the drives are enabled, with as many in position mode as the chain has degrees of freedom."""
     return s.drives_ready and sum(m is JointMode.POSITION for m in s.modes) == s.mobility
 
 
@@ -322,7 +322,7 @@ def stops_on_any_key(task: RunningTask | None) -> bool:
 
 
 def _not_ready(s: SessionSnapshot) -> str:
-    """Return which drive is not in its confirmed state."""
+    """Return text on which drive is not in its confirmed state."""
     if s.arm is None:
         return "there is no data from the drives"
     for joint, mode in zip(s.arm.joints, s.modes, strict=False):

@@ -1,4 +1,4 @@
-"""Messages and alarms of a snapshot, as pure functions.
+"""Pure functions on the messages and alarms of a snapshot.
 
 An alarm stays until a task that resolves it has succeeded, or until the operator acknowledges it.
 """
@@ -39,7 +39,7 @@ CONNECT_AGAIN: Final = (
 
 
 def resolving_tasks(error: Exception, kind: TaskKind) -> frozenset[TaskKind]:
-    """Return the tasks that resolve the alarm about an error of a task."""
+    """Return the tasks whose success resolves the alarm about an error of a task."""
     # After a jump all later readings are in doubt; with a stuck sensor only the excluded poses are.
     jumped = isinstance(error, SensorFault) and not (
         isinstance(error, DriveDiverged) or error.stuck
@@ -90,5 +90,5 @@ def without_resolved(s: SessionSnapshot, kind: TaskKind) -> SessionSnapshot:
 
 
 def without_acknowledged(s: SessionSnapshot, number: int) -> SessionSnapshot:
-    """Remove the alarm with this number; its cause may remain."""
+    """Remove the alarm with this number; its cause may persist."""
     return replace(s, alarms=tuple(alarm for alarm in s.alarms if alarm.number != number))

@@ -1,4 +1,4 @@
-"""The next action of each step, with the hint that proposes it. Pure functions."""
+"""Pure functions that return the next action of each step, with the hint that proposes it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from operator_app.units import and_the_others, names
 
 @dataclass(frozen=True, slots=True)
 class NextAction:
-    """Action of the Enter key: its name ("" for none), label, and hint."""
+    """Action of the Enter key: name ("" for none), label, and hint."""
 
     action: str
     label: str

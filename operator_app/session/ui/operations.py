@@ -1,4 +1,4 @@
-"""Operations of steps 1 to 4, which publish their results. Run in the worker thread, and may block."""
+"""Operations of steps 1 to 4, which publish their results. They run in the worker thread and may block."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ TEST_WIGGLE_RAD = float(np.deg2rad(2.0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Edit:
-    """A pose before an edit or its removal, and the number of captures then."""
+    """A pose as it was before an edit or its removal, and the number of captures at that time."""
 
     before: CapturedPose
     captured: int
@@ -63,7 +63,7 @@ class Operations:
         self.connect()
 
     def connect(self) -> None:
-        """Connect to the arm, check it, and check the fixture at the present pose."""
+        """Connect to the arm, check it, and check the fixture at the current pose."""
         self._session.let_go()
         self._publisher.publish(lambda s: replace(s, identity=None))
         try:
@@ -125,7 +125,7 @@ class Operations:
     # -- 3 Modes -----------------------------------------------------------------------------------
 
     def set_modes(self, position_joints: tuple[int, ...]) -> None:
-        """Enable the drives, set the modes, read them back, and predict the plan."""
+        """Enable the drives, set the modes and read them back, and predict the plan."""
         session = self._session
         session.set_modes(position_joints)
         driven = names(f"J{j}" for j in position_joints)
@@ -180,7 +180,7 @@ class Operations:
         self.refresh()
 
     def capture(self, waypoint: int) -> None:
-        """Capture a pose at the present position."""
+        """Capture a pose at the current position."""
         self._session.capture(waypoint)
         self.captured(self._session.state.poses[-1])
         if suspect := outlier_warning(self._session):
@@ -215,7 +215,7 @@ class Operations:
             )
 
     def undo(self) -> None:
-        """Undo the last exclusion or note, else remove the last pose."""
+        """Undo the last exclusion or note or, if there is none, remove the last pose."""
         if self._edits and self._edits[-1].captured == self._session.state.captured:
             pose = self._edits.pop().before
             self._save_before_edit(self._undone, pose.number)
@@ -230,7 +230,7 @@ class Operations:
         self._publisher.say(Level.INFO, f"pose {pose.number} is removed")
 
     def redo(self) -> None:
-        """Redo the last undone change, unless there was another change since."""
+        """Redo the last undone change, unless something else has been changed since."""
         if not self._undone or self._undone[-1].captured != self._session.state.captured:
             raise GuardError("There is nothing to redo", "Undo a change first (u)")
         last = self._undone.pop()
@@ -282,7 +282,7 @@ class Operations:
     # -- 7 Export ----------------------------------------------------------------------------------
 
     def verify(self, poses: int, joints: tuple[int, ...]) -> None:
-        """Verify with new poses; set these joints to position mode first, if there are any."""
+        """Verify with new poses, after putting these joints, if any, into position mode."""
         if joints:
             self.set_modes(joints)
         self.results.verify(poses)
@@ -331,7 +331,7 @@ class Operations:
         )
 
     def _at(self, waypoint: int | None) -> None:
-        """Publish at which waypoint the arm is; None: at none."""
+        """Publish at which waypoint the arm is (None: at none)."""
         self._publisher.publish(lambda s: replace(s, at_waypoint=waypoint))
 
 

@@ -1,4 +1,4 @@
-"""Quality of the captured poses, and prediction of the remaining ones."""
+"""Quality of the captured poses, and prediction of those still to be captured."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class PoseQuality:
     next_waypoint
         First waypoint of the plan that was not visited; None after the last.
     best_waypoint
-        The most informative waypoint; None if not known.
+        The most informative waypoint; None if it is not known.
     """
 
     def __init__(self, session: Session) -> None:
@@ -96,7 +96,7 @@ class PoseQuality:
         )
 
     def _loop_of(self, state: SessionState) -> ClosureModel:
-        """The loop of all poses; an instrument is registered once, with enough poses."""
+        """The loop of all poses; an instrument is registered once there are enough of them."""
         session, model = self._session, self._nominal_loop
         if session.fixture.holds_hand:
             return model

@@ -1,4 +1,4 @@
-"""Runs a session for a user interface: tasks in, snapshots out, no call blocks.
+"""Runs a session for a user interface: takes tasks and returns snapshots; no call blocks.
 
 One worker thread makes all blocking calls. `stop` calls the arm directly from the calling thread. A second thread
 supervises the age of the data, whether or not a screen polls.
@@ -65,13 +65,13 @@ class Runner:
     Parameters
     ----------
     session
-        Called by the worker thread only, except `Arm.stop` and `Arm.snapshot`.
+        The session; only the worker thread calls it, except for `Arm.stop` and `Arm.snapshot`.
     simulated, bus
-        Whether no real arm can move; the bus, for messages.
+        Whether no real arm can move; name of the bus in messages.
     recording_ended
         Returns why a recording of the bus ended early, "" otherwise.
     monotonic, clock
-        Clocks for ages (s) and for messages (UTC).
+        Clocks for ages (s) and for the times of messages (UTC).
     """
 
     def __init__(
@@ -126,14 +126,14 @@ class Runner:
     # -- publishing ----------------------------------------------------------------------------------
 
     def publish(self, change: Change) -> None:
-        """Replace the snapshot by the changed one; from any thread."""
+        """Replace the snapshot by a changed one; may be called from any thread."""
         with self._publishing:
             self._base = change(self._base)
 
     def say(
         self, level: Level, text: str, resolving_tasks: frozenset[TaskKind] = frozenset()
     ) -> None:
-        """Add a message; `resolving_tasks` resolve an alarm. From any thread."""
+        """Add a message; if it is an alarm, `resolving_tasks` resolve it. May be called from any thread."""
         time_utc = f"{self._clock().astimezone(UTC):%H:%M:%S}"
         self.publish(
             lambda s: add_message(s, level, text, time=time_utc, resolving_tasks=resolving_tasks)
@@ -144,7 +144,7 @@ class Runner:
         self.publish(lambda s: without_acknowledged(s, number))
 
     def cancelled(self) -> bool:
-        """Whether the running task is cancelled."""
+        """Whether the running task has been cancelled."""
         job = self._current
         return job is not None and job.cancel.is_set()
 
@@ -202,13 +202,13 @@ class Runner:
 
     @property
     def pending(self) -> int:
-        """Number of tasks that have not ended, the running one included."""
+        """Number of tasks that have not ended, including the running one."""
         return len(self._waiting_jobs)
 
     def submit(
         self, kind: TaskKind, text: str, work: Callable[[], None], *, uncancellable: bool = False
     ) -> None:
-        """Queue a task for the worker; returns at once. An `uncancellable` one is short and moves nothing."""
+        """Queue a task for the worker and return at once. An `uncancellable` task is short and moves nothing."""
         job = _Job(kind, text, work, threading.Event(), uncancellable)
         with self._submitting:
             if self._closing.is_set():
@@ -268,7 +268,7 @@ class Runner:
 
     @contextmanager
     def _supervised(self) -> Iterator[None]:
-        """Stop the arm if the thread ends by an unexpected exception; the screen raises it."""
+        """Stop the arm if an unexpected exception ends the thread; the screen raises the exception."""
         try:
             yield
         except BaseException as error:  # noqa: BLE001 - kept for the screen to raise
@@ -331,11 +331,11 @@ class Runner:
                 self._supervisor.check(now, unseen_s=now.now_s - self._polled_s)
 
     def recording_problem(self) -> str:
-        """Return why a recording of the bus ended early; "" if it did not, or was reported already."""
+        """Return why a recording of the bus ended early; "" if it did not, or if that was already reported."""
         return self._supervisor.recording_problem()
 
     def record_why_stopped(self) -> None:
-        """Record in the journal why the arm was stopped; not cancelled with other tasks."""
+        """Record in the journal why the arm was stopped; this is not cancelled with other tasks."""
         self.submit(
             TaskKind.NOTE,
             "recording why the arm was stopped",

@@ -35,22 +35,22 @@ class Sessions:
     choices
         Options of the command line.
     join
-        Opens the arm of an opening.
+        Function that opens the arm of an `Opening`.
     warning
         First message to the operator; "" for none.
 
     Attributes
     ----------
     last
-        Folder of the last closed session; None if it was removed as empty.
+        Folder of the last closed session; None if it was empty and has been removed.
     held
-        Whether its arm confirmed that it holds its position; None if none was connected.
+        Whether that session's arm confirmed that it holds its position; None if no arm was connected.
     exported
-        Whether its parameters were written.
+        Whether that session's parameters were written.
     lost
-        The error of its lost journal, if it was lost.
+        The error of that session's journal, if it was lost.
     not_held
-        The error of an arm that did not confirm it, if there is one.
+        The error of an arm that did not confirm that it holds, if there is one.
     """
 
     def __init__(
@@ -73,7 +73,7 @@ class Sessions:
         self.not_held: NotLetGoError | None = None
 
     def new(self, procedure: str | None = None) -> Runner:
-        """Start a session; a named procedure becomes the default."""
+        """Start a session; if a procedure is named, it becomes the default."""
         named = procedure or self._procedure
         runner = self._open(
             begin(named, self._choices, root=self.root), "another session was started"
@@ -86,12 +86,12 @@ class Sessions:
         return tuple(load_procedure(name) for name in builtin_names("procedure"))
 
     def resumed(self, reference: str) -> Runner:
-        """Resume a session, named by its folder."""
+        """Resume the session in this folder."""
         opening = resume(reference, self._choices, root=self.root)
         return self._open(opening, "another session was resumed")
 
     def remounted(self) -> Runner:
-        """Close the open session and resume it in the next placement; raises unless the drives are off."""
+        """Close the open session and resume it in the next placement; raises an error unless the drives are off."""
         if self._runner is None:
             raise SessionError("no session is open", "start or resume one")
         session = self._runner.session
@@ -135,7 +135,7 @@ class Sessions:
                 self._warning = runner.recording_problem()
 
     def _open(self, opening: Opening, farewell: str) -> Runner:
-        """Open a session; close the previous one when this has succeeded."""
+        """Open a session; once that has succeeded, close the previous one."""
         with ExitStack() as stack:
             rig = stack.enter_context(self._join(opening))
             session = open_session(rig)

@@ -48,7 +48,7 @@ class Level(Enum):
 
 
 class TaskKind(Enum):
-    """Kinds of tasks."""
+    """Kind of task."""
 
     CONNECT = "connecting"
     CHECK = "checking the fixture"
@@ -69,7 +69,7 @@ class TaskKind(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Message:
-    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks` resolve an alarm."""
+    """A message. `time` is UTC, HH:MM:SS; `number` counts from 1; `resolving_tasks` are those that resolve an alarm."""
 
     number: int
     time: str
@@ -80,7 +80,7 @@ class Message:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunningTask:
-    """The running task. `moves`: the arm may move, and any key cancels it."""
+    """The running task. `moves`: whether the arm may move, so that any key cancels the task."""
 
     kind: TaskKind
     text: str
@@ -92,8 +92,8 @@ class RunningTask:
 class StopReport:
     """A software STOP.
 
-    Time of the request (monotonic, s), time until no drive was in operation (None: not yet), number of drives out
-    of operation, and why it could not be sent ("" if it was).
+    Time of the request (monotonic, s), time until no drive was in operation (None: not yet), number of drives out of
+    operation, and why STOP could not be sent ("" if it was).
     """
 
     asked_s: float
@@ -104,7 +104,7 @@ class StopReport:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiffRow:
-    """A parameter (rad or m): active value on the controller (None: none) and new value."""
+    """A parameter (rad or m): value active in the controller (None: none) and new value."""
 
     name: str
     is_angle: bool
@@ -116,8 +116,8 @@ class DiffRow:
 class VerificationSummary:
     """Result of a verification with new poses.
 
-    rms of the position and orientation closure (None: position only), chi2/dof, whether the prediction errors agree
-    with their uncertainty, and the reason if they do not.
+    Rms of the position closure and of the orientation closure (None: position only), chi2/dof, whether the prediction
+    errors agree with their uncertainty, and the reason if they do not.
     """
 
     poses: int
@@ -150,13 +150,13 @@ class SessionSnapshot:
     simulated, bus
         Whether no real arm can move; the bus, for messages.
     stop_tested, ticked
-        Confirmed by the operator in this run: hardware stop, items of the check list.
+        What the operator has confirmed in this run: test of the hardware stop; items of the check list.
     wanted_joints
         Joints selected for position mode, ascending; the others become free.
     plan, forecast, next_waypoint, best_waypoint, at_waypoint
-        Waypoints and their prediction; the next one, the most informative one, the one the arm is at.
+        Waypoints and their prediction; the next waypoint, the most informative one, and the one where the arm is.
     heading
-        Present move of a planned capture; else None.
+        Current move of a planned capture; otherwise None.
     estimator, unsensed_joints
         Options of the next calibration.
     iterations
@@ -223,22 +223,22 @@ class SessionSnapshot:
 
     @property
     def stopped_for(self) -> str:
-        """Why the arm stopped by itself; "" if it did not, or STOP was pressed."""
+        """Why the arm stopped by itself; "" if it did not, or if STOP was pressed."""
         return "" if self.arm is None else self.arm.stopped_for
 
     @property
     def wanted_poses(self) -> int:
-        """Number of poses the procedure asks for."""
+        """Number of poses that the procedure asks for."""
         return self.state.wanted_poses(self.procedure.capture)
 
     @property
     def modes(self) -> tuple[JointMode, ...]:
-        """Last confirmed modes; empty before."""
+        """Modes as last confirmed; empty before that."""
         return tuple(JointMode(m) for m in self.state.modes)
 
     @property
     def position_joints(self) -> tuple[int, ...]:
-        """Joints in the last confirmed position mode."""
+        """Joints in position mode as last confirmed."""
         return tuple(k for k, m in enumerate(self.modes, 1) if m is JointMode.POSITION)
 
     @property

@@ -1,4 +1,7 @@
-"""The seven steps of a calibration, and the keys that work before the app is loaded. Imports no other module."""
+"""The seven steps of a calibration, and the keys that work before the app is loaded.
+
+Imports no other module of this program.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ from enum import IntEnum
 
 
 class Step(IntEnum):
-    """Steps in order."""
+    """The steps, in order."""
 
     CONNECT = 1
     FIXTURE = 2

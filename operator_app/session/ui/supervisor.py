@@ -39,16 +39,18 @@ MIN_SAMPLES = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion:
-    """Motion of the joints over the last half second, for display; captures use the settling of the arm itself.
+    """Motion of the joints over the last half second, for display only.
+
+    Before a capture the arm itself checks standstill.
 
     Attributes
     ----------
     speed_rad_per_s
         (n,) slopes of lines fitted to the measured angles.
     still
-        Whether the spread of every joint is within the settle rule.
+        Whether the spread of every joint is within the limit of the procedure's `SettleRule`.
     held_s, needed_s
-        Time at standstill, and the time that settling and measuring a pose take.
+        Time at standstill so far, and the time that settling and measuring a pose take.
     worst_joint, spread_share
         Joint (1-based) with the largest spread relative to its limit, and that ratio.
     """
@@ -63,7 +65,7 @@ class Motion:
 
 
 class MotionMonitor:
-    """Computes `Motion` from snapshots, in one thread; `capture` has the settle rule."""
+    """Computes `Motion` from snapshots, in one thread; `capture` contains the settle rule."""
 
     def __init__(self, arm: ArmModel, capture: CapturePlan) -> None:
         self._allowed = np.array(capture.settle.spread_rad(arm))
@@ -126,7 +128,7 @@ class Supervisor:
     Attributes
     ----------
     reported_stop
-        Last reported reason why the arm stopped by itself; "" if it is not stopped.
+        Last reported reason why the arm stopped by itself; "" if it has not stopped.
     """
 
     def __init__(
@@ -143,7 +145,7 @@ class Supervisor:
         self.reported_stop = ""
 
     def check(self, now: SessionSnapshot, *, unseen_s: float) -> None:
-        """Check a snapshot: lost data stop the arm; `unseen_s` without a poll ends a motion."""
+        """Check a snapshot: if data are lost, stop the arm; after `unseen_s` without a poll, end a motion."""
         self._end_unwatched_motion(now, unseen_s)
         self._report_stop(now)
         self._update_motion(now)
@@ -196,7 +198,7 @@ class Supervisor:
         return "" if words == add_message else words[:1].upper() + words[1:]
 
     def _end_unwatched_motion(self, now: SessionSnapshot, unseen_s: float) -> None:
-        """End a motion when no screen polls: a key could not stop it."""
+        """End a motion if no screen polls, since no key could stop it."""
         if (
             now.task is not None
             and now.task.moves
@@ -225,7 +227,7 @@ class Supervisor:
 
 
 def _all_data_fresh(s: SessionSnapshot) -> bool:
-    """Whether all joint data and heartbeats are fresh: a reset needs both."""
+    """Whether all joint data and all heartbeats are fresh, both of which a reset needs."""
     return (
         s.data is DataState.FRESH
         and s.arm is not None

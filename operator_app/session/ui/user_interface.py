@@ -1,4 +1,4 @@
-"""Actions, and the interface that they require of the full screen and plain mode.
+"""Actions, and the interface that full screen and plain mode must have for them.
 
 The guard of an action is checked when it is chosen, and again when its question is answered.
 """
@@ -25,7 +25,7 @@ SNAPSHOTS_TRIED = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YesNo:
-    """A confirmation; `yes` is the label of the button."""
+    """A question for a confirmation; `yes` is the label of the button."""
 
     title: str
     text: str
@@ -34,7 +34,7 @@ class YesNo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Typed:
-    """A line of text, initially `value`; with `expected`, only that text is accepted."""
+    """A question for a line of text, initially `value`; with `expected`, only that text is accepted."""
 
     title: str
     text: str
@@ -44,7 +44,7 @@ class Typed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OneOf:
-    """A choice: names and labels."""
+    """A question for a choice; each option has a name and a label."""
 
     title: str
     text: str
@@ -56,7 +56,7 @@ Question = YesNo | Typed | OneOf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ShownAlarm:
-    """Number of the alarm shown, and whether its whole text is visible."""
+    """Number of the alarm on the screen, and whether its whole text is visible."""
 
     number: int
     whole: bool
@@ -86,7 +86,7 @@ class UserInterface(Protocol):
         """Show why an action is refused."""
 
     def ask(self, question: Question, then: Callable[[str], None]) -> None:
-        """Ask a question; call `then` with the answer, if there is one."""
+        """Ask a question, and call `then` with the answer if there is one."""
 
     def pose(self, s: SessionSnapshot) -> int | None:
         """Number of the selected pose."""
@@ -135,11 +135,11 @@ class Entry:
     keys, shown
         Key names of the terminal, and how they are displayed.
     label, help
-        One or two words for the footer; a sentence for palette and help.
+        One or two words for the footer, and a sentence for palette and help.
     steps, footer
         Steps where its keys work, and where the footer shows them.
     offered
-        Whether it is shown; an action whose guard fails is shown with the reason.
+        Function that returns whether the action is shown; if its guard fails, it is shown with the reason.
     """
 
     name: str
@@ -154,7 +154,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnScreen(Entry):
-    """An action of the full screen only, which has its work: selection, views, themes, steps."""
+    """An action of the full screen only, which carries it out: selection, views, themes, steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -164,13 +164,13 @@ class Action(Entry):
     Attributes
     ----------
     guard
-        Returns what is missing; checked again after every question.
+        Function that returns what is missing; called again after every question.
     work
-        Submits a task, changes a setting, or opens another session.
+        Function that submits a task, changes a setting, or opens another session.
     prompt
         Text in plain mode; by default label and help.
     rows
-        Plain mode lists the action once for each of these rows.
+        Function that returns rows; plain mode lists the action once for each.
     """
 
     work: Callable[[ActionContext], None]
@@ -215,7 +215,7 @@ def perform_action(
     *,
     tries: int = SNAPSHOTS_TRIED,
 ) -> None:
-    """Do an action, or show what is missing; tries up to `tries` snapshots if only the data are stale."""
+    """Do an action, or show what is missing; if only the data are stale, wait for up to `tries` further snapshots."""
     s, runner = interface.snapshot(), interface.runner
     if s is None or runner is None:
         return

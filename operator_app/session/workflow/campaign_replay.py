@@ -1,4 +1,4 @@
-"""Rebuilds a planning campaign from the journal: the policy is deterministic."""
+"""Rebuilds a planning campaign from the journal, which is possible because the policy is deterministic."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ReplayDivergedError(Exception):
 
 
 def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: SessionState) -> Campaign:
-    """Return the campaign at its start."""
+    """Return the campaign as it was at its start."""
     begun = state.campaign.begun
     known = {p.number: p for p in state.used_poses}
     captured = [known[number] for number in begun["captured"]]
@@ -79,7 +79,7 @@ def replay_campaign(arm: ArmModel, fixture: EndpointConstraint, state: SessionSt
 
 
 def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
-    """Whether a proposal is the recorded action."""
+    """Whether a proposed action equals the recorded one."""
     match action, name:
         case GoTo(), "campaign_move":
             then = {int(j): v for j, v in data["targets_rad"].items()}
@@ -94,7 +94,7 @@ def is_same_action(action: Action, name: str, data: Mapping[str, Any]) -> bool:
 
 
 def can_continue_from(action: Action, last: FloatArray, here: FloatArray) -> bool:
-    """Whether an arm at `here` can go on with `action`: at its `last` position, or on the path of the action."""
+    """Whether an arm at `here` can continue with `action`: if it is at its `last` position or on the action's path."""
     if float(np.abs(here - last).max()) <= SAME_POSITION_RAD or isinstance(action, Finished):
         return True
     if not isinstance(action, GoTo):

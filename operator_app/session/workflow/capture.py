@@ -67,9 +67,9 @@ def connect(session: Session, listener: Listener, *, measuring: bool = True) -> 
 
 
 def _clear_lost_heartbeat(session: Session) -> bool:
-    """Reset drives that tripped on a lost operator heartbeat; return whether any had. They stay disabled.
+    """Reset drives that tripped on a lost operator heartbeat, which stay disabled; return whether there were any.
 
-    Resets nothing if any drive has another fault: that one may concern the arm.
+    Resets nothing if any drive has another fault, which may have its cause in the arm.
     """
     faults = session.arm.snapshot().faults
     if not faults or any(f.code != EmergencyCode.HEARTBEAT_LOST for f in faults):
@@ -87,14 +87,14 @@ def take_poses(
     *,
     homing: bool = False,
 ) -> CampaignEnd | None:
-    """Capture the missing poses of the procedure; continues where the journal ends.
+    """Capture the missing poses of the procedure, continuing where the journal ends.
 
     Parameters
     ----------
     drives
-        Joints to put into position mode first; None: leave the modes, unless a plan in progress drives others.
+        Joints to put into position mode first; None: keep the modes, unless a plan in progress drives other joints.
     homing
-        The operator agrees that an arm outside its box goes home.
+        Whether the operator agrees that an arm outside its box goes home.
 
     Returns
     -------
@@ -143,7 +143,7 @@ def go_home_if_outside(session: Session, listener: Listener) -> None:
 
 
 def _check_unresolved_joints(session: Session, listener: Listener) -> None:
-    """Repeat the nearest pose, moving at 5 deg/s, if a joint's shift might not show at the present pose.
+    """If a joint's shift might not show at the current pose, repeat the nearest pose, moving at 5 deg/s.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def _check_unresolved_joints(session: Session, listener: Listener) -> None:
 
 
 def _poses_are_missing(session: Session, planned: PlannedCapture | None) -> bool:
-    """Whether poses are still missing; if not, a later step change does not affect the calibration."""
+    """Whether poses are still missing; if not, a step change from now on does not affect the calibration."""
     if planned is not None:
         return not planned.complete
     return len(session.state.poses_here) < session.procedure.capture.poses
@@ -180,7 +180,10 @@ def _first_pose_repeated(state: SessionState) -> bool:
 
 
 def outlier_warning(session: Session) -> str:
-    """Return a warning if the last pose does not fit the poses before it; "" if it fits or is the last wanted one."""
+    """Return a warning if the last pose does not fit those before it.
+
+    "" if it fits, or if no further pose is wanted.
+    """
     state, unsensed = session.state, session.procedure.unsensed_joints
     if len(state.used_poses) >= state.wanted_poses(session.procedure.capture):
         return ""
@@ -196,7 +199,7 @@ def outlier_warning(session: Session) -> str:
 
 
 def _check_last_pose(session: Session, listener: Listener, planned: PlannedCapture | None) -> None:
-    """Repeat the first pose at once if the last one does not fit the poses before it.
+    """If the last pose does not fit those before it, repeat the first pose at once.
 
     Raises
     ------
@@ -220,8 +223,8 @@ def _repeat_first_pose(
 ) -> Sequence[Mapping[int, float]]:
     """Repeat the first used pose: the difference shows step changes independently of the model.
 
-    An explored capture moves there in a straight line within its box, a planned one on paths of its plan. If the pose
-    cannot be reached, that is recorded, and the capture goes on.
+    An explored capture moves there in a straight line within its box, a planned one along paths of its plan. If the
+    pose cannot be reached, this is recorded and the capture continues.
 
     Returns
     -------
@@ -286,7 +289,7 @@ def _require_repeat_agrees(session: Session) -> str:
 def _repeat_first_pose_and_come_back(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> None:
-    """Repeat the first pose, then return to the present position."""
+    """Repeat the first pose, then return to the current position."""
     before = session.arm.snapshot().positions_rad
     way = _repeat_first_pose(session, listener, planned, suspect=suspect)
     if planned is not None:
@@ -306,7 +309,7 @@ def verify(
 ) -> tuple[VerificationResult, PoseSet]:
     """Capture new poses at other positions and test a fixed calibration with them.
 
-    The modes are set. Readings and verdict go into the journal; the poses are not part of the calibration.
+    The modes must be set. Readings and verdict go into the journal; the poses do not become part of the calibration.
     """
     if not session.state.poses_here:
         raise GuardError(
@@ -340,9 +343,10 @@ def verify(
 
 
 def _new_targets(session: Session, solution: Solution, poses: int) -> Iterator[Mapping[int, float]]:
-    """Yield targets of new poses, different from the session's.
+    """Yield targets for new poses, different from the session's poses.
 
-    For drives without a box in the procedure, only targets with a clear straight path by the calibrated loop.
+    For drives without a box in the procedure, they are only targets to which the calibrated loop has a clear straight
+    path.
     """
     known = {box.joint for box in session.procedure.capture.exploration}
     model, x = solution.model, solution.estimate.x

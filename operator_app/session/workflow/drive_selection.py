@@ -1,7 +1,7 @@
-"""The drive joints of a session: selects them, explores the box of their allowed angles, homes an arm from outside.
+"""The drive joints of a session: selects them, explores the box (their allowed angles), brings an arm outside it home.
 
-Inside the box the drives may move without asking. An arm outside it moves only if the operator agrees: straight home,
-slowly, once.
+Inside the box the drives may move without asking. An arm outside it moves only if the operator agrees, and then only
+once: straight home, slowly.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ KEPT_CANDIDATES = 6
 
 
 def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, ...]:
-    """Return the drive joints: of the procedure, else those chosen before, else choose now."""
+    """Return the drive joints listed in the procedure or, if there are none, those chosen before.
+
+    If none, choose them now.
+    """
     named = session.procedure.position_joints
     if named is not None:
         return named
@@ -124,7 +127,7 @@ HOMING_SPEED_RAD_PER_S = float(np.deg2rad(5.0))
 
 
 def joints_outside_box(session: Session) -> str:
-    """Return which drive joints are outside the box, as text; "" for none."""
+    """Return text on which drive joints are outside the box; "" for none."""
     box, here = drive_box(session), session.arm.snapshot().positions_rad
     beyond = box.beyond_rad(here)
     return ", ".join(
@@ -138,7 +141,7 @@ def joints_outside_box(session: Session) -> str:
 def require_no_reset_counter(session: Session) -> None:
     """Refuse to move a drive joint that reads zero outside its box: the counter may have been reset.
 
-    The operator's agreement does not help: with a wrong reading the joint would not go home.
+    The operator's agreement makes no difference: with a wrong reading the joint would not go home.
 
     Raises
     ------
@@ -174,7 +177,7 @@ def require_in_box(session: Session) -> None:
 
 
 def go_home(session: Session) -> str:
-    """Move the drive joints straight home at 5 deg/s; return a message. A move that is stopped is not repeated."""
+    """Move the drive joints straight home at 5 deg/s; return a message. A move that was stopped is not repeated."""
     require_no_reset_counter(session)
     box = drive_box(session)
     targets = dict(zip(box.joints, box.centre_rad.tolist(), strict=True))
@@ -209,7 +212,7 @@ def drive_box(session: Logbook) -> Box:
 
 
 def waypoints_of(session: Logbook) -> tuple[Mapping[int, float], ...]:
-    """Return all waypoints of this session, with the visited ones."""
+    """Return all waypoints of this session, including those visited."""
     own = session.procedure.capture
     return waypoints(drive_box(session), poses=own.poses, seed=own.seed)
 
@@ -224,7 +227,7 @@ def waypoints_from(
 
 
 def verification_waypoints(session: Logbook, poses: int) -> tuple[Mapping[int, float], ...]:
-    """Return waypoints different from the session's, new ones for each verification."""
+    """Return waypoints that differ from the session's, and are new for each verification."""
     seed = session.procedure.capture.seed + 1 + session.state.verifications
     return waypoints(drive_box(session), poses=poses, seed=seed)
 
@@ -237,7 +240,7 @@ STANDS_STILL_RAD = float(np.deg2rad(0.2))
 def reach(
     session: Session, targets_rad: Mapping[int, float], *, speed_rad_per_s: float | None = None
 ) -> MoveResult:
-    """Move to these angles; if the move is stopped, go back the same way."""
+    """Move to these angles; if the move is stopped, go back along the same path."""
     before = session.arm.snapshot().positions_rad
     moved = session.go_to(targets_rad, speed_rad_per_s=speed_rad_per_s)
     if not moved.reached:

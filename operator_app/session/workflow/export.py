@@ -23,7 +23,10 @@ from operator_app.session.workflow.session import Session
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """The written files, and the SHA-256 of the parameters. `receipt` is None without an upload."""
+    """Result of an export: the files written, and the SHA-256 of the parameters.
+
+    `receipt` is None without an upload.
+    """
 
     folder: Path
     parameters: Path
@@ -35,14 +38,14 @@ class Exported:
 def export(
     session: Session, solution: Solution, *, upload_too: bool | None = None, forced: str = ""
 ) -> Exported:
-    """Write the session's files and upload the parameters, unless the procedure excludes uploading.
+    """Write the session's files and, unless the procedure excludes it, upload the parameters.
 
     A calibration that was not accepted needs a reason, `forced`, which is kept in the journal and in the file.
 
     Raises
     ------
     UploadUnknown, SessionError
-        The controller may hold all or part of the parameters: recorded in the journal.
+        The controller may hold all or part of the parameters; this is recorded in the journal.
     JournalLostError
         The journal was changed; nothing was exported.
     JournalError
@@ -86,7 +89,7 @@ def export(
 
 
 def _keep(session: Session, exported: Mapping[str, Any], *, report: str) -> None:
-    """Record the export; if that fails, the error begins with `report`, the state of the upload."""
+    """Record the export; if that fails, the error begins with `report`, which states how far the upload got."""
     try:
         session.record("exported", exported)
     except JournalError as error:
@@ -98,7 +101,7 @@ def _keep(session: Session, exported: Mapping[str, Any], *, report: str) -> None
 def _upload(
     arm: ArmInterface, document: bytes, expected_counts: tuple[int | None, ...]
 ) -> UploadReceipt:
-    """Upload a document and compare what the controller holds, byte for byte.
+    """Upload a document and compare it, byte for byte, with what the controller then holds.
 
     Raises
     ------

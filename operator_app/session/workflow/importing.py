@@ -1,6 +1,6 @@
-"""Sessions made from poses of a file or array, without an arm.
+"""Makes sessions from the poses in a file or an array, without an arm.
 
-Report, compare, verify and export work on them; only resuming with an arm is refused.
+Report, compare, verify and export work with them; only resuming with an arm is refused.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class CalibrationOptions:
 
 
 class ImportedSession:
-    """A session in memory, until `write`.
+    """A session that is only in memory until `write` is called.
 
     Parameters
     ----------
@@ -145,12 +145,13 @@ class ImportedSession:
     ) -> Path:
         """Write the journal into `folder`, or into a new folder below `root`; return the folder.
 
-        For a session that is in `folder` already see `replace_session`; its files named `stale` are removed.
+        If `folder` already contains a session, `replace_session` applies, and the session's files named in `stale` are
+        removed.
 
         Raises
         ------
         JournalError
-            The session there must not be replaced, or nothing can be written.
+            The session in `folder` must not be replaced, or nothing can be written.
         """
         if folder is None:
             folder = new_folder(
@@ -172,7 +173,7 @@ class ImportedSession:
         return folder
 
     def _lines(self, order: int) -> list[bytes]:
-        """Return the journal lines, with this order number."""
+        """Return the journal lines of a session with this order number."""
         opened, *others = self._events
         opened = replace(opened, data={**opened.data, "order": order})
         return format_lines((opened, *others))
@@ -185,7 +186,7 @@ class ImportedSession:
 
 
 def _numbered(poses: PoseSet) -> PoseSet:
-    """Return the poses numbered from 1, with their own names in the notes."""
+    """Return the poses numbered from 1, with their original names in the notes."""
     numbers = tuple(str(k) for k in range(1, len(poses) + 1))
     if poses.label == numbers:
         return poses
@@ -267,14 +268,14 @@ def replace_session(
     overwrite: bool,
     stale: Sequence[str],
 ) -> None:
-    """Replace the journal in `folder` with these lines; remove the files named `stale` first.
+    """Replace the journal in `folder` with these lines, after removing the files named in `stale`.
 
     A journal of the same poses, arm and fixture is replaced; one of other data only with `overwrite`.
 
     Raises
     ------
     JournalError
-        It cannot be made again, is of other data, cannot be read, or is in use. Nothing was changed.
+        The journal there could not be made again, is of other data, cannot be read, or is in use. Nothing was changed.
     WriteError
         The disk cannot be written.
     """

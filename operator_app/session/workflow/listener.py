@@ -1,4 +1,4 @@
-"""Progress callbacks of a session; user interfaces override what they show."""
+"""Progress callbacks of a session, of which a user interface overrides those that it shows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solver.design.actions import GoTo
 
 
 class Listener:
-    """Called in the thread of the session; does nothing by default."""
+    """Base of listeners, whose methods are called in the thread of the session and do nothing by default."""
 
     def connected(self, identity: ArmIdentity) -> None:
         """The arm is connected and identified."""
@@ -26,13 +26,13 @@ class Listener:
         """All drives have confirmed their modes."""
 
     def going(self, move: GoTo | None) -> None:
-        """The arm is about to move; `move` is the move of a plan."""
+        """The arm is about to move; `move` is the move if a plan made it."""
 
     def arrived(self, waypoint: int) -> None:
         """The arm is at a waypoint."""
 
     def pose_captured(self, state: SessionState, wanted: int) -> None:
-        """A pose was captured; `wanted` is the total."""
+        """A pose was captured; `wanted` is the total number to be captured."""
 
     def report(self, text: str) -> None:
         """A message for the operator."""

@@ -1,4 +1,4 @@
-"""Opens sessions: new ones from a procedure file with options, earlier ones from their journal.
+"""Opens sessions: new ones from a procedure file and options, earlier ones from their journals.
 
 The journal holds the arm, fixture and procedure documents and the bus, so that resuming does not depend on files
 and environment.
@@ -46,7 +46,7 @@ PLANNED_POSES = 12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choices:
-    """Options of the operator that override the procedure file; None: as in the file.
+    """The operator's options, which override the procedure file; None: as in the file.
 
     `plan` is ``explore`` or ``planned``; `interface`, `channel` and `bitrate` are the bus, `profile` its bus
     profile; `scenario` and `seed` the virtual arm; `tracker` the port of the instrument; `placements` the number of
@@ -70,7 +70,7 @@ class Choices:
     placements: int | None = None
 
     def over(self, earlier: Choices) -> Choices:
-        """Return these choices, and the earlier ones where these are None."""
+        """Return these choices, with `earlier` ones where these are None."""
         own = {f.name: getattr(self, f.name) for f in fields(self)}
         return replace(earlier, **{name: value for name, value in own.items() if value is not None})
 
@@ -79,9 +79,9 @@ class Choices:
 class Opening:
     """A session to be started or resumed; nothing is written yet.
 
-    `imported` is the file of its poses, empty if an arm captured them. `placement` numbers the present mounting of
-    the fixture; `next_due`: it has all its poses and another one follows; `unconfirmed_placement`: it is a later
-    one without a pose.
+    `imported`: file of its poses, empty if an arm captured them. `placement`: number of the current placement of the
+    fixture. `next_due`: whether this placement has all its poses and another one follows. `unconfirmed_placement`:
+    whether it is a later placement that has no pose yet.
     """
 
     folder: Path
@@ -102,15 +102,15 @@ class Rig:
     Attributes
     ----------
     opening
-        For the arm that is really there, with the choices of environment and defaults: as in the journal.
+        The opening for the arm as it really is, completed by environment and defaults, as it goes into the journal.
     simulated
         Whether no real arm can move.
     instrument
-        Measures the tool of an open arm.
+        Instrument that measures the tool of an open arm.
     truths
         True parameters of a simulated arm of this process.
     recording_ended
-        Returns why a recording of the bus ended early, "" otherwise; callable from any thread.
+        Function that returns why a recording of the bus ended early, "" if it did not; may be called from any thread.
     """
 
     arm: ArmInterface
@@ -122,7 +122,7 @@ class Rig:
 
     @property
     def bus(self) -> str:
-        """The bus, for messages."""
+        """Name of the bus in messages."""
         if self.simulated:
             return "the virtual bus of this program"
         chosen = self.opening.choices
@@ -131,7 +131,7 @@ class Rig:
 
 
 def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
-    """Return the session of a rig with its journal created or opened; raises JournalError."""
+    """Create or open the journal and return the session of a rig; raises JournalError."""
     from operator_app.session.workflow.session import Session
 
     opening, settings = rig.opening, asdict(rig.opening.choices)
@@ -165,7 +165,7 @@ def open_session(rig: Rig, *, clock: Clock = utc_now) -> Session:
 
 
 def _record_beside(journal: Journal, rig: Rig) -> None:
-    """Record the bus into the session's folder, which differs from the planned one if that was taken meanwhile."""
+    """Record the bus into the session's folder, which is not the planned one if that was taken in the meantime."""
     arm, folder = rig.arm, journal.path.parent
     if isinstance(arm, Recordable) and arm.record_to and arm.record_to.parent == rig.opening.folder:
         arm.record_to = folder / arm.record_to.name
@@ -263,7 +263,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
 
 
 def _require_profile(procedure: Procedure, choices: Choices) -> None:
-    """Refuse another bus profile than the session's: it defines the counts of its poses."""
+    """Refuse a bus profile other than the session's, since the profile defines the counts of its poses."""
     if choices.profile is None:
         return
     asked = resolve("profile", choices.profile)
@@ -305,7 +305,7 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
 
 
 def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:
-    """Return the capture plan with another strategy."""
+    """Return the capture plan, with the strategy changed if requested."""
     match plan:
         case None:
             return capture
@@ -319,7 +319,7 @@ def _planned_or_not(capture: CapturePlan, plan: str | None) -> CapturePlan:
 
 
 def _require_solvable(procedure: Procedure) -> None:
-    """Refuse a procedure that no capture can solve."""
+    """Refuse a procedure with which no capture can lead to a calibration."""
     n = procedure.arm.joint_count
     wrong = [j for j in procedure.unsensed_joints if j > n]
     if wrong:

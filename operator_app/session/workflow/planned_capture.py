@@ -1,7 +1,7 @@
 """Planned capture: carries out the actions that a campaign proposes and reports the results to it.
 
-Every result is in the journal before the next proposal. The campaign is deterministic, so that a resumed session
-replays the journal and continues its plan. If the arm was moved, poses were excluded or more poses are wanted, a new
+Each result is in the journal before the next proposal is made. The campaign is deterministic, so that a resumed session
+can replay the journal and continue the plan. If the arm was moved, poses were excluded or more poses are wanted, a new
 campaign starts with the used poses.
 """
 
@@ -49,8 +49,8 @@ class ImpreciseParameter:
 class CampaignEnd:
     """End of a planned capture.
 
-    `complete`: all planned poses are captured or the requested precision is reached. `text` is the reason of the
-    end; `weak` are the parameters short of the request, the worst first.
+    `complete`: whether all planned poses are captured or the requested precision is reached. `text` is the reason for
+    the end; `weak` are the parameters less precise than requested, the worst first.
     """
 
     complete: bool
@@ -64,7 +64,7 @@ class PlannedCapture:
     Parameters
     ----------
     session
-        Connected, its fixture checked.
+        The session, connected and with its fixture checked.
     drives
         Drive joints of a new campaign.
     listener
@@ -73,7 +73,7 @@ class PlannedCapture:
     Attributes
     ----------
     campaign
-        The policy that plans the poses; None before the start, and where a journal cannot be replayed.
+        The policy that plans the poses; None before the start, or if the journal cannot be replayed.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class PlannedCapture:
         self._ended: CampaignEnd | None = None
 
     def ready(self) -> tuple[int, ...]:
-        """Replay the journal and compare the arm's position; return the drive joints. Moves nothing."""
+        """Replay the journal, compare the arm's position with it, and return the drive joints. Moves nothing."""
         session = self._session
         log = session.state.campaign
         self.campaign, self._moved, self._ended = None, False, None
@@ -126,18 +126,18 @@ class PlannedCapture:
 
     @property
     def continues_in_place(self) -> bool:
-        """After `ready`: whether the campaign needs no move back of the arm first; also true if it has ended."""
+        """After `ready`: whether the campaign can continue from where the arm is; also true if it has ended."""
         return self._ended is not None or (self.campaign is not None and not self._moved)
 
     def run(self, after_pose: Callable[[], None] = lambda: None) -> CampaignEnd:
         """Carry out the campaign, with the joints of `ready` in position mode.
 
-        Calls `after_pose` after each pose, before the campaign may change its plan, so that a path back is known.
+        Calls `after_pose` after each pose and before the campaign may change its plan, while a path back is known.
 
         Raises
         ------
         GuardError
-            While exploring, the arm was moved out of its box, or does not return to its last position.
+            During exploration the arm was moved out of its box, or does not return to its last position.
         Cancelled
             The operator ended a move; `ready` and `run` continue later.
         """
@@ -222,7 +222,7 @@ class PlannedCapture:
     # -- carrying out ----------------------------------------------------------------------------
 
     def _move(self, campaign: Campaign, action: GoTo) -> None:
-        """Move, record and report; a move that the operator ended is not reported."""
+        """Move, record and report to the campaign; a move that the operator ended is not reported."""
         session = self._session
         self._listener.going(action)
         moved = session.go_to(action.targets_rad, _path_watch(campaign, action))
@@ -296,7 +296,7 @@ class PlannedCapture:
     # -- beginning and replaying -----------------------------------------------------------------
 
     def _wanted(self) -> dict[str, Any]:
-        """Settings of a campaign."""
+        """Settings of the campaign that the procedure asks for."""
         own = self._session.procedure
         return {
             "poses": own.capture.poses,
@@ -308,7 +308,7 @@ class PlannedCapture:
         }
 
     def _new_campaign(self) -> Campaign:
-        """Record and return a new campaign with the used poses, from the present position."""
+        """Record and return a new campaign with the used poses, which starts at the current position."""
         session = self._session
         sets = session.state.drive_sets if session.procedure.position_joints is None else ()
         here = session.read().mean_rad
@@ -330,7 +330,7 @@ class PlannedCapture:
 
 
 def _path_watch(campaign: Campaign, move: GoTo) -> Watch:
-    """Return a watch that ends a move off its planned path."""
+    """Return a watch that ends a move if it leaves its planned path."""
     on_path = path_watch(
         move.trace_rad, move.tolerance_rad, campaign.task.ranges.within(STOP_MARGIN_RAD)
     )

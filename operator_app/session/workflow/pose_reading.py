@@ -1,6 +1,6 @@
-"""Measurement of a pose: standstill, joint sensors, instrument of an open arm, journal. Moves nothing.
+"""Measures a pose: standstill, joint sensors, instrument of an open arm, journal. Moves nothing.
 
-The port of an instrument delivers lines in the format of `operator_app.config.measured_endpoints`. Those of other
+The port of an instrument delivers lines in the format of `operator_app.config.measured_endpoints`. Lines for other
 poses are ignored.
 """
 
@@ -88,7 +88,7 @@ class Instrument:
     def measure(
         self, pose: str, cancelled: Callable[[], bool] = lambda: False
     ) -> FloatArray | None:
-        """Measure the target at the pose of this name.
+        """Measure the target at the pose with this name.
 
         Returns
         -------
@@ -97,9 +97,9 @@ class Instrument:
         Raises
         ------
         InstrumentError
-            It does not answer, or its line cannot be used.
+            The instrument does not answer, or its line cannot be used.
         TargetLostError
-            It does not see the target.
+            The instrument does not see the target.
         """
         port = self._port
         port.ask(json.dumps({"measure": pose}))
@@ -196,7 +196,7 @@ class PoseReader:
             )
 
     def _restless(self) -> str:
-        """Return which joint exceeds its spread limit most, as text; "" if none does any more."""
+        """Return text on which joint exceeds its spread limit most; "" if none does any longer."""
         limits = np.asarray(self._rule.spread_rad(self._logbook.model))
         try:
             rows = [self._arm.capture(2).mean_rad for _ in range(self._rule.window_syncs)]
@@ -253,7 +253,7 @@ class PoseReader:
     def endpoint(
         self, what: str, reading: Reading, cancelled: Callable[[], bool]
     ) -> FloatArray | None:
-        """Return the tool measured by the instrument at this reading; None without an instrument."""
+        """Return the tool's position (and orientation) as measured at this reading; None without an instrument."""
         if self._logbook.fixture.holds_hand or self._instrument is None:
             return None
         found = self._instrument.measure(what, cancelled)

@@ -1,7 +1,7 @@
 """Several placements of one fixture: when the next one is due, and its events in the journal.
 
-`remounting`: the arm was released and the fixture may be taken off. `remounted`: the operator has confirmed that it
-is mounted. In between no program connects to the arm, because a person is working at it.
+Event `remounting`: the arm was released, and the fixture may be taken off. Event `remounted`: the operator has
+confirmed that the fixture is mounted. In between no program connects to the arm, because a person is working at it.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from operator_app.session.store.state import SessionState
 
 
 def next_due(state: SessionState, procedure: Procedure) -> bool:
-    """Whether the present placement is complete, its first pose repeated, and another placement follows."""
+    """Whether the current placement is complete with its first pose repeated, and another placement follows."""
     return (
         state.placement < procedure.placements
         and len(state.poses_here) >= procedure.capture.poses
@@ -33,7 +33,7 @@ def require_mounted(state: SessionState) -> None:
 
 
 def record_remounting(folder: Path, placement: int) -> None:
-    """Record that the fixture is taken off, for this next placement."""
+    """Record that the fixture is being taken off, to be mounted in this next placement."""
     _keep(folder, "remounting", placement)
 
 
@@ -51,7 +51,7 @@ def _keep(folder: Path, name: str, placement: int) -> None:
 
 
 def require_mountable(procedure: Procedure, wanted: int) -> int:
-    """Return `wanted`, or raise SessionError if the fixture cannot be mounted that often."""
+    """Return the number of placements `wanted`; raise SessionError if this fixture cannot have so many."""
     if not 1 <= wanted <= MOST_PLACEMENTS:
         raise SessionError(f"{wanted} placements were asked for", f"request 1 to {MOST_PLACEMENTS}")
     if wanted > 1 and not procedure.fixture.fixture.holds_hand:

@@ -56,13 +56,13 @@ class Session(Logbook):
     Attributes
     ----------
     cancelled
-        Called while the arm moves: True if the operator cancels the motion.
+        Function called while the arm moves; True if the operator cancels the motion.
     instruct
-        Called with instructions to the person who moves the arm by hand.
+        Function called with instructions for the person who moves the arm by hand.
     unresolved_joints
-        Joints (1-based) whose shift since the last pose, if any, would not show at the present pose.
+        Joints (1-based) of which a shift since the last pose would not show at the current pose.
     held
-        Whether the arm confirmed at the last `let_go` that no drive follows commands any more.
+        Whether the arm confirmed, at the last `let_go`, that no drive follows commands any longer.
     """
 
     def __init__(
@@ -94,7 +94,7 @@ class Session(Logbook):
         self._powered: tuple[int, ...] = ()
 
     def record(self, name: str, data: Mapping[str, Any]) -> None:
-        """Write an event to the journal, then apply it to the state; hold the arm if the journal is lost."""
+        """Write an event to the journal, then apply it to the state; if the journal is lost, hold the arm."""
         try:
             super().record(name, data)
         except JournalLostError:
@@ -106,7 +106,7 @@ class Session(Logbook):
     def connect(self, *, measuring: bool = True) -> ArmIdentity:
         """Open the instrument of an open arm, then connect to the arm; a resumed session refuses another arm.
 
-        Without `measuring` the instrument stays closed: an upload needs none.
+        Without `measuring` the instrument stays closed, as for an upload.
         """
         require_mounted(self.state)
         if measuring:
@@ -134,14 +134,17 @@ class Session(Logbook):
         return identity
 
     def mounted(self) -> None:
-        """Record the operator's confirmation that the fixture is mounted; nothing once the placement has poses."""
+        """Record the operator's confirmation that the fixture is mounted.
+
+        Does nothing if the placement already has poses.
+        """
         if self.state.unconfirmed_placement:
             self.record("remounted", {"placement": self.state.placement})
 
     # -- 2 Fixture -------------------------------------------------------------------------------
 
     def check_fixture(self) -> tuple[SetupCheck, ...]:
-        """Check the nominal placement of the fixture at the present pose; records the checks."""
+        """Check the nominal placement of the fixture at the current pose, and record the checks."""
         checks = (
             *self.fixture.setup_checks(self.model, self.arm.snapshot().positions_rad),
             *fixed_parameter_checks(self.procedure),
@@ -164,7 +167,7 @@ class Session(Logbook):
 
     @cached_property
     def mobility(self) -> int:
-        """Number of joints in position mode: all of an open arm, else the freedoms of the closed chain."""
+        """Number of joints in position mode: all of an open arm, or the degrees of freedom of the closed chain."""
         if not self.fixture.holds_hand:
             return self.model.joint_count
         loop = self.fixture.model(self.model)
@@ -200,7 +203,7 @@ class Session(Logbook):
     def take_control(self) -> None:
         """Enable the drives in position mode; the first time records the start position.
 
-        The first time after connecting, checks the readings before it enables anything.
+        The first call after connecting checks the readings before anything is enabled.
         """
         self.require_journal()
         self._check_readings()
@@ -234,12 +237,12 @@ class Session(Logbook):
         *,
         speed_rad_per_s: float | None = None,
     ) -> MoveResult:
-        """Move the joints in position mode, watching all joints; `also` may end the move as well.
+        """Move the joints in position mode while watching all joints; the watch `also` may end the move as well.
 
         Raises
         ------
         GuardError
-            The number of joints in position mode differs from the freedoms of the chain.
+            The number of joints in position mode differs from the degrees of freedom of the chain.
         Cancelled
             The operator ended the move.
         """
@@ -292,9 +295,9 @@ class Session(Logbook):
         Raises
         ------
         JournalError
-            The journal cannot be written: nothing was cleared.
+            The journal cannot be written; nothing was cleared.
         Stopped, DriveFault, BusError
-            As `ArmInterface.reset_stop`.
+            As for `ArmInterface.reset_stop`.
         """
         with suppress(HardwareError):
             self._sensor_faults.record_stop_cause()
@@ -314,15 +317,18 @@ class Session(Logbook):
 
     @property
     def connection_lateness(self) -> HostLatency:
-        """Recorded lateness of this computer in the present or last connection."""
+        """Recorded delays of this computer in the current or last connection."""
         return self._lateness.recorded
 
     # -- end -------------------------------------------------------------------------------------
 
     def let_go(self) -> bool:
-        """Leave the arm held, to connect again; False if it is not held.
+        """Release the arm, holding its position, so that it can be connected again.
 
-        Why it was stopped and how late this computer was go into the journal first: only the arm knows them.
+        False if it did not confirm that it holds.
+
+        Before that, the journal gets what only the arm object knows: why the arm was stopped and how late this computer
+        was.
         """
         try:
             if not self.journal.closed and self.journal.loss is None:
@@ -337,7 +343,10 @@ class Session(Logbook):
         return self.held
 
     def close(self, reason: str) -> bool:
-        """Leave the arm held and close the journal; False if the arm is not held. Safe to call twice."""
+        """Release the arm as `let_go` does, and close the journal; False if the arm does not hold.
+
+        Safe to call twice.
+        """
         try:
             # If this entry cannot be written, neither can the last one, whose error is raised.
             with suppress(JournalError):
@@ -356,11 +365,11 @@ class Session(Logbook):
 
     @property
     def not_held(self) -> NotLetGoError | None:
-        """The error of an arm that did not confirm after `let_go` that it is held; None if it did."""
+        """The error to raise if the arm did not confirm after `let_go` that it holds; None if it did."""
         return None if self.held else NotLetGoError(self._powered)
 
     def require_let_go(self) -> None:
-        """Raise NotLetGoError unless all drives are known to be off; until then nobody may touch the fixture."""
+        """Raise NotLetGoError unless all drives are known to be off, since otherwise nobody may touch the fixture."""
         if self._powered or not self.held:
             raise NotLetGoError(self._powered)
 

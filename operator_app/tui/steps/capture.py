@@ -32,7 +32,7 @@ ACCEPTABLE, PAPER = 100, 28
 
 
 class StillPanel(Lines):
-    """Target of the motion, and whether the arm stands still."""
+    """The target of the motion, and whether the arm stands still."""
 
     TITLE = "Next pose"
     HELP = (
@@ -61,7 +61,7 @@ def _target(s: SessionSnapshot) -> Line:
 
 
 def _angles(targets_rad: Mapping[int, float]) -> str:
-    """Drive joints and their targets."""
+    """Return the drive joints and their targets as text."""
     return (
         "  ".join(f"J{j} {TARGET(v).shown}" for j, v in targets_rad.items())
         + f" {TARGET.quantity.unit}"
@@ -148,7 +148,7 @@ class ProgressPanel(Lines, can_focus=False):
 
 
 def _time_left(s: SessionSnapshot) -> str:
-    """Estimated from the usual time between captures of this run, without pauses and manual poses."""
+    """Return the remaining time, estimated from times between captures in this run, without pauses and manual poses."""
     used, wanted = s.state.used_poses, s.wanted_poses
     if len(used) >= wanted:
         return "complete    "
@@ -202,7 +202,7 @@ class QualityPanel(Lines):
 
 
 def _trend(values: Sequence[float], width: int) -> Line:
-    """The condition number from the first estimate, with its value, to the last."""
+    """Return the trend of the condition number from the first estimate to the last, with the values of both."""
     first, last = (CONDITION(v).shown for v in (values[0], values[-1]))
     if len(values) == 1:
         return line((" trend  ", "dim"), last)

@@ -86,7 +86,7 @@ class CheckPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return passed checks and open points."""
+        """Return the checks that were passed and those still open."""
         rows: list[Line] = []
         if s.identity is not None:
             rows.append(

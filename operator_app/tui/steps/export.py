@@ -1,4 +1,4 @@
-"""Step 7, Export: the file, its difference from the active parameters, and the verification."""
+"""Step 7, Export: the file, how it differs from the active parameters, and the verification."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class FilePanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """File, controller, checksums."""
+        """Return lines on the file, the controller and the checksums."""
         serial = s.identity.serial_number if s.identity else s.state.serial_number or "—"
         if s.written is None:
             rows = [entry("File", "not written yet: Enter or w writes it")]
@@ -75,7 +75,7 @@ class DiffPanel(TablePanel):
     HELP = "Every calibrated parameter: the controller's present value, the new value, the change."
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Active and new."""
+        """Return the table of active and new values."""
         return _difference(s)
 
 
@@ -93,7 +93,7 @@ class RecordPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Verification and session."""
+        """Return lines on the verification and the session's files."""
         if s.verification is None:
             rows = [entry("Verify", "y captures new poses and verifies these parameters")]
         else:
@@ -146,5 +146,5 @@ def difference_table(solution: Solution, rows: tuple[DiffRow, ...]) -> FactTable
 
 
 def changed(table: FactTable) -> int:
-    """Return how many entries the upload would change as shown."""
+    """Return the number of entries that differ, with the digits shown, from the active ones."""
     return sum(shown(active) != shown(new) for _, _, active, new, _ in table.rows)

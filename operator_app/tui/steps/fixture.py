@@ -47,7 +47,7 @@ class PlacementPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Kind, lengths, angles."""
+        """Return lines with kind, lengths and angles."""
         spec = s.procedure.fixture
         loop = spec.fixture.model(s.procedure.arm)
         rows = [entry("Fixture", (f"{spec.name}", "bold"), f"  kind {spec.kind}")]
@@ -71,7 +71,7 @@ class PlacementPanel(Lines):
 
 
 class ChecksPanel(Lines):
-    """Live checks with their figures, and the forecast of the plan."""
+    """Current checks with their figures, and the prediction of the plan."""
 
     TITLE = "Checks at the present pose"
     HELP = (
@@ -81,7 +81,7 @@ class ChecksPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """One or two lines for each check."""
+        """Return one or two lines for each check."""
         rows: list[Line] = []
         for check in s.checks:
             glyph, role = CHECK_GLYPHS[check.severity]
@@ -141,7 +141,7 @@ class ChecklistPanel(ListPanel):
         return wrapped(text, width, "cursor text" if here else "text", "     ")
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Move the mark to the next open item when one was ticked."""
+        """Return the list, with the mark moved to the next open item after one was ticked."""
         if s.ticked != self._ticked:
             self._ticked = s.ticked
             self.cursor = min(set(range(self.count(s))) - s.ticked, default=self.cursor)
@@ -156,7 +156,7 @@ class FixtureView(StepView):
     VIEWS = (("placement", "checklist"), ("checks",), ("fixture-arm",))
 
     def compose(self) -> ComposeResult:
-        """Left: words. Right: the drawing."""
+        """Lay out text at the left, the drawing at the right."""
         with Horizontal():
             with Vertical(classes="left"):
                 yield PlacementPanel(id="placement", classes="panel")
@@ -167,5 +167,5 @@ class FixtureView(StepView):
 
     @property
     def cursor(self) -> int:
-        """Marked item, from 0."""
+        """Index (from 0) of the marked item."""
         return self.query_one("#checklist", ChecklistPanel).cursor

@@ -1,4 +1,4 @@
-"""Step 3, Modes: drive joints and free joints, as planned and as read back."""
+"""Step 3, Modes: drive joints and free joints, as planned and as read from the drives."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class PlanPanel(Lines):
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Pending change, rule, ranking."""
+        """Return the pending change, the rule for the number of joints, and the ranking."""
         marked = s.wanted_joints
         names = " ".join(f"J{k}" for k in marked) or "none"
         rows: list[Line] = [
@@ -75,7 +75,7 @@ class PlanPanel(Lines):
 
 
 def _whole(pairs: Sequence[Sequence[Line]], room: int) -> list[Line]:
-    """Return as many pairs as fit, and the number of the others."""
+    """Return as many pairs as fit, and how many were left out."""
     rows = [row for pair in pairs for row in pair]
     if len(rows) <= room:
         return rows
@@ -95,7 +95,7 @@ class ModesView(StepView):
     VIEWS = (("modes-joints", "modes-plan"), ("modes-arm",))
 
     def compose(self) -> ComposeResult:
-        """Left: table and plan. Right: the drawing."""
+        """Lay out table and plan at the left, the drawing at the right."""
         with Horizontal():
             with Vertical(classes="left"):
                 yield JointTable(id="modes-joints", show_wanted=True)
@@ -105,5 +105,5 @@ class ModesView(StepView):
 
     @property
     def cursor(self) -> int:
-        """Marked joint, from 0."""
+        """Index (from 0) of the marked joint."""
         return self.query_one("#modes-joints", JointTable).cursor

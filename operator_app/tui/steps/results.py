@@ -81,7 +81,7 @@ class VerdictPanel(Lines):
 
 
 def _hand(found: Solution, width: int) -> list[Line]:
-    """Tool accuracy over the joints' ranges; without its explanation where that does not fit."""
+    """Tool accuracy over the joints' ranges, without the explanation if that does not fit."""
     if found.accuracy is None:
         return []
     before, after = (
@@ -114,7 +114,7 @@ class ParametersPanel(TablePanel):
 
 
 class ResultsPlot(Lines):
-    """Residuals by pose, by joint, RVDT curves, D-H table; `v` shows the next page."""
+    """Residuals by pose and by joint, RVDT curves, D-H table; `v` shows the next page."""
 
     TITLE = "Residuals (v: next)"
     HELP = (
@@ -139,7 +139,7 @@ class ResultsPlot(Lines):
             self.count = self.words_from + 2 + tables
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """The present page."""
+        """Return the current page."""
         if self.framed:
             return self._page(s, width, height)
         rows = self._page(s, width, height - 1)
@@ -202,7 +202,7 @@ class ResultsView(StepView):
     VIEWS = (("verdict", "parameters"), ("results-plot",))
 
     def compose(self) -> ComposeResult:
-        """Verdict over the whole width."""
+        """Lay out the verdict over the whole width, parameters and plots below."""
         yield VerdictPanel(id="verdict", classes="panel")
         with Horizontal():
             with Vertical(classes="left"):
@@ -221,7 +221,7 @@ class ResultsView(StepView):
         super().show(s)
 
     def next_view(self) -> None:
-        """Show the next plot; on a small terminal first switch from the table to the plots."""
+        """Show the next plot; on a small terminal, switch from the table to the plots first."""
         plots = self.query_one("#results-plot", ResultsPlot)
         if self.compact and self.view == 0:
             plots.page = 0
@@ -237,6 +237,6 @@ class ResultsView(StepView):
 
     @property
     def place(self) -> tuple[int, int]:
-        """Number of the present view (the table, then the plots) and of all views."""
+        """Number of the current view (the table first, then the plots), and number of views."""
         plots = self.query_one("#results-plot", ResultsPlot)
         return (1 if self.view == 0 else 2 + plots.page), 1 + plots.count

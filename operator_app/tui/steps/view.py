@@ -15,7 +15,7 @@ from operator_app.tui.widgets.list_panel import ListPanel
 class StepView(Container):
     """Panels of one step.
 
-    `VIEWS` names the panels that a small terminal shows together; `v` shows the next view. `MAIN` is the
+    `VIEWS` lists the panels that a small terminal shows together; `v` shows the next view. `MAIN` is the
     panel whose rows the arrow keys mark.
     """
 
@@ -35,7 +35,7 @@ class StepView(Container):
                 panel.show(s)
 
     def set_compact(self, compact: bool) -> None:  # noqa: FBT001 - one meaning only
-        """Take the layout of a small or a large terminal."""
+        """Use the layout for a small or a large terminal."""
         self.compact = compact
         self._apply_view()
 
@@ -47,7 +47,7 @@ class StepView(Container):
 
     @property
     def place(self) -> tuple[int, int]:
-        """Number of the view that a small terminal shows, from 1, and of all views."""
+        """Number (from 1) of the view that a small terminal shows, and number of views."""
         return self.view + 1, max(1, len(self.VIEWS))
 
     def move(self, by: int) -> None:

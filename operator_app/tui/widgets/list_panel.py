@@ -1,4 +1,4 @@
-"""Lists below a header that may be longer than their panel, and the live list of the joints."""
+"""Lists with a header that may be longer than their panel, and the live list of joints."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt, Sensor
 class ListPanel(Lines):
     """Subclasses override `head`, `count` and `row`.
 
-    With `MARKS`, `cursor` is the marked row and stays in view; without, it is the first visible one.
+    With `MARKS`, `cursor` is the marked row and stays visible; otherwise it is the first visible row.
     """
 
     MARKS = True
@@ -100,7 +100,7 @@ _DRIVES = {
 
 
 class JointTable(ListPanel):
-    """One row for each joint. `show_wanted`: with a mark, the sensor and the requested mode."""
+    """One row for each joint. `show_wanted`: whether it has a mark, the sensor and the requested mode."""
 
     TITLE = "Joints"
     HELP = (
@@ -118,7 +118,7 @@ class JointTable(ListPanel):
         return s.procedure.arm.joint_count
 
     def _cells(self, width: int) -> int:
-        """Width of the range bar."""
+        """Number of cells of the range bar."""
         return max(7, min(13, width - (58 if self.show_wanted else 68)))
 
     def head(self, s: SessionSnapshot, width: int) -> Sequence[Line]:
@@ -183,7 +183,7 @@ class JointTable(ListPanel):
 
 
 def _bar(position_rad: float, joint: Joint, cells: int) -> str:
-    """Range with the joint in it."""
+    """Bar of the joint's range, with the joint's position in it."""
     share = (position_rad - joint.lower_rad) / (joint.upper_rad - joint.lower_rad)
     inner = cells - 2
     at = min(inner - 1, max(0, int(share * inner)))
@@ -196,7 +196,7 @@ def _bar(position_rad: float, joint: Joint, cells: int) -> str:
 def _state(
     s: SessionSnapshot, state: JointState, joint: Joint, *, stale: bool
 ) -> tuple[str, str, str]:
-    """Return the state of a joint: a word, its figure, and the role of both."""
+    """Return the state of a joint: a word, a figure, and the role of both."""
     if stale:
         word = "LOST" if s.data is DataState.LOST else "STALE"
         return f"▲ {word}", DATA_AGE(state.age_s).with_unit, "warn"

@@ -67,7 +67,7 @@ def plot(of: Picture, width: int, height: int, *, ascii_only: bool) -> list[Line
 
 
 def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]:
-    """Tick labels by row, none directly below another."""
+    """Tick labels by row; no label is directly below another."""
     found: dict[int, str] = {}
     for value, text in zip(y.ticks, y.tick_texts, strict=True):
         row = canvas.row(y.place(value, bottom, top))
@@ -77,7 +77,7 @@ def _ticks(y: Axis, canvas: Canvas, bottom: float, top: float) -> dict[int, str]
 
 
 def _below(x: Axis, width: int) -> str:
-    """Row of the horizontal axis: first and last tick, the title between them."""
+    """Row of the horizontal axis: first and last tick, with the title between them."""
     room = width - LABEL - 1
     cells = [" "] * room
     first, last = x.tick_texts[0], x.tick_texts[-1]
@@ -97,7 +97,7 @@ LARGEST_BAR_RATIO = 30.0
 
 
 def sparkline(values: Sequence[float], width: int) -> Span:
-    """A row of bars over all values, the newest at the right, on a log scale from the lowest to the highest."""
+    """A row of bars for all values, the newest at the right, on a log scale from lowest to highest."""
     last, cells = len(values) - 1, max(1, min(width, len(values)))
     some = [values[round(k * last / max(1, cells - 1))] for k in range(cells)]
     finite = [v for v in some if math.isfinite(v) and v > 0.0] or [1.0]
@@ -118,7 +118,7 @@ VISIBLE_RAD = 0.015
 
 
 def _view() -> FloatArray:
-    """Rows: right and up of the screen, in the arm's base frame, whose x axis points up."""
+    """Return the screen's directions right and up (rows) in the arm's base frame, whose x axis points up."""
     turn = np.array([-np.sin(_TURN), np.cos(_TURN)])
     right = np.array([0.0, turn[1], -turn[0]])
     up = np.array([np.cos(_TILT), np.sin(_TILT) * turn[0], np.sin(_TILT) * turn[1]])
@@ -126,7 +126,7 @@ def _view() -> FloatArray:
 
 
 class ArmView(Lines):
-    """The chain at the present pose; scale and position change only with the forecast."""
+    """The chain at the current pose; scale and position change only when the prediction does."""
 
     TITLE = "Arm"
     HELP = (
@@ -231,7 +231,7 @@ def _box(model: ClosureModel, x: FloatArray, q: FloatArray, s: SessionSnapshot) 
 
 
 class _Placing:
-    """From metres to dots, keeping proportions."""
+    """Conversion of metres to dots that keeps proportions."""
 
     def __init__(self, box: FloatArray, canvas: Canvas) -> None:
         self._canvas = canvas

@@ -1,6 +1,6 @@
-"""State panels of every step: strip on top (STOP, bus, data, modes, drives), banner, log of messages.
+"""Status panels common to all steps: the safety strip on top (STOP, bus, data, modes, drives), banner, log of messages.
 
-The strip is always visible, also under a dialog.
+The strip is always visible, even when there is a dialog.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ THIN: Span = ("│", "dim")
 
 
 class SafetyStrip(Lines, can_focus=False):
-    """The strip: one line."""
+    """The safety strip, which is one line."""
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return everything that matters for approaching the arm safely, in one row."""
+        """Return, in one row, everything a person must know before approaching the arm."""
         short = width < 110
         stop: list[Span] = [(" STOP ", "badge"), (" SPC/F8" if short else " SPACE/F8", "key")]
         cells: list[list[Span]] = [stop, _where(s, short=short)]
@@ -171,7 +171,7 @@ MARKS = {Level.INFO: ("", "dim"), Level.WARNING: ("▲ ", "warn"), Level.ALARM: 
 
 
 class Log(Lines, can_focus=False):
-    """The newest alarm in full, then the last messages, newest first.
+    """The newest alarm in full, then the latest messages, newest first.
 
     The newest message is always shown, older ones where they fit.
     """
@@ -183,7 +183,7 @@ class Log(Lines, can_focus=False):
         return min(max(len(_alarm_rows(s, width)), LOG_ROWS), most)
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:
-        """Return as many lines as there are rows; if one is cut, with the key that shows it in full."""
+        """Return as many lines as there are rows; if a line is cut, add the key that shows it in full."""
         standing = {alarm.number for alarm in s.alarms}
         rows = _alarm_rows(s, width)
         whole = len(rows) <= height
@@ -201,12 +201,12 @@ class Log(Lines, can_focus=False):
         return [clip(row, width) for row in rows]
 
     def on_click(self, event: events.Click) -> None:
-        """Show all messages; the click ends no motion."""
+        """Show all messages; this click does not end a motion."""
         self.post_message(Clicked("messages"))
 
 
 def _alarm_rows(s: SessionSnapshot, width: int) -> list[Line]:
-    """Return the lines of the newest alarm, and how many others wait."""
+    """Return the lines of the newest alarm, and how many other alarms there are."""
     if not s.alarms:
         return []
     count = len(s.alarms)

@@ -103,9 +103,11 @@ def refuse_command(limits: JointLimits, situation: Situation) -> Refusal | None:
     if situation.stopped:
         return _refusal(joint, Reason.STOPPED, "STOP is latched")
     if not situation.in_control:
-        return _refusal(joint, Reason.NOT_IN_CONTROL, "the sender is not in control")
+        return _refusal(
+            joint, Reason.NOT_IN_CONTROL, "the program that sent this does not control the arm"
+        )
     if situation.drive is not DriveState.OPERATION_ENABLED:
-        return _refusal(joint, Reason.NOT_ENABLED, f"the drive is in {situation.drive.value}")
+        return _refusal(joint, Reason.NOT_ENABLED, f"the drive is in state {situation.drive.value}")
     if situation.mode is not JointMode.POSITION:
         mode = "no known" if situation.mode is None else situation.mode.value
         return _refusal(joint, Reason.NOT_IN_POSITION_MODE, f"the drive is in {mode} mode")
@@ -148,7 +150,7 @@ def refuse_move(
         return _refusal(
             joint,
             Reason.TOO_FAST,
-            f"{speed_rad_per_s:.4f} rad/s is not above 0 and up to "
+            f"a speed of {speed_rad_per_s:.4f} rad/s is not valid: it must be above 0 and at most "
             f"{limits.max_speed_rad_per_s:.4f} rad/s",
         )
     if _outside(limits, target_counts) > 0.0:

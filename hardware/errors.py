@@ -110,7 +110,7 @@ class MappingMismatch(HardwareError):
         self.found = tuple(found)
         self.differences = (*map(str, found), *silent)
         super().__init__(
-            "These nodes are not set up as this program drives them: "
+            "These nodes are not set up as this program requires:  "
             f"{'; '.join(self.differences)}. Nothing was enabled. {'. '.join(_remedies(self.found))}, then connect "
             "again."
         )
@@ -131,7 +131,7 @@ class MappingChanged(HardwareError):
 def _remedies(found: Sequence[ObjectMismatch]) -> Iterator[str]:
     """Remedies for these differences, grouped by what a bus profile can allow."""
     for kind, otherwise in (
-        (ProfileRemedy.NONE, ": no bus profile can allow for that"),
+        (ProfileRemedy.NONE, " (no bus profile can allow for that)"),
         (
             ProfileRemedy.HEARTBEAT_PERIOD,
             ", or allow that period in a bus profile (heartbeat: slowest_ms)",
@@ -237,8 +237,8 @@ class DriveDropout(DriveFault):
         text = (
             f"joint {joint}: its drive is enabled, but no longer follows its target (6041h, bit 12)"
             if not_following
-            else f"joint {joint}: the drive is in {state}; it was enabled, and this program did not disable it. It is "
-            "not enabled again automatically"
+            else f"joint {joint}: the drive is in state {state}; it was enabled, and this program did not disable it. "
+            "It is not enabled again automatically"
         )
         HardwareError.__init__(self, text)
 
@@ -251,7 +251,7 @@ class NodeRestarted(BusError):
         named = " and ".join(names)
         super().__init__(
             f"{named} has restarted, as after a loss of power: its counter may have been reset. Nothing "
-            "was captured since. Connect again: the arm is compared with its poses first"
+            "has been captured since. Connect again: the arm is compared with its poses first"
         )
 
 

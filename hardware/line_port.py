@@ -360,7 +360,7 @@ class GrowingFile:
             why = error.strerror if isinstance(error, OSError) else str(error)
             raise InstrumentError(
                 f"{self._path} cannot be read ({why}). Let the tracker's program write "
-                "its heading first: x_m,y_m,z_m and how the target is turned"
+                "the heading line first:  x_m,y_m,z_m and the target's orientation"
             ) from error
 
     def _no_file(self) -> InstrumentError:

@@ -296,5 +296,6 @@ class OutsideArm:
             if error in own:
                 raise
             raise BusError(
-                f"{self._name} failed: {type(error).__name__}: {error}. Tell its author; nothing was captured since"
+                f"{self._name} failed: {type(error).__name__}: {error}. Tell its author; nothing "
+                "has been captured since"
             ) from error

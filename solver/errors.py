@@ -110,6 +110,6 @@ class TooFewPosesError(SolverError):
             text = (
                 f"{poses} pose{'s give' if poses != 1 else ' gives'} {poses * equations_per_pose} "
                 f"equations for {parameters} parameters; at least {needed} poses are needed to solve for them, and "
-                "some 20 for a diagnosis"
+                "about 20 for a diagnosis"
             )
         super().__init__(text)

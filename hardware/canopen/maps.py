@@ -141,7 +141,7 @@ def pdo_differences(
             found = "no such object" if entries is None else format_map(entries)
             yield _difference(node, mapping, None, expected, found)
     for _, index, value in conflicting_pdos(access, node, profile, joint):
-        found = f"{value & IDENTIFIER:03X}h, on which this arm's own frames travel"
+        found = f"{value & IDENTIFIER:03X}h, which frames of this arm use"
         yield _difference(node, index, 1, "another identifier, or none", found)
 
 

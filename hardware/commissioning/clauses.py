@@ -208,12 +208,12 @@ def keeps_its_document(arm: ArmInterface) -> Iterator[Clause]:
     after = arm.active_parameters()
     text = f"its document of {len(before)} bytes is unchanged"
     if after != before:
-        text = f"it stored {len(after)} bytes of the invalid document in place of "
+        text = f"it stored {len(after)} bytes of the invalid document"
         if before:
             arm.upload_parameters(before)
-            text += f"{len(before)}, which were uploaded again"
+            text += f" in place of {len(before)}, which were uploaded again"
         else:
-            text += "none: export a valid document to it"
+            text += ", and had none before: export a valid one to it"
     yield Clause(name="keeps", passed=after == before, text=text)
 
 

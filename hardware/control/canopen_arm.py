@@ -353,4 +353,6 @@ class CanopenArm:
             if state is DriveState.FAULT:
                 code = link.access.read_unsigned(link.profile.drives[joint - 1], ERROR_CODE)
                 raise DriveFault(joint, code, emergency_text(code))
-            raise CommandRefused(f"joint {joint} cannot be {wanted}: the drive is in {state.value}")
+            raise CommandRefused(
+                f"joint {joint} cannot be {wanted}: the drive is in state {state.value}"
+            )

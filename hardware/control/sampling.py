@@ -289,6 +289,6 @@ def _fault(nodes: NodeMonitor, dropout: Dropout) -> Fault:
         code=0,
         text="the drive does not follow its target"
         if dropout.not_following
-        else f"the drive is in {dropout.state.value}",
+        else f"the drive is in state {dropout.state.value}",
         sync_count=dropout.sync_count,
     )

@@ -113,7 +113,9 @@ def require_unused(
             return
     obeys = DriveState.OPERATION_ENABLED in enabled.values()
     if not takes_over and (obeys or (enabled and holder)):
-        named = [f"{profile.who(node)} is in {state.value}" for node, state in enabled.items()]
+        named = [
+            f"{profile.who(node)} is in state {state.value}" for node, state in enabled.items()
+        ]
         raise ArmInUse(named, timeout_s)
 
 

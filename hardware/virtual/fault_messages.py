@@ -192,7 +192,7 @@ FAULTS: Mapping[str, FaultDescription] = MappingProxyType(
         "other-map": FaultDescription(
             broken="a joint's TPDO1 carries its speed where its position belongs",
             says=(
-                "are not set up as this program drives them",
+                "are not set up as this program requires",
                 # During a session: detected at the reading of a pose, unless the joint seems to jump before.
                 *("the set-up of these nodes was changed", "jumped by", "counts from its target"),
             ),

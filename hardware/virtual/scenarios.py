@@ -242,7 +242,7 @@ class Scenario:
 def scenario(name: str, seed: int = 0) -> Scenario:
     """Return a scenario by name; `ValueError` for an unknown name or a negative seed."""
     if seed < 0:
-        raise ValueError("a seed is a whole number from zero")
+        raise ValueError("a seed must be a whole number of at least 0")
     match name:
         case "exact":
             return Scenario(

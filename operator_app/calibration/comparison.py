@@ -218,8 +218,8 @@ def _different_arms(a: ParametersDocument, b: ParametersDocument) -> tuple[str, 
         reasons.append(f"A has {len(a.joints)} joints, B {len(b.joints)}")
     if a.arm.serial != b.arm.serial:
         reasons.append(
-            f"A is from the arm with serial {a.arm.serial}, B from {b.arm.serial}: only one arm can drift "
-            "(for imported poses, name it with sarcal import --serial)"
+            f"A is from the arm with serial {a.arm.serial}, B from {b.arm.serial} (for "
+            "imported poses, state the serial number with sarcal import --serial)"
         )
     return tuple(reasons)
 

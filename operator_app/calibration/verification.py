@@ -368,7 +368,7 @@ def verify_new_poses(
     if new.endpoint is not None and fixture.kind != "measured":
         raise NoTestError(
             f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
-            "verify with them by sarcal verify --open-loop, or leave them out"
+            "use them with sarcal verify --open-loop, or leave them out"
         )
     known, there = made_from.placements, new.placements
     fixed, made = fixed_calibration(solution), MadeFrom(solution=solution, poses=made_from)

@@ -62,8 +62,8 @@ SHARED = {
     "5 deg/s; without it such an arm is not moved. Stand clear",
     "--plan": "how poses are chosen: explore visits a box of drive angles in a fixed order; planned explores "
     "first, calibrates, and captures the 12 (or --poses) most informative poses",
-    "--tracker PORT": "port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (CSV that grows) or "
-    "stdin; one JSON object per line, with x_m, y_m, z_m and the orientation of the target. Default: as in "
+    "--tracker PORT": "port of the instrument that measures an open arm: tcp:HOST:PORT, file:PATH (a growing CSV "
+    "file) or stdin; one JSON object per line, with x_m, y_m, z_m and the orientation of the target. Default: as in "
     "the procedure; an embedded virtual arm has its own tracker",
     "--sessions DIR": "folder that holds the session folders (default ./sessions)",
     "--record": "record the bus to bus.blf in the session folder (bus-2.blf beside an earlier one)",
@@ -170,7 +170,7 @@ def placement_count(text: str) -> int:
     """Parse ``--placements`` and ``--placement``."""
     found = int(text) if re.fullmatch(r"\d{1,4}", text) else 0
     if found < 1:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 1")
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least 1")
     return found
 
 
@@ -230,7 +230,7 @@ def choices_from(args: argparse.Namespace, *, journal: bool = True) -> Choices:
     from operator_app.session.workflow.opening import Choices
 
     if args.seed is not None and args.seed < 0:
-        raise UsageError("--seed: a seed is a whole number from zero")
+        raise UsageError("--seed: must be a whole number of at least 0")
     if args.channel is not None and not (args.channel.isprintable() and len(args.channel) <= 255):
         raise UsageError("--channel: a bus name has at most 255 printable characters, e.g. can0")
     as_typed = ("poses", "plan", "estimator", "profile", "tracker", "placements")
@@ -270,7 +270,7 @@ def given_joints(text: str | None) -> tuple[int, ...] | None:
 def parse_numbers(text: str, option: str) -> tuple[int, ...]:
     """Parse ``6,7`` into ascending numbers; UsageError for anything else."""
     if re.fullmatch(r"\d+(,\d+)*", text.replace(" ", "")) and "0" in re.split("[ ,]+", text):
-        raise UsageError(f"{option} {text!r}: there is no 0, numbers count from 1")
+        raise UsageError(f"{option} {text!r}: there is no 0, joints are numbered from 1")
     if not re.fullmatch(r"[1-9]\d*(,[1-9]\d*)*", text.replace(" ", "")):
         raise UsageError(f"{option} {text!r}: write numbers with commas, e.g. 6,7")
     return tuple(sorted({int(part) for part in text.replace(" ", "").split(",")}))

@@ -64,7 +64,7 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.report.results.plan import advice_json, advice_text, plan_json, plan_text
 
     if args.poses is not None and args.poses < 1:
-        raise UsageError("--poses: plan at least 1")
+        raise UsageError("--poses: must be at least 1")
     if args.tries < 1:
         raise UsageError("--tries: at least 1")
     procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)

@@ -218,7 +218,7 @@ def _on_the_arm(
     from operator_app.session.workflow.listener import Listener
 
     if count < 1:
-        raise UsageError("--poses: at least 1")
+        raise UsageError("--poses: must be at least 1")
     with unattended(opening, record_to=record_to) as session:
         connect(session, Listener())
         session.set_modes(drives_of(session))

@@ -105,7 +105,7 @@ class RvdtModel(SensorFields):
     def _degrees(cls, value: float) -> float:
         if value <= 2.0 * math.pi:
             raise refuse(
-                f"a full scale of {value:g} deg: radians where degrees belong?",
+                f"a full scale of {value:g} deg looks like radians",
                 f"write {math.degrees(value):.6g}",
             )
         return value
@@ -143,7 +143,7 @@ class JointModel(StrictModel):
             )
         if high - low < 2.0 * math.pi and max(abs(low), abs(high)) < 2.0 * math.pi:
             raise refuse(
-                f"a range of {low:g} to {high:g} deg: radians where degrees belong?",
+                f"a range of {low:g} to {high:g} deg looks like radians",
                 "write degrees",
             )
         return value

@@ -129,7 +129,7 @@ def _read_row(
     problems: list[Problem],
 ) -> dict[str, Any] | None:
     if len(cells) != len(columns):
-        commas = "; decimal commas?" if len(cells) > len(columns) else ""
+        commas = "; check for decimal commas" if len(cells) > len(columns) else ""
         text = f"{len(cells)} cells for the {len(columns)} columns of the header"
         remedy = f"write one cell per column{commas}"
         problems.append(Problem(file=file, line=line, text=text, remedy=remedy))
@@ -170,7 +170,7 @@ def whole_number(cell: str) -> int:
     value = number(cell)
     plain = not any(c in cell for c in ".eE")
     if not plain or not 1 <= value <= 2**53:
-        raise BadCell(f"{cell.strip()} is not a whole number from 1", "correct the number")
+        raise BadCell(f"{cell.strip()} is not a whole number of at least 1", "correct the number")
     return int(cell)
 
 

@@ -104,7 +104,7 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         return str(context["what"]), str(context["remedy"])
     if kind == "union_tag_not_found":
         key = str(context.get("discriminator", "")).strip("'")
-        return "has no kind", f"add kind: {key}"
+        return f"has no {key}", f"add the key {key}"
     if kind in ("union_tag_invalid", "literal_error", "enum"):
         options = _options(context)
         near = difflib.get_close_matches(str(context.get("tag", value)), options, n=1)

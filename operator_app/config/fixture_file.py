@@ -120,7 +120,7 @@ class CommonFields(StrictModel, ABC):
         if 0.0 < largest < SMALLEST_MM:
             shown = ", ".join(f"{k} {v:g}" for k, v in lengths.items() if v)
             text = f"no dimension reaches {SMALLEST_MM:g} mm ({shown})"
-            doubt = f"{text}: metres where millimetres belong?"
+            doubt = f"{text}: they may be in metres"
             report(info, ("placement",), doubt, "write millimetres")
         return value
 

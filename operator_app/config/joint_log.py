@@ -233,7 +233,9 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     for k, row in enumerate(body):
         if len(row.cells) != width:
             text = f"{len(row.cells)} cells; the lines before have {width}"
-            problems.append(Problem(file=file, line=row.line, text=text, remedy="mend this line"))
+            problems.append(
+                Problem(file=file, line=row.line, text=text, remedy="correct this line")
+            )
             continue
         for j, column in enumerate(where):
             cell = Problem(
@@ -251,7 +253,7 @@ def _angles(body: list[Row], where: tuple[int, ...], file: str, *, radians: bool
     if doubted:
         # A wrong unit is one mistake, however many cells show it.
         more = f" (and {plural(len(doubted) - 1, 'cell')} more)" if doubted[1:] else ""
-        remedy = "degrees where --rad means radians?" if radians else "degrees are wanted"
+        remedy = "if it is in degrees, leave out --rad" if radians else "give degrees"
         problems.append(replace(doubted[0], text=f"{doubted[0].text}{more}", remedy=remedy))
     if problems:
         raise ConfigError(problems)

@@ -107,7 +107,7 @@ def _of_quaternions(q: FloatArray) -> FloatArray:
     length = np.linalg.norm(q, axis=1, keepdims=True)
     if np.any(np.abs(length - 1.0) > UNIT_WITHIN):
         worst = float(length[np.argmax(np.abs(length - 1.0))].item())
-        raise ValueError(f"a quaternion of length {worst:.4g}: a unit quaternion has length 1")
+        raise ValueError(f"a quaternion of length {worst:.4g}, which must be 1")
     q = q / length
     # Both signs are the same rotation: the one of at most half a turn is used.
     q = np.where(q[:, :1] < 0.0, -q, q)
@@ -213,7 +213,7 @@ def _require_names(names: Any) -> None:
         if meant:
             right = "degrees" if meant[0].endswith("_deg") else "metres"
             raise BadLine(f"has {name}: give {right} and call it {meant[0]}")
-        raise BadLine(f"has {name}, which is unknown" + (f": {near[0]}?" if near else ""))
+        raise BadLine(f"has an unknown {name}" + (f": did you mean {near[0]}?" if near else ""))
     missing = [name for name in POSITION_COLUMNS if name not in names]
     if missing:
         raise BadLine(f"has no {', '.join(missing)}: a measurement is x_m,y_m,z_m in metres")

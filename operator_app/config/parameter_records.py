@@ -231,7 +231,7 @@ def complaints_of_correlations(
 ) -> Iterator[tuple[Path, str, str]]:
     """Yield place, text and remedy of correlations that do not match the calibrated entries."""
     if value and list(value) != list(names[1:]):
-        yield (), "do not belong to the calibrated entries after the first, in order", _WHOLE
+        yield (), "are not those of the calibrated entries after the first, in their order", _WHOLE
         return
     for k, (name, row) in enumerate(value.items(), 1):
         if len(row) != k:
@@ -251,4 +251,4 @@ def complaints_of_budget(
             yield (name,), f"has shares that add up to {total:g}, not 1", _WHOLE
 
 
-_WHOLE = "the document was changed in one place only: correct the other too"
+_WHOLE = "the document was changed in one place only: correct the other place as well"

@@ -165,9 +165,7 @@ class ParametersDocument(StrictRecord):
             return value
         for k, (row, joint) in enumerate(zip(value[1:], joints, strict=True), 1):
             if row.theta_off_deg != joint.theta_off_deg:
-                text = (
-                    f"{row.theta_off_deg!r} is not the {joint.theta_off_deg!r} of joint {k} above"
-                )
+                text = f"{row.theta_off_deg!r} differs from the {joint.theta_off_deg!r} of joint {k} above"
                 report(info, ("dh", k, "theta_off_deg"), text, CHANGED_IN_ONE_PLACE)
         return value
 
@@ -247,5 +245,5 @@ def _entry_complaints(
         stated = joints[entry.row - 1].sigma_deg
         if stated != part.sigma_deg:
             shown = "null" if stated is None else repr(stated)
-            text = f"{part.sigma_deg!r} is not the {shown} of joint {entry.row} above"
+            text = f"{part.sigma_deg!r} differs from the {shown} of joint {entry.row} above"
             yield text, CHANGED_IN_ONE_PLACE

@@ -103,7 +103,7 @@ def parse_poses(data: bytes, file: str, *, joint_count: int | None = None) -> Lo
     line, header = next(records)
     names = tuple(cell.strip() for cell in header)
     if not any(map(_known, names)):
-        remedy = f"{HEADER_EXAMPLE}; a raw log is imported by: sarcal import {file}"
+        remedy = f"{HEADER_EXAMPLE}; to import a raw log: sarcal import {file}"
         raise only(file, "this line is not the header of a poses file", remedy, line=line)
     problems = [
         Problem(file=file, line=line, column=column, key=key, text=text, remedy=remedy)
@@ -205,7 +205,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
     have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
     endpoint = (
-        "an endpoint is x_m,y_m,z_m, that and rx_deg,ry_deg,rz_deg, or three targets x1_m to z3_m"
+        "an endpoint is x_m,y_m,z_m, or also rx_deg,ry_deg,rz_deg, or three targets x1_m to z3_m"
     )
     turns = groups_in(sorted(there))
     targets = bool(there & {*TARGETS})
@@ -332,7 +332,7 @@ def _warnings(poses: PoseSet) -> tuple[FileWarning, ...]:
     text = f"no joint angle of {len(poses)} poses exceeds {largest_deg:.3g} deg: "
     return (
         *found,
-        FileWarning(code="RADIANS_SUSPECTED", text=f"{text}radians where degrees belong?"),
+        FileWarning(code="RADIANS_SUSPECTED", text=f"{text}they may be in radians"),
     )
 
 

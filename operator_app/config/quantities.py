@@ -68,7 +68,7 @@ def length_doubt(value_m: float) -> str:
         return ""
     return (
         f"{value_m:g} m is longer than any arm (limit {LONGEST_M:g} m): "
-        "degrees where metres belong? or millimetres?"
+        "it may be in millimetres or degrees"
     )
 
 
@@ -77,8 +77,7 @@ def angle_doubt(value_deg: float) -> str:
     if abs(value_deg) <= LARGEST_DEG:
         return ""
     return (
-        f"{value_deg:g} deg is more than ten turns (limit {LARGEST_DEG:g} deg): "
-        "counts where degrees belong?"
+        f"{value_deg:g} deg is more than ten turns (limit {LARGEST_DEG:g} deg): it may be in counts"
     )
 
 
@@ -113,9 +112,7 @@ def _more_than_a_turn(value: float) -> str:
 
 def _twist_deg(value: float) -> float:
     if looks_like_radians(value):
-        raise refuse(
-            f"{value:g} deg: radians where degrees belong?", f"write {math.degrees(value):.6g}"
-        )
+        raise refuse(f"{value:g} deg looks like radians", f"write {math.degrees(value):.6g}")
     return value
 
 

@@ -110,7 +110,7 @@ def load_timed_log(
         elif row is not lines[-1]:
             # The last line of a killed recorder is incomplete.
             text = f"{len(row.cells)} cells; the lines before have {width}"
-            raise only(file, text, "mend this line", line=row.line)
+            raise only(file, text, "correct this line", line=row.line)
     table = np.array(cells).reshape(-1, 1 + len(where))
     time_s, q = table[:, 0], table[:, 1:]
     largest = float(np.max(np.abs(q), initial=0.0, where=np.isfinite(q)))

@@ -159,7 +159,7 @@ def _check_schema(document: YamlDocument, kind: str) -> Iterator[Problem]:
             problem = document.problem(
                 ("schema",),
                 f"version {match[2]} of the {kind} file",
-                f"this program reads version {' and '.join(map(str, versions))}",
+                f"this program reads version {', '.join(map(str, versions))}",
             )
         # All other problems would only follow from this one.
         raise ConfigError((problem,))

@@ -52,7 +52,7 @@ def load_strict(data: bytes, file: str) -> YamlDocument:
         node = _composed(text, file)
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
-        what = "holds a character that is not text"
+        what = "contains a character that is not text"
         raise only(file, what, "is this the right file?", line=line) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
@@ -132,7 +132,7 @@ class StrictLoader(yaml.SafeLoader):
             raise yaml.composer.ComposerError(None, None, "tags (!)", mark)
         self.depth += 1
         if self.depth > MAX_DEPTH:
-            raise yaml.composer.ComposerError(None, None, "nesting this deep", mark)
+            raise yaml.composer.ComposerError(None, None, "a structure nested this deep", mark)
         try:
             return super().compose_node(parent, index)
         finally:
@@ -182,7 +182,9 @@ class _Builder:
         text = str(node.value)
         if node.style is not None:
             if any("\ud800" <= c <= "\udfff" for c in text):
-                self._complain(node, path, "holds half a character", "write the text plainly")
+                self._complain(
+                    node, path, "contains an incomplete character", "write the text plainly"
+                )
                 self.unreadable.add(path)
             return text
         try:

@@ -18,7 +18,7 @@ from operator_app.config.urdf_rows import AxisLine, meant_deg, rotation_of_rpy, 
 from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable
 
-ONLY_REVOLUTE = "only revolute joints are supported: exclude others by --base and --tip"
+ONLY_REVOLUTE = "only revolute joints are supported: exclude others with --base and --tip"
 
 NO_LIMIT_RAD = math.pi
 """Range of a continuous joint, in either direction."""
@@ -175,7 +175,7 @@ def chain_of(name: str, steps: tuple[UrdfStep, ...], tip: str, file: str) -> Urd
     """Return the chain of these joints in D-H terms; ConfigError if none is revolute."""
     joints = tuple(step.joint for step in steps if step.joint)
     if not joints:
-        raise only(file, "no joint turns on the way to that link", "name another --tip")
+        raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
     T, axes = np.eye(4), []
     for step in steps:
         T = T @ step.T
@@ -206,7 +206,7 @@ def _robot(data: bytes, file: str) -> ET.Element:
         raise only(file, f"is not XML: {error}", "is this the URDF?", line=line) from error
     if robot.tag != "robot":
         remedy = "give the URDF itself; expand a xacro first: `xacro arm.urdf.xacro > arm.urdf`"
-        raise only(file, f"holds a <{robot.tag}>, not a <robot>", remedy)
+        raise only(file, f"contains a <{robot.tag}>, not a <robot>", remedy)
     return robot
 
 
@@ -253,7 +253,7 @@ def _only_end(elements: Mapping[str, ET.Element], base: str, file: str) -> str:
     if len(ends) == 1 or usual:
         return (usual or list(ends))[0]
     if not ends:
-        raise only(file, "no joint turns on the way to that link", "name another --tip")
+        raise only(file, "no revolute joint is on the path to that link", "choose another --tip")
     most = sorted(ends, key=lambda end: -ends[end])
     names = _some([f"{end} ({ends[end]} revolute joints)" for end in most])
     raise only(file, f"has {len(ends)} ends", f"choose with --tip: {names}")

@@ -71,7 +71,7 @@ SOURCE_REMEDIES = {
 }
 """Remedies by source of the budget, without the joint's number."""
 
-_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its give in the fixture file"
+_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (give) in the fixture file"
 _UNSENSED = "calibrate with --unsensed {joint}"
 _NEARER = "take more poses that differ, or state nominal values closer to the true ones"
 _REPEAT_JOINT = (
@@ -120,7 +120,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         _FIX_BOLTS,
     ),
     K.FIXTURE_DEFLECTS_OTHERWISE: (
-        "the fixture {certain:deflects|may deflect} by about {displacement}, which follows neither load nor pose",
+        "the fixture {certain:deflects|may deflect} by about {displacement}, which depends on neither load nor pose",
         _FIX_BOLTS,
     ),
     K.FIXTURE_TURNS_RANDOMLY: (
@@ -145,7 +145,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "the loops close like those of a ball that turns freely, not of a {name} fixture",
         (
             "find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
-            "--drop-unidentifiable (with one the first joint's offset cannot be separated from the socket's place); "
+            "--drop-unidentifiable (a ball does not separate the first joint's offset from the socket's place); "
             "this command writes one from these poses: {last_name}"
         ),
     ),
@@ -279,11 +279,11 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.REPEAT_FIXTURE_MOVED: (
         (
             "the fixture moved by about {displacement} between pose {first} and its second reading after {after:d} "
-            "poses, more than the give that its file states"
+            "poses, more than its file states"
         ),
         (
-            "tighten its bolts and check for play, then take all poses again; otherwise state its give in the fixture "
-            "file"
+            "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (give) in "
+            "the fixture file"
         ),
     ),
     K.REPEAT_READING_STEP: (
@@ -321,13 +321,13 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         ),
     ),
     # Mistakes in files.
-    K.READING_MISTAKE: ("{reported}: the loops close", "{reported_remedy}"),
+    K.READING_MISTAKE: ("{reported}, and the loops close", "{reported_remedy}"),
     K.OFFSETS_IN_RADIANS: (
-        "with theta_off_deg of the arm file taken as radians the loops close",
+        "the loops close if theta_off_deg of the arm file is taken as radians",
         "the unit of an arm file is deg: multiply its theta_off_deg by 57.29578",
     ),
     K.ENTRIES_EXCHANGED: (
-        "with {name} and {last_name} of the arm file exchanged the loops close",
+        "the loops close if {name} and {last_name} of the arm file are exchanged",
         "measure {name} and {last_name} and correct the arm file",
     ),
     K.OUT_OF_RANGE: _RANGE,
@@ -338,7 +338,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.SATURATED_NOTICE: _SATURATED,
     K.POSES_IN_RADIANS: (
         (
-            "{poses} {several:are|is} in radians, which read as degrees lie outside the arm's ranges, and "
+            "{poses} {several:are|is} outside the arm's ranges if read as degrees but inside if read as radians, and "
             "{several:were|was} left out"
         ),
         "multiply the angles of {several:these rows|this row} by 57.29578",
@@ -383,7 +383,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.SAME_PLACEMENT: (
         (
             "placements {numbers} of the fixture are the same within their sigmas (largest difference: {name}, "
-            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or is "
+            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or is back "
             "exactly where it was; together they determine no more than one placement"
         ),
         "mount it elsewhere within its tolerance and take another placement",
@@ -398,7 +398,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.ENDPOINTS_UNUSED: (
         "the poses have measured endpoints (x_m,y_m,z_m), which a {name} fixture does not use",
-        "calibrate with a measured fixture, or compare with them by sarcal verify --open-loop",
+        "calibrate with a measured fixture, or use them in a comparison: sarcal verify --open-loop",
     ),
     K.NOT_IDENTIFIABLE: (
         "{reported}",
@@ -407,13 +407,13 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     K.NOT_REPEATED: (
         _NOT_REPEATED,
         (
-            "let the capture run to its end, which measures it (sarcal run --resume with this session), and calibrate "
-            "again"
+            "let the capture run to its end, where it measures that pose (sarcal run --resume with this session), and "
+            "calibrate again"
         ),
     ),
     K.NEVER_REPEATED: (
         _NOT_REPEATED,
-        "verify the calibration by new poses (sarcal verify with this session)",
+        "verify the calibration with new poses (sarcal verify with this session)",
     ),
     # The solution.
     K.NOT_CONVERGED: (
@@ -422,8 +422,8 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.OTHER_SOLUTION: (
         (
-            "this is a local minimum ({name} {size:FAR_ANGLE|FAR_LENGTH} from nominal): another solution leaves "
-            "{times:MANY_TIMES} times less closure error"
+            "this is a local minimum ({name} {size:FAR_ANGLE|FAR_LENGTH} from nominal): another solution has a "
+            "closure error {times:MANY_TIMES} times smaller"
         ),
         "calibrate with --global-start",
     ),
@@ -433,7 +433,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.SOCKET_ELSEWHERE: (
         "the ball's socket is not where the fixture's file states: {name} is {size:FAR_ANGLE|FAR_LENGTH} from there",
-        "the calibration uses the position found from the poses; correct the file's ground_mm if the socket stays",
+        "the calibration uses the position found from the poses; correct ground_mm in the file if the socket stays",
     ),
     K.SECOND_SOLUTION: ("{solutions:d} distinct solutions fit these poses equally well", _NEARER),
     K.PAPER_OFF: (

@@ -179,8 +179,8 @@ def _beyond(arm: ArmModel, manifold: Manifold) -> str:
     if over[joint] <= 0.0:
         return ": every path soon reaches the end of a joint's range"
     return (
-        f": by the fixture's measured values the nearest closed pose has joint {joint + 1} "
-        f"{np.rad2deg(over[joint]):.0f} deg beyond its range"
+        f": by the fixture's measured values, joint {joint + 1} is {np.rad2deg(over[joint]):.0f} deg "
+        "beyond its range in the nearest closed pose"
     )
 
 
@@ -246,7 +246,7 @@ def modes_problem(
     fact = (
         f"{have} joint{'s' if have != 1 else ''} in position mode ({names}), but "
         + ("an open arm leaves" if mobility == joint_count else f"a {kind} fixture leaves")
-        + f" the arm {mobility} freedom{'s' if mobility != 1 else ''}"
+        + f" the arm {mobility} degree{'s' if mobility != 1 else ''} of freedom"
     )
     consequence = (
         "nothing would hold the other joints, and the arm would sag"

@@ -66,7 +66,7 @@ class PoseSet:
         if self.sd_rad is not None and np.any(self.sd_rad < 0.0):
             raise ValueError("sd_rad must not be negative")
         if np.any(self.placement < 1) or (self.samples is not None and np.any(self.samples < 1)):
-            raise ValueError("placements and samples count from 1")
+            raise ValueError("placement and samples must be 1 or more")
         if any(not label or label != label.strip() for label in self.label):
             raise ValueError("every pose needs a label without white space around it")
         if len(set(self.keys)) != len(self):

@@ -90,7 +90,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     """Return possible simple mistakes in readings (m, n): a wrong unit, a wrong sign, two columns exchanged."""
     yield Mistake(
         code="RADIANS",
-        text="taken as radians the readings are in range",
+        text="the readings are in range if taken as radians",
         remedy="a poses file has degrees (multiply its angles by 57.29578, or use sarcal import --rad)",
         q_rad=np.rad2deg(q),
     )
@@ -103,7 +103,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             turned[:, columns] = np.rad2deg(q[:, columns])
             yield Mistake(
                 code="_".join(("RADIANS", *(str(j + 1) for j in columns))),
-                text=f"taken as radians the readings of {of} are in range",
+                text=f"the readings of {of} are in range if taken as radians",
                 remedy=f"a poses file has degrees (multiply the angles of {of} by 57.29578)",
                 q_rad=turned,
             )
@@ -114,7 +114,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         first = f"{len(rows)} of {len(q)} poses (the first is number {rows[0] + 1})"
         yield Mistake(
             code="RADIANS_POSES",
-            text=f"taken as radians the readings of {first} are in range",
+            text=f"the readings of {first} are in range if taken as radians",
             remedy="a poses file has degrees (multiply the angles of these rows by 57.29578)",
             q_rad=turned,
         )
@@ -124,7 +124,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         of = f"joint{'s' if len(far) > 1 else ''} {', '.join(map(str, far))}"
         yield Mistake(
             code="_".join(("WHOLE_TURNS", *map(str, far))),
-            text=f"without whole turns the readings of {of} are in range",
+            text=f"the readings of {of} are in range without whole turns",
             remedy=f"add or subtract 360 deg where a reading of {of} is outside its range",
             q_rad=wrapped,
         )
@@ -135,7 +135,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
             turned[:, j] = centre - q[:, j]
             yield Mistake(
                 code=f"SIGN_JOINT_{j + 1}",
-                text=f"with the opposite sign of joint {j + 1} the readings are in range",
+                text=f"the readings are in range if the sign of joint {j + 1} is reversed",
                 remedy=f"reverse the sign of joint {j + 1}'s sensor in its drive, or of its column",
                 q_rad=turned,
             )
@@ -144,7 +144,7 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
         order[[i, j]] = j, i
         yield Mistake(
             code=f"EXCHANGED_{i + 1}_{j + 1}",
-            text=f"with the columns of joints {i + 1} and {j + 1} exchanged the readings are in range",
+            text=f"the readings are in range if the columns of joints {i + 1} and {j + 1} are exchanged",
             remedy=f"exchange their columns, or the nodes of joints {i + 1} and {j + 1}",
             q_rad=q[:, order],
         )

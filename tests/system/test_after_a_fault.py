@@ -206,7 +206,7 @@ def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goe
     with controller(tmp_path, *bus, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "6"))
         assert code == 3
-        assert "joint 3: the drive is in switched on; it was enabled" in said
+        assert "joint 3: the drive is in state switched on; it was enabled" in said
         assert "Find out why the drive of joint 3 left its state." in said
         (folder,) = (tmp_path / "sessions").iterdir()
         assert f"Go on with: sarcal run --resume {Path('sessions') / folder.name}" in said

@@ -160,7 +160,7 @@ def load_result(session: str | PathLike[str]) -> Result:
     opening = resume(fspath(session), Choices(), root=SESSIONS)
     state, procedure = read_session(opening.folder).state, effective_procedure(opening)
     if state is None:
-        raise SessionError(f"{opening.folder} holds no session", "name another folder")
+        raise SessionError(f"{opening.folder} contains no session", "name another folder")
     found = session_calibration(state, procedure)
     _, arm, fixture, _ = procedure.sources
     return Result(

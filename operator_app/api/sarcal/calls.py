@@ -53,7 +53,7 @@ def numbers(name: str, value: Any) -> FloatArray:
         found = np.asarray(value)
     except ValueError:
         raise ValueError(
-            f"{name}: rows of different lengths; give as many numbers in each"
+            f"{name}: rows of different lengths; give the same number of values in each"
         ) from None
     if found.dtype.kind == "O":
         with suppress(TypeError, ValueError):
@@ -66,7 +66,8 @@ def numbers(name: str, value: Any) -> FloatArray:
         where = [int(k) for k in np.argwhere(~np.isfinite(found))[0]]
         place = f" at index {where[0] if len(where) == 1 else where}" if where else ""
         raise ValueError(
-            f"{name} holds {found[tuple(where)]}{place}: every number must be finite; leave out unread poses"
+            f"{name} contains {found[tuple(where)]}{place}: every number must be finite; "
+            "leave out poses without readings"
         )
     return found
 
@@ -101,10 +102,10 @@ def joints(name: str, value: Any, joint_count: int) -> tuple[int, ...]:
         try:
             found.add(operator.index(joint))
         except TypeError:
-            raise TypeError(f"{name} holds {joint!r}: {wanted}") from None
+            raise TypeError(f"{name} contains {joint!r}: {wanted}") from None
     for joint in sorted(found):
         if not 1 <= joint <= joint_count:
-            raise ValueError(f"{name} holds {joint}: {wanted}")
+            raise ValueError(f"{name} contains {joint}: {wanted}")
     return tuple(sorted(found))
 
 
@@ -124,7 +125,7 @@ def readings_rad(name: str, value: Any, lower_rad: FloatArray, upper_rad: FloatA
     if len(far):
         q, joint = found[tuple(far[0])], int(far[0][-1])
         raise ValueError(
-            f"{name} holds {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
+            f"{name} contains {q:g} rad for joint {joint + 1}, whose range is {lower_rad[joint]:.3g} to "
             f"{upper_rad[joint]:.3g} rad: convert degrees to radians with np.deg2rad"
         )
     return found

@@ -164,7 +164,7 @@ def compare(
     ()
     """
     if not 0.0 < number("level", level) < 1.0:
-        raise ValueError(f"level={level}: give a chance between 0 and 1, such as 0.01")
+        raise ValueError(f"level={level}: give a probability between 0 and 1, such as 0.01")
     return Comparison(
         compared(
             _document("before", before),

@@ -162,7 +162,7 @@ def _one_a_pose(name: str, value: Any, poses: int) -> IntArray:
     try:
         return np.array(found, dtype=np.int64)
     except OverflowError:
-        raise ValueError(f"{name} holds {max(found)}: give numbers below 2**63") from None
+        raise ValueError(f"{name} contains {max(found)}: give numbers below 2**63") from None
 
 
 def _spread_rad(value: Any, shape: tuple[int, ...]) -> FloatArray:

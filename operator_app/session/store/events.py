@@ -98,7 +98,9 @@ def joint_number(value: Any, joints: int | None) -> str:
     """Return what is wrong with the number of a joint (from 1); "" for a valid one."""
     most = joints or MOST_JOINTS_RECORDED
     problem = integer(1)(value, joints)
-    return problem or ("" if value <= most else f"there is no joint {_quoted(value)}, of {most}")
+    return problem or (
+        "" if value <= most else f"there is no joint {_quoted(value)}; the arm has at most {most}"
+    )
 
 
 def joint_key(value: Any, joints: int | None) -> str:

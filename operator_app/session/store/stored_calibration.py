@@ -65,7 +65,7 @@ def session_calibration(
         There is no pose, or a new solution fails.
     """
     if not state.used_poses:
-        raise SessionError("this session has no used pose", "capture poses first")
+        raise SessionError("no pose of this session is in use", "capture poses first")
     read = journal_calibration(state)
     if isinstance(read, StoredCalibration):
         then = read.solution.estimate.estimator, read.solution.model.unsensed_joints
@@ -149,7 +149,7 @@ def solution_data(
 def journal_calibration(state: SessionState) -> StoredCalibration | str:
     """Return the journal's calibration from the used poses, or why there is none."""
     if not state.solution:
-        return "the journal holds poses but no calibration of them"
+        return "the journal contains poses but no calibration from them"
     try:
         solution = from_dict(Solution, state.solution)
         checks = from_dict(Checks, state.checks) if state.checks else None

@@ -217,7 +217,7 @@ def resume(reference: str, choices: Choices, *, root: Path) -> Opening:
     if state.settings.get("verifies"):
         # An earlier version kept verification poses in a session of their own.
         raise SessionError(
-            f"{folder} holds poses that verify {state.settings['verifies']}",
+            f"{folder} contains poses that verify {state.settings['verifies']}",
             "name that session instead; its poses alone are its calibration",
         )
     if set(SOURCE_KINDS) - LATER - set(state.sources):
@@ -281,10 +281,10 @@ def _with_choices(procedure: Procedure, choices: Choices) -> Procedure:
     procedure = replace(procedure, capture=_planned_or_not(procedure.capture, choices.plan))
     if choices.poses is not None:
         if choices.poses < 1:
-            raise SessionError(f"{choices.poses} poses were asked for", "request at least 1")
+            raise SessionError(f"{choices.poses} poses were requested", "request at least 1")
         if choices.poses > MOST_POSES:
             raise SessionError(
-                f"more than {MOST_POSES} poses were asked for", f"request at most {MOST_POSES}"
+                f"more than {MOST_POSES} poses were requested", f"request at most {MOST_POSES}"
             )
         procedure = replace(procedure, capture=replace(procedure.capture, poses=choices.poses))
     match choices.estimator:

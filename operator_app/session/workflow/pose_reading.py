@@ -38,7 +38,7 @@ PATIENCE_S = 60.0
 """Timeout of one measurement: a person may have to turn the target towards the instrument."""
 LINE_POLL_S = 0.1
 """Interval at which `cancelled` is called."""
-SOURCES = "tcp:HOST:PORT, file:PATH (CSV that grows) or stdin"
+SOURCES = "tcp:HOST:PORT, file:PATH (a growing CSV file) or stdin"
 
 
 class TargetLostError(SessionError):
@@ -136,7 +136,7 @@ class Instrument:
         said = f"; it sent pose {other}" if other else ""
         return InstrumentError(
             f"the tracker at {self.name} measured nothing for {self._patience_s:.0f} s at pose {pose}{said}. "
-            "No pose is lost. Check that it is on, sees its target and sends; then go on with this session"
+            "No pose is lost. Check that it is on, sees its target and sends; then continue this session"
         )
 
 

@@ -53,7 +53,7 @@ def _keep(folder: Path, name: str, placement: int) -> None:
 def require_mountable(procedure: Procedure, wanted: int) -> int:
     """Return the number of placements `wanted`; raise SessionError if this fixture cannot have so many."""
     if not 1 <= wanted <= MOST_PLACEMENTS:
-        raise SessionError(f"{wanted} placements were asked for", f"request 1 to {MOST_PLACEMENTS}")
+        raise SessionError(f"{wanted} placements were requested", f"request 1 to {MOST_PLACEMENTS}")
     if wanted > 1 and not procedure.fixture.fixture.holds_hand:
         raise SessionError(
             f"{procedure.fixture.name} is an instrument: there is no fixture to remount",

@@ -23,9 +23,9 @@ class PlanPanel(Lines):
 
     TITLE = "Plan"
     HELP = (
-        "A hinge leaves the arm two freedoms, so exactly two joints drive (position mode) and five "
-        "follow (free). One drive fewer and the arm sags; one more and the drives work against each "
-        "other through the fixture. f toggles the marked joint, p takes the best ranked pair."
+        "A hinge leaves the arm two degrees of freedom, so exactly two joints drive (position mode) and "
+        "five follow (free). With one drive fewer the arm sags; with one more the drives work against "
+        "each other through the fixture. f toggles the marked joint, p takes the best ranked pair."
     )
 
     def build(self, s: SessionSnapshot, width: int, height: int) -> Sequence[Line]:

@@ -135,7 +135,10 @@ def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(
     Path("p.yaml").write_text(text)
     assert main(["check", "p.yaml"]) == 5
     said = " ".join(capsys.readouterr().out.split())
-    assert "1 joint in position mode (5), but a hinge fixture leaves the arm 2 freedoms" in said
+    assert (
+        "1 joint in position mode (5), but a hinge fixture leaves the arm 2 degrees of freedom"
+        in said
+    )
     assert main(["check", "hinge"]) == 2
     assert "use --fixture hinge or --procedure hinge" in capsys.readouterr().err
     assert main(["check"]) == 2

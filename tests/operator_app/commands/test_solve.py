@@ -107,7 +107,7 @@ def rows(count: int) -> list[str]:
         ("nan", [HEADER, *rows(3), "1,4,0,0,nan,0,0,0,0"], ["nan.csv:5", "theta3_deg"]),
         ("six", [",".join(HEADER.split(",")[:-1]), "1,1,0,0,0,0,0,0"], ["six.csv:1", "theta7_deg"]),
         ("zero", [HEADER], ["zero.csv", "no pose"]),
-        ("one", [HEADER, *rows(1)], ["1 pose gives 5 equations", "some 20 for a diagnosis"]),
+        ("one", [HEADER, *rows(1)], ["1 pose gives 5 equations", "20 for a diagnosis"]),
         ("two", [HEADER, *rows(2)], ["2 poses give", "at least 3 poses are needed"]),
         ("twice", [HEADER, *rows(3), rows(1)[0]], ["twice.csv:5", "twice"]),
         (

@@ -170,4 +170,4 @@ def test_a_placement_in_metres_is_seen_as_a_whole() -> None:
         parse_fixture(text.encode(), "f.yaml")
     (problem,) = caught.value.problems
     assert problem.key == "placement"
-    assert "metres where millimetres belong?" in problem.text
+    assert "they may be in metres" in problem.text

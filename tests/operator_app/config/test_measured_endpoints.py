@@ -133,7 +133,7 @@ def test_a_quaternion_of_either_sign_is_the_same_turn() -> None:
         assert same(found, turns)
         assert np.linalg.norm(found, axis=1).max() <= np.pi + 1e-9
     assert np.array_equal(rotation_vectors(group, np.array([[1.0, 0, 0, 0]])), np.zeros((1, 3)))
-    with pytest.raises(ValueError, match="has length 1"):
+    with pytest.raises(ValueError, match="which must be 1"):
         rotation_vectors(group, 1.1 * q)
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from operator_app.config.csv_table import MOST_PROBLEMS
-from operator_app.config.errors import ConfigError
+from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.poses_file import (
     LoadedPoses,
     format_poses,
@@ -220,10 +220,8 @@ def test_times_that_cannot_be_read_are_said_to_take_no_part(
 
 
 def test_a_remedy_after_a_question_begins_without_a_semicolon() -> None:
-    with pytest.raises(
-        ConfigError, match=r"counts where degrees belong\? this column is in degrees"
-    ):
-        parse_poses(text(rows=("1,1,1,45034,3",)), "p.csv")
+    problem = Problem(file="p.csv", text="a column called theta2?", remedy="add its unit")
+    assert str(problem) == "p.csv: a column called theta2? add its unit"
 
 
 def test_missing_file_names_its_neighbour(tmp_path: Path) -> None:

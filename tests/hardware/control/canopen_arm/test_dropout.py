@@ -43,7 +43,9 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
     driven.capture(20)
     drop(bus, joint)
     since = len(bus.sent)
-    with pytest.raises(DriveDropout, match=rf"joint {joint}: the drive is in switched on") as told:
+    with pytest.raises(
+        DriveDropout, match=rf"joint {joint}: the drive is in state switched on"
+    ) as told:
         doing(driven)
     assert told.value.joint == joint
     with pytest.raises(DriveDropout):

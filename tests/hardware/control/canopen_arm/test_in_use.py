@@ -103,7 +103,8 @@ def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus: A
     bus.drives[2].status, bus.drives[5].status = ENABLED, QUICK_STOP
     said = str(refused(bus, ArmInUse))
     assert (
-        "joint 2 (node 2) is in operation enabled, joint 5 (node 5) is in quick stop active" in said
+        "joint 2 (node 2) is in state operation enabled, joint 5 (node 5) is in state quick stop active"
+        in said
     )
     for way in ("sarcal monitor", "sarcal reset", "Nothing was reset"):
         assert way in said

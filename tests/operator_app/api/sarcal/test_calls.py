@@ -92,7 +92,7 @@ def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(
     for wrong, kind, said in (
         (q[:, :3], ValueError, "q_rad has shape (60, 3): the arm has 7 joints"),
         (0.1, ValueError, "q_rad has shape ()"),
-        (with_nan(np.nan), ValueError, "q_rad holds nan at index [3, 2]"),
+        (with_nan(np.nan), ValueError, "q_rad contains nan at index [3, 2]"),
         (q + 0j, TypeError, "q_rad: give real numbers, not complex numbers"),
         (result.poses.q_deg, ValueError, "convert degrees to radians with np.deg2rad"),
     ):
@@ -151,7 +151,7 @@ def test_what_cannot_be_compared_is_one_of_our_errors(
 
 def test_a_number_that_no_file_holds_is_named() -> None:
     for name in ("placement", "samples"):
-        with pytest.raises(ValueError, match=rf"{name} holds 1{'0' * 30}: give numbers below"):
+        with pytest.raises(ValueError, match=rf"{name} contains 1{'0' * 30}: give numbers below"):
             sarcal.poses_of(q_rad=Q, **{name: 10**30})
 
 

@@ -110,7 +110,7 @@ def test_other_options_and_old_journals_are_solved_and_said(
 
 
 def test_a_session_without_poses_says_so(procedure: Procedure) -> None:
-    with pytest.raises(SessionError, match="no used pose"):
+    with pytest.raises(SessionError, match="no pose of this session"):
         session_calibration(SessionState(), procedure)
 
 

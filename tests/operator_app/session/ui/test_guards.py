@@ -149,7 +149,7 @@ def test_a_file_is_uploaded_with_drives_that_are_off():
 
 def test_a_drive_that_was_switched_off_at_the_drive_can_be_reset():
     s = story()["modes"]
-    fault = Fault(node=3, joint=3, code=0, text="the drive is in switched on", sync_count=9)
+    fault = Fault(node=3, joint=3, code=0, text="the drive is in state switched on", sync_count=9)
     assert guards.may_reset(replace(s, arm=replace(s.arm, faults=(fault,)))) == ()
 
 

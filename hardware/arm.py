@@ -238,7 +238,7 @@ class ArmInterface(Protocol):
         """Take the control token and enable all drives at their current positions."""
 
     def set_modes(self, modes: Sequence[JointMode]) -> None:
-        """Set one mode per joint; return when 6061h of every drive confirms it, else raise."""
+        """Set one mode per joint; return when 6061h of every drive confirms it, or raise an error."""
 
     def move(
         self,

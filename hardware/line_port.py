@@ -245,7 +245,7 @@ class TcpLines:
 
 
 class StdinLines:
-    """Lines that another program writes to standard input."""
+    """Lines that another program writes to this program's standard input."""
 
     def __init__(self, descriptor: int = 0) -> None:
         self._descriptor = descriptor
@@ -307,7 +307,7 @@ class GrowingFile:
         return heading.decode(errors="replace").strip("\r\n\ufeff")
 
     def ask(self, question: str) -> None:
-        """Start from the present end of the file; a half-written row is skipped."""
+        """Start from the current end of the file; a half-written row is skipped."""
         self._at = self._size()
         self._skip_next = False
         if self._at:

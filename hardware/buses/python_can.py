@@ -59,7 +59,7 @@ class BusSettings:
     options
         Other options from ``can.conf`` or ``CAN_CONFIG``, passed to python-can.
     named_in
-        File that named the interface, for error messages; else empty.
+        File that named the interface, for error messages; empty if none did.
     """
 
     interface: str = DEFAULT_INTERFACE

@@ -53,7 +53,7 @@ class JointProfile:
     commands, answers
         RPDOs and TPDOs used.
     direction
-        -1 if the drive counts against the positive sense of the arm file, else 1.
+        -1 if the drive counts against the positive direction of the arm file, otherwise 1.
     counts_per_rev
         Position units of the drive per turn of the joint; None uses the arm file's sensor.
     zero_counts

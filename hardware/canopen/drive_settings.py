@@ -34,7 +34,7 @@ DESCRIPTION_OBJECTS: Final = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActivePdo:
-    """A valid PDO of a drive: a TPDO if `sent`, else an RPDO; its number, identifier, type and map."""
+    """A valid PDO of a drive (a TPDO if `sent`, otherwise an RPDO): number, identifier, type and map."""
 
     sent: bool
     number: int

@@ -30,16 +30,16 @@ _LONGEST: Final = 1 << 20
 
 
 class Disk(Protocol):
-    """A folder with durable operations."""
+    """A folder whose operations are durable: once they return, a power cut does not undo them."""
 
     def read(self, name: str) -> bytes | None:
         """Content of a file, None if there is none."""
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file, durable before returning."""
+        """Write a file, durably."""
 
     def rename(self, old: str, new: str) -> None:
-        """Rename a file over another, durable before returning."""
+        """Rename a file over another, durably."""
 
 
 class FolderDisk:

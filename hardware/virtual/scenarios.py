@@ -1,6 +1,6 @@
 """Named virtual arms: true geometry, sensor errors, fixture compliance.
 
-The truth is the paper's arm in the paper's hinge if the files allow it; else a specimen drawn by seed within the
+The truth is the paper's arm in the paper's hinge if the files allow it; otherwise a specimen drawn by seed within the
 tolerances of the files (`scenario_of`).
 
 The paper's three error sources (section 4), RVDTs, fixed lengths and fixture, are one field of a `Scenario` each,

@@ -75,7 +75,7 @@ class SensorFields(StrictModel):
     makes: ClassVar[type[Sensor]]
 
     def sensor(self) -> Sensor:
-        """Domain object."""
+        """Return the sensor as a domain object."""
         return self.makes(**in_si(self.model_dump(exclude={"kind"})))
 
 
@@ -290,7 +290,7 @@ class ArmFile(StrictModel):
         return value
 
     def model(self) -> ArmModel:
-        """Domain object: SI units; entries that the fixture determines are zero."""
+        """Return the arm as a domain object, in SI units; entries that the fixture determines are zero."""
 
         def column(name: str) -> list[float]:
             values = [getattr(row, name) for row in self.dh]

@@ -65,7 +65,7 @@ class RowToleranceModel(Uncertain):
     twist_deg: StatedDeg | None = None
 
     def over(self, arm: ToleranceModel) -> RowTolerance:
-        """Domain object; figures not stated in the row are those of the whole arm."""
+        """Return the row's tolerance as a domain object; figures that it does not state are those of the whole arm."""
         length = arm.length_mm if self.length_mm is None else self.length_mm
         twist = arm.twist_deg if self.twist_deg is None else self.twist_deg
         return RowTolerance(length_m=length / 1e3, twist_rad=math.radians(twist))
@@ -78,7 +78,7 @@ class GiveModel(Uncertain):
     orientation_mrad: StatedMrad = GIVE_MRAD
 
     def compliance(self, held: Sequence[str]) -> Compliance:
-        """Domain object of a fixture that constrains ``position_mm`` or ``orientation_mrad`` or both."""
+        """Return it as a domain object, for a fixture that constrains `held`: ``position_mm``, ``orientation_mrad`` or both."""
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
             position_m=self.position_mm / 1e3,
@@ -146,7 +146,7 @@ class GravityModel(StrictModel):
 
 
 def link_masses(links: Sequence[LinkModel], gravity: GravityModel) -> LinkMasses:
-    """Domain object."""
+    """Return the masses as a domain object."""
     mass = np.array([link.mass_kg for link in links])
     down = np.array(gravity.down, dtype=np.float64)
     down /= np.abs(down).max()  # of any length, even if its square is no float

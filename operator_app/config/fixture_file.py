@@ -125,7 +125,7 @@ class CommonFields(StrictModel, ABC):
         return value
 
     def fixture(self) -> EndpointConstraint:
-        """Domain object."""
+        """Return the fixture as a domain object."""
         placed = in_si(self.placement.model_dump(exclude_none=True))
         return self.makes(
             **placed, stays_on_hand=self.stays_on_hand, tolerance=self.tolerance(), **self.own()

@@ -23,7 +23,7 @@ from solver.chain.sensors import NoSensor
 COMMENT = "Written by sarcal. A controller checks it against this schema; edit it only on purpose."
 WITHOUT_BETA = "sarcal/parameters/2"
 RESULT = "the result"
-REMEDY = "this calibration cannot be exported: take more poses that differ more"
+REMEDY = "this calibration cannot be exported: take more poses that differ more from each other"
 OF_A_NEWER = "a newer sarcal may have written it: use that version, or remove this key"
 """Remedy for an unknown key, which is not a misspelling, since programs write this file."""
 

@@ -205,7 +205,7 @@ def _complaints(names: tuple[str, ...], joint_count: int | None) -> Iterator[Com
     have = f"({len(joints)} joint column{'s' if len(joints) != 1 else ''}"
     have += f", the arm has {joint_count} joints)" if joint_count is not None else ")"
     endpoint = (
-        "an endpoint is x_m,y_m,z_m, or also rx_deg,ry_deg,rz_deg, or three targets x1_m to z3_m"
+        "an endpoint is x_m,y_m,z_m (and rx_deg,ry_deg,rz_deg), or three targets x1_m to z3_m"
     )
     turns = groups_in(sorted(there))
     targets = bool(there & {*TARGETS})

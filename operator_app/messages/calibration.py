@@ -52,7 +52,7 @@ def source_remedy(source: str) -> str:
 
 
 SOURCE_REMEDIES = {
-    "": "take more poses that differ more",
+    "": "take more poses that differ more from each other",
     "rvdt_curve": "replace the RVDT of joint {joint} or measure its linearity on a bench",
     "rvdt_gain": "set the scale factor of joint {joint}'s RVDT twice as accurately and state the tolerance of its gain",
     "rvdt_noise": "take four times as many samples of joint {joint} in every pose",
@@ -64,7 +64,7 @@ SOURCE_REMEDIES = {
     "fixture_give": "mount a fixture twice as stiff, or load it less, and state its give",
     "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
     "joint_play": "halve the joints' play and state it",
-    "sag": "state the links' masses, or by how much less the joints sag",
+    "sag": "state the links' masses, or a smaller sag if the joints sag less",
     "distances": "measure the distances of the sockets twice as accurately and state their sigma_mm",
     "discrepancy": "find the deflection that depends on the pose and that no file states",
     "counts": "fit encoders with more counts: averaging does not help an encoder at rest",
@@ -377,7 +377,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.CONDITION: (
         "scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
-        "poses that differ more would give smaller sigmas",
+        "poses that differ more from each other would give smaller sigmas",
     ),
     K.KNOWN_BY_FILES: ("known from the files more than from the poses: {shares}", ""),
     K.SAME_PLACEMENT: (
@@ -402,7 +402,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.NOT_IDENTIFIABLE: (
         "{reported}",
-        "take poses that differ more, or fix one of these parameters at its nominal value",
+        "take poses that differ more from each other, or fix one of these parameters at its nominal value",
     ),
     K.NOT_REPEATED: (
         _NOT_REPEATED,
@@ -670,7 +670,7 @@ def _range(f: Finding) -> str:
 def _narrowing(f: Finding) -> str:
     if f.names:
         return source_remedy(f.names[0])
-    return "take more poses that differ more: every joint through a larger part of its range"
+    return "take more poses that differ more from each other: every joint through a larger part of its range"
 
 
 def _chosen(of: Callable[[Finding], bool], f: Finding) -> _Choice:

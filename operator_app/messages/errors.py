@@ -80,7 +80,7 @@ REMEDIES: Mapping[type, str] = {
     HostLatencyExceeded: "Without a heartbeat the drives hold by themselves. Close other programs on this "
     "computer, then connect again",
     NodeMissing: "Check that these nodes are powered and on the bus, then connect again",
-    WrongArm: "Connect the arm that the arm file describes, or name its own arm file",
+    WrongArm: "Connect the arm that the arm file describes, or use the arm file of the connected arm",
     MappingMismatch: "Nothing was enabled and nothing moves",
     MappingChanged: "This pose was not captured; the poses before it were compared and are kept",
     PdoSetupFailed: "Nothing was enabled and nothing moves",
@@ -100,7 +100,7 @@ REMEDIES: Mapping[type, str] = {
     UploadUnknown: "Upload again (step 7, or `sarcal export SESSION --upload`); until then do not rely on what the "
     "controller has",
     UploadRefused: "The previously active parameters stay active",
-    UnidentifiableError: "Take poses that differ more, or free a joint that does not move",
+    UnidentifiableError: "Take poses that differ more from each other, or free a joint that does not move",
     TooFewPosesError: "Capture more poses (step 4)",
     FixtureError: "Remount the fixture as described, then check it again (step 2)",
     WriteError: "Free space or choose another folder; the journal is complete",

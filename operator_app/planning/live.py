@@ -250,7 +250,7 @@ def is_path_clear(
 ) -> bool:
     """Whether a straight move of the drives to `targets_rad` avoids folds and the ends of the ranges.
 
-    `model`, `x`: a closed loop and its calibrated parameters (P,). `here_rad`: present angles of all joints (n,).
+    `model`, `x`: a closed loop and its calibrated parameters (P,). `here_rad`: current angles of all joints (n,).
     """
     limits, drives = MotionLimits(), tuple(targets_rad)
     start = close_loops(model, x, here_rad[None, :])

@@ -101,7 +101,7 @@ def _is_seen_well(found: Outlook) -> bool:
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
-    """Return the motion (m,) of the joint that moves least in chains with these velocities (m, k, freedoms).
+    """Return the motion (m,) of the joint that moves least in chains whose joints have these velocities (m, k, joints).
 
     0 means that a joint does not move. The value is reduced near singularities of the chain.
     """

@@ -168,7 +168,7 @@ def unidentifiable_text(error: UnidentifiableError) -> str:
         )
     else:
         remedy = (
-            "take poses that differ more, or fix one parameter of each line at its nominal value: "
+            "take poses that differ more from each other, or fix one parameter of each line at its nominal value: "
             "--drop-unidentifiable of solve and import chooses them, or leave them out of the free "
             "entries of the arm file."
         )

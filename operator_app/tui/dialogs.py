@@ -1,4 +1,4 @@
-"""Questions over the main screen. They never cover the safety strip, and Give Cancel the focus."""
+"""Questions over the main screen. They never cover the safety strip, and the focus is on Cancel."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Dialog(ModalScreen[str | None]):
 
 
 class Confirm(Dialog):
-    """Yes or Cancel."""
+    """A dialog with the buttons Yes and Cancel."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("y", "yes", show=False),

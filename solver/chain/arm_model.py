@@ -50,7 +50,7 @@ class Joint:
 class RowTolerance:
     """Uncertainty of one D-H row in the maker's table: standard deviation of s and a, of alpha and beta.
 
-    0 is exact. It matters for entries that are fixed and not identified.
+    0 is exact. The uncertainty matters for entries that are fixed instead of identified.
     """
 
     length_m: float = 0.0

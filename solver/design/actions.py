@@ -75,7 +75,7 @@ Action = GoTo | Capture | ChangeDrives | Finished
 def path_watch(
     trace_rad: FloatArray | None, tolerance_rad: float, ranges: Ranges
 ) -> Callable[[FloatArray], str | None]:
-    """Check readings (n,) during one move: a sentence when the move should end, else None.
+    """Check readings (n,) during one move: return a sentence if the move should end, otherwise None.
 
     `trace_rad`: predicted readings (t, n); None to watch the ranges only. `ranges`: joint ranges, narrowed by the
     stopping distance.

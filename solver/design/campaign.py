@@ -310,7 +310,7 @@ class Campaign:
         self._node = target
 
     def _route(self, plan: PosePlan, target: int) -> Route | None:
-        """Return a path from the present pose to a candidate of `plan`; None where none is known to be safe.
+        """Return a path from the current pose to a candidate of `plan`; None where none is known to be safe.
 
         A path must keep four fifths of the planning margin, not all: it may bulge between two candidates that keep all.
         """
@@ -327,7 +327,7 @@ class Campaign:
         return moves_along(route, self.drives, self.settings.tolerance_rad, goal, of=of)
 
     def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
-        """Return moves from the present pose to a captured pose (n,); None where no safe path is known.
+        """Return moves from the current pose to a captured pose (n,); None where no safe path is known.
 
         These moves are not proposals: their end is not reported, and the same moves in reverse bring the arm back
         before the campaign continues. During exploration the drives go straight back.

@@ -79,7 +79,7 @@ class FaultModels:
     def _along(
         self, cause: Cause, j: int, shapes: FloatArray, size: float = ANGLE_RAD
     ) -> Candidate:
-        """Candidate of an error of joint j's reading with these shapes (m, c), each of this natural size."""
+        """Candidate: an error of joint j's reading with these shapes (m, c), each of this natural size."""
         columns = self.joint(j) * shapes[:, None, :]
         natural = np.full(shapes.shape[1], size)
         return Candidate(cause=cause, subject=str(j), columns=columns, natural=natural)
@@ -145,7 +145,7 @@ class FaultModels:
         yield from self._fixture()
 
     def _readings(self) -> Iterator[Candidate]:
-        """Candidates of one joint's readings with independent errors in every pose: noise, or no sensor at all."""
+        """Candidates, by joint: independent errors of its readings in every pose (noise, or no working sensor)."""
         stated = self.design.joint_variance(self.design.stated_variances())
         for j in self.sensed:
             yield Candidate(
@@ -158,7 +158,7 @@ class FaultModels:
             )
 
     def _scatter(self) -> Candidate:
-        """Candidate of independent errors of equal size in all readings of all joints: the arm was not at rest."""
+        """Candidate: independent errors of equal size in the readings of all joints (the arm was not at rest)."""
         sensed = np.array(self.sensed) - 1
         stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
@@ -172,20 +172,20 @@ class FaultModels:
         )
 
     def _drifts(self) -> Iterator[Candidate]:
-        """Candidates of one joint's reading with a linear drift over the poses, of mean zero."""
+        """Candidates, by joint: a linear drift of its reading over the poses, of mean zero."""
         ramp = np.linspace(-0.5, 0.5, len(self.readings))
         for j in self.sensed:
             yield self._along(Cause.DRIFT, j, ramp[:, None])
 
     def scales(self) -> Iterator[Candidate]:
-        """Candidates of a wrong number of counts per turn of one encoder, whose uncertainty no file states."""
+        """Candidates, by encoder: a wrong number of counts per turn, whose uncertainty no file states."""
         for j in self.sensed:
             if isinstance(self.arm.joints[j - 1].sensor, Encoder):
                 turn = self.readings[:, j - 1]
                 yield self._along(Cause.SCALE, j, (turn - turn.mean())[:, None], SCALE)
 
     def _frozen(self) -> Iterator[Candidate]:
-        """Candidates of a sensor stuck in a run of poses: it reads the same while others move."""
+        """Candidates: a sensor stuck in a run of poses, in which it reads the same while others move."""
         for j in self.sensed:
             for first, last in constant_reading_runs(self.readings, j, 3.0 * self._noise(j)):
                 poses = np.arange(first + 1, last)
@@ -220,7 +220,7 @@ class FaultModels:
         )
 
     def _smooth(self, measured: Mapping[int, PeakDeviation]) -> Iterator[Candidate]:
-        """Candidates of one joint's reading with an error that is a function of its angle, or of the pose."""
+        """Candidates, by joint: an error of its reading that is a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
             linearity_curve = self.linearity_curve(j, measured.get(j))
@@ -235,7 +235,7 @@ class FaultModels:
                 yield replace(found, most=30.0, shapes=phi, least=least)
 
     def _entries(self) -> Iterator[Candidate]:
-        """Candidates of one entry of the maker's table with an error beyond its tolerance."""
+        """Candidates, by entry of the maker's table: an error beyond its tolerance."""
         design = self.design
         for k, sd in zip(design.soft_index, design.soft_sd, strict=True):
             parameter = design.model.parameters[k]
@@ -251,7 +251,7 @@ class FaultModels:
             )
 
     def _fixture(self) -> Iterator[Candidate]:
-        """Candidates of a compliant fixture: deflections independent in each pose, or a smooth function of the pose."""
+        """Candidates: a compliant fixture, whose deflections are independent between poses, or smooth in the pose."""
         if not self.design.gives:
             return
         Et = np.swapaxes(self.system.E, -1, -2)

@@ -230,7 +230,7 @@ def _choose(
     directions: tuple[UnidentifiableDirection, ...],
     fixture: set[str],
 ) -> int:
-    """Index of the parameter to fix: the offset of an immobile joint, else the arm's least determined entry."""
+    """Index of the parameter to fix: the offset of an immobile joint or, if none, the arm's least determined entry."""
     for direction in directions:
         for joint in direction.immobile_joints:
             if f"theta_off_{joint}" in direction.parameters:

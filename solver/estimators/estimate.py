@@ -38,7 +38,7 @@ class Estimate:
     flipped
         Indices of poses found on the flipped branch of the hinge.
     dof
-        Degrees of freedom: equations less parameters.
+        Degrees of freedom: equations minus parameters.
     chi2
         Weighted sum of squared residuals; None where the estimator has no noise model.
     pose_chi2

@@ -75,10 +75,10 @@ class VarianceComponent:
     """One variance to be estimated, with its start value, floor and upper limit.
 
     `stated` is the value in the files. With `scaled`, the logarithm of the ratio of its size to the stated one has a
-    normal prior (method, section 10): the poses determine it where they can, otherwise the stated value does. `soft`
-    and `wall` bound an amplitude by its specification: the mean variance of a prior, and a value it never exceeds;
-    ``inf`` without a bound. `leap` is a value that one step may reach from any other. `spread_variance` is an estimate
-    from `spread_dof` differences within poses, or from a specification of the same weight.
+    normal prior (method, section 10): the poses determine it where they can, otherwise the stated value does. Where a
+    specification bounds an amplitude, `soft` is the mean variance of a prior and `wall` a value it never exceeds;
+    otherwise both are ``inf``. `leap` is a value that one step may reach from any other. `spread_variance` is an
+    estimate with `spread_dof` degrees of freedom, from spreads within poses or from a specification.
     """
 
     name: str
@@ -418,7 +418,10 @@ _OFFSET = f"{DhKind.THETA_OFF.symbol}_"
 
 
 def _source(parameter: Parameter, fixture: Collection[str]) -> str:
-    """Return which of `_SOFT` a parameter with a prior belongs to; `fixture` are the names of the fixture's."""
+    """Return the key of `_SOFT` to which a parameter with a prior belongs.
+
+    `fixture`: names of the fixture's parameters.
+    """
     if parameter.name.startswith(_OFFSET):
         return OFFSETS
     if parameter.name in fixture:

@@ -1,9 +1,9 @@
 """A linear mixed model solved for given variances, and the results of one linearisation.
 
 Henderson's mixed-model equations in whitened coordinates: with M the columns [hard, effects], the
-effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing here grows with the square of the poses. Results:
-covariance, repeatability, uncertainty budget, misfit of a group of poses predicted by the others, score of any further
-column.
+effects scaled to unit variance, ``H = M'M + diag(0, I)``. Nothing grows with the square of the number of poses.
+Results: covariance, repeatability, uncertainty budget, misfit of a group of poses predicted by the others, score of any
+further column.
 """
 
 from __future__ import annotations

@@ -8,14 +8,14 @@ acts on the fixture alone: joints in free mode carry no torque, so at rest, for 
     J_f' F + dtau_f = 0,     N' F = 0
 
 (Murray, Li & Sastry, *A Mathematical Introduction to Robotic Manipulation*, 1994, eq. 6.4; J_f are the
-free joints' columns of the closure Jacobian, N those of the fixture's own freedoms, about which it carries no moment).
-Written ``F = E y`` with ``E' N = 0``, and with friction that limits the force at a fold, that is
+free joints' columns of the closure Jacobian, N those of the fixture's own degrees of freedom, about which it carries no
+moment). Written ``F = E y`` with ``E' N = 0``, and with friction that limits the force at a fold, that is
 
     F = -E (K K' + rho^2 I)^-1 K dtau_f,     K = E' J_f,
 
 linear in dtau, which is linear in the errors of masses and centres (`solver.chain.statics`): F = W z,
-z ~ N(0, I). A pose file does not state which joints were in position mode: every set of as many as the loop has
-freedoms is possible, and W holds the columns of all sets with equal weights.
+z ~ N(0, I). A pose file does not state which joints were in position mode: every set of as many as the loop has degrees
+of freedom is possible, and W holds the columns of all sets with equal weights.
 
 Each half of the fixture has a compliance (`solver.estimators.compliance`). The leading eigenvectors
 of the displacements' covariance are the columns (Nystroem's from poses far apart), of the stated size over the poses,
@@ -352,7 +352,8 @@ def wrench_of(
 ) -> FloatArray:
     """Fixture's wrench (..., k, c) that keeps free joints at rest under torques (..., f, c).
 
-    `J`: columns of the free joints (..., k, f). `E`: left null space (..., k, r) of the fixture's own freedoms.
+    `J`: columns of the free joints (..., k, f). `E`: left null space (..., k, r) of the fixture's own degrees of
+    freedom.
     """
     K = np.swapaxes(E, -1, -2) @ J
     held = K @ np.swapaxes(K, -1, -2) + rub**2 * np.eye(K.shape[-2])

@@ -5,7 +5,7 @@ they are not. Shapes have coefficients ~ N(0, 1); the rest of a stated variance 
 
 The smooth functions are a Gaussian process over joint space with several scales at once and a linear part, in low rank:
 its values at all poses are ``Phi b`` with b ~ N(0, I) and ``Phi`` (m, k), made from poses far apart (Nystroem), so its
-cost grows with the poses and not with their square.
+cost grows in proportion to the number of poses and not with its square.
 """
 
 from __future__ import annotations

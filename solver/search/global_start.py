@@ -1,6 +1,6 @@
 """Calibration without a first guess: offsets anywhere in +-180 deg, the fixture unknown.
 
-Many starts are minimised in one batch on a few spread poses; where the fixture can be projected out
+Many starts are minimised in one batch, on a few poses far apart; where the fixture can be projected out
 (`inner_search`) only the inner joints' offsets are guessed. The best minima are then refined with all unknowns on all
 poses and compared: how many starts led to the best, and whether a solution that is not equivalent fits as well.
 Deterministic for a seed.

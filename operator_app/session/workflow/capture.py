@@ -280,7 +280,7 @@ def _repeat_pose(
 
 
 def _require_repeat_agrees(session: Session) -> str:
-    """Raise GuardError if the repeated pose shows a shift; else return the message of the comparison."""
+    """Raise GuardError if the repeated pose shows a shift; otherwise return the message of the comparison."""
     report = check_repeat(session.state, session.procedure)
     session.record("return_holds", {"of": session.state.repeats[-1].first.number, "told": report})
     return report
@@ -289,7 +289,7 @@ def _require_repeat_agrees(session: Session) -> str:
 def _repeat_first_pose_and_come_back(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> None:
-    """Repeat the first pose, then return to the current position."""
+    """Repeat the first pose, then return to where the arm was."""
     before = session.arm.snapshot().positions_rad
     way = _repeat_first_pose(session, listener, planned, suspect=suspect)
     if planned is not None:

@@ -97,7 +97,7 @@ class CalibratePlot(Lines):
 
 
 class CalibrateView(StepView):
-    """Settings and a plot."""
+    """View of step 5: settings and a plot."""
 
     STEP = Step.CALIBRATE
 

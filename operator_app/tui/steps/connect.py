@@ -17,7 +17,7 @@ from operator_app.units import DATA_AGE
 
 
 class BusPanel(Lines):
-    """Interface and traffic."""
+    """Panel with interface and traffic of the bus."""
 
     TITLE = "Bus"
     HELP = (
@@ -117,7 +117,7 @@ class CheckPanel(Lines):
 
 
 class ConnectView(StepView):
-    """Bus, nodes, check."""
+    """View of step 1: bus, nodes, check."""
 
     STEP = Step.CONNECT
 

@@ -110,7 +110,7 @@ class RecordPanel(Lines):
 
 
 class ExportView(StepView):
-    """File, difference, record."""
+    """View of step 7: file, difference, record."""
 
     STEP = Step.EXPORT
     MAIN = "diff"

@@ -149,7 +149,7 @@ class ChecklistPanel(ListPanel):
 
 
 class FixtureView(StepView):
-    """Placement, checks, check list, drawing."""
+    """View of step 2: placement, checks, check list, drawing."""
 
     STEP = Step.FIXTURE
     MAIN = "checklist"

@@ -108,7 +108,7 @@ class ParametersPanel(TablePanel):
     )
 
     def table(self, s: SessionSnapshot) -> FactTable | None:
-        """Parameters."""
+        """Return the table of parameters."""
         facts = facts_on(s)
         return None if facts is None else facts.tables[0]
 

@@ -84,7 +84,7 @@ class TablePanel(ListPanel):
         return self._head
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """One row."""
+        """Return one row of the table."""
         return [self._rows[k]]
 
 
@@ -130,7 +130,7 @@ class JointTable(ListPanel):
         return [line((titles, "header"))]
 
     def row(self, s: SessionSnapshot, k: int, width: int) -> Sequence[Line]:
-        """One joint."""
+        """Return the row of one joint."""
         state = s.arm.joints[k] if s.arm is not None else None
         return [self._row(s, k, s.procedure.arm.joints[k], state, width)]
 

@@ -78,7 +78,7 @@ class GiveModel(Uncertain):
     orientation_mrad: StatedMrad = GIVE_MRAD
 
     def compliance(self, held: Sequence[str]) -> Compliance:
-        """Return it as a domain object, for a fixture that constrains `held`: ``position_mm``, ``orientation_mrad`` or both."""
+        """Return it as a domain object; `held`: what the fixture constrains: ``position_mm``, ``orientation_mrad``."""
         missing = (key for key in held if key not in self.model_fields_set)
         return Compliance(
             position_m=self.position_mm / 1e3,

@@ -62,7 +62,7 @@ SECTIONS: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "simulated": "what is simulated, and what was tried on real arms",
             "safety": "what is checked before and while the arm moves",
             "sign": "the sign of offsets, and the D-H convention",
-            "mounting": "which offsets outlive a mounting",
+            "mounting": "which offsets survive a remounting",
             "error-model": "what the calibration does, and which errors it models",
             "paper": "which command does which part of the paper",
         },

@@ -79,7 +79,8 @@ async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) ->
         await d.press(*["down"] * (1 + topics.index("sign")), "enter")
         await d.until(lambda: isinstance(d.app.screen, Read), "the page")
         heading, line, *_ = (await d.reading()).splitlines()
-        assert heading == manual().page("sign").title and set(line) == {"="}
+        assert heading == manual().page("sign").title
+        assert set(line) == {"="}
         assert max(map(len, (await d.reading()).splitlines())) <= 86
         await d.press("escape")
         assert d.app.screen is d.app.main

@@ -32,7 +32,7 @@ class FaultInjector:
         self._target = controller
 
     def disturb_frames(self, faults: FrameFaults) -> None:
-        """Lose, double, ... frames of all nodes in both directions; `FrameFaults()` ends it."""
+        """Lose, double, delay or damage frames of all nodes, in both directions; `FrameFaults()` ends this."""
 
         def act(now: Disturbances) -> None:
             clean = faults == FrameFaults()

@@ -132,7 +132,7 @@ class OpenTruth(Truth):
         return Truth.named(self) | _axes(base=self.base_m, tip=self.tip_m)
 
     def loop(self) -> MeasuredClosure:
-        """Closure of the measured target, without measurements."""
+        """Closure model of the target, not yet bound to measurements."""
         return MeasuredClosure(
             table=self.arm_table,
             entries=(),

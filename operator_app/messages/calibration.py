@@ -73,7 +73,7 @@ SOURCE_REMEDIES = {
 
 _FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (give) in the fixture file"
 _UNSENSED = "calibrate with --unsensed {joint}"
-_NEARER = "take more poses that differ, or state nominal values closer to the true ones"
+_NEARER = "take more poses that differ more from each other, or state nominal values closer to the true ones"
 _REPEAT_JOINT = (
     "check the coupling and cable of joint {joint}'s sensor (count loss, a slipped coupling), home the joint and "
     "take all poses again"
@@ -512,7 +512,7 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
         "",
     ),
     K.COMPARED_ENTRIES: (
-        "A and B did not identify the same entries: an entry fixed in only one of them changes the others",
+        "A and B did not identify the same entries: an entry fixed in only one of them changes the other entries",
         "",
     ),
     K.COMPARED_CONSTANT: (

@@ -152,6 +152,10 @@ class LinearModel(Layout):
             F[:, self._rows_of(key)] += v[c]
         return F
 
+    def _rows_of(self, component: str) -> slice:
+        """Closure components along which a component of the fixture's noise acts."""
+        return slice(0, 3) if component == "fixture_rad" else slice(self.rows - 3, self.rows)
+
     def fixed_fixture_noise(self) -> dict[str, FloatArray]:
         """Variances (m, k) of the noise along the closure components that no component scales, by source."""
         measured = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))

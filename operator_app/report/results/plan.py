@@ -316,7 +316,9 @@ def _placement_json(
         "tilt_deg": math.degrees(report.mounted.tilt_rad),
         "shift_mm": 1e3 * report.mounted.shift_m,
         "placement": dict(
-            (f"{name}_deg", math.degrees(v)) if name.startswith(ANGULAR) else (f"{name}_mm", 1e3 * v)
+            (f"{name}_deg", math.degrees(v))
+            if name.startswith(ANGULAR)
+            else (f"{name}_mm", 1e3 * v)
             for name, v in _entries(report.mounted).items()
         ),
         "mobility": report.mobility,

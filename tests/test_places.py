@@ -41,7 +41,6 @@ operator_app/report/test_html_numbers.py
 operator_app/report/test_position_only.py
 operator_app/report/test_renderings.py
 operator_app/session/test_clock_set_back.py
-operator_app/session/test_connecting.py
 operator_app/session/test_journal_lost.py
 operator_app/session/test_journal_watched.py
 operator_app/session/test_noticing.py
@@ -65,7 +64,6 @@ operator_app/tui/test_outside_arm.py
 operator_app/tui/test_panels.py
 operator_app/tui/test_snapshots.py
 operator_app/tui/test_stop.py
-operator_app/tui/test_table_of_actions.py
 operator_app/tui/test_walk.py
 solver/estimators/test_mixed_model.py
 solver/estimators/test_monte_carlo.py

@@ -6,9 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from operator_app.cli import main
 from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
+from tests.oracles.answers import Answer, EndsWith
 from tests.oracles.journalled_sessions import journalled_sessions
+from tests.oracles.live_source import FakeSource
 from tests.oracles.opened import MakeSession, opened
 from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.recorded import recorded_folder
@@ -27,15 +30,43 @@ def make_session(tmp_path: Path) -> Iterator[MakeSession]:
         resume: bool = False,
         serial: str = SERIAL,
         arm: PlantArm | None = None,
+        connect: bool = False,
     ) -> Session:
         there = arm or PlantArm(procedure, scenario_name, serial)
         folder = tmp_path / "session"
         made.append(opened(folder, there, procedure, resumed=resume, clock=Ticking()))
+        if connect:
+            made[-1].connect()
         return made[-1]
 
     yield make
     for session in made:
         session.close("end of the test")
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Iterator[FakeSource]:
+    """Sessions on live fake arms; the open one is closed in the end."""
+    made = FakeSource(tmp_path / "sessions")
+    yield made
+    made.close("end of the test")
+
+
+@pytest.fixture
+def ends_with(capsys: pytest.CaptureFixture[str]) -> EndsWith:
+    """Run a command, which must end with this exit code: ``ends_with(2, "solve", file).err``."""
+
+    def run(code: int, *words: object) -> Answer:
+        capsys.readouterr()
+        try:
+            ended = main([str(word) for word in words])
+        except SystemExit as usage:
+            ended = usage.code
+        said = capsys.readouterr()
+        assert ended == code, said.err
+        return Answer(out=said.out, err=said.err)
+
+    return run
 
 
 @pytest.fixture(scope="session")

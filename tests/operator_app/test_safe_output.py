@@ -26,6 +26,7 @@ from operator_app.safe_output import MARK, harmless, lines, say
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
+from tests.oracles.answers import EndsWith
 from tests.oracles.journals import events, written
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
@@ -83,7 +84,7 @@ def test_the_headless_faces_mark_them(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 def test_what_is_typed_is_repeated_as_text(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ends_with: EndsWith
 ) -> None:
     name = str(tmp_path / "no\x1b[31msuch\nsarcal: all is well\u202e")
     arm = ["--arm", "sarcos_dextrous", "--fixture", "hinge"]
@@ -95,8 +96,7 @@ def test_what_is_typed_is_repeated_as_text(
         ["session", "show", name],
         ["run", "--unsensed", name],
     ):
-        assert main(words) == 2
-        said = capsys.readouterr().err
+        said = ends_with(2, *words).err
         assert obeyed(said) == set()
         assert not any(line.startswith("sarcal: all is well") for line in said.splitlines())
     with pytest.raises(SystemExit):
@@ -104,21 +104,29 @@ def test_what_is_typed_is_repeated_as_text(
     assert obeyed(capsys.readouterr().err) == set()
 
 
+@pytest.fixture
+def odd_pose(reference_data: Path, tmp_path: Path) -> Callable[[str], Path]:
+    """Write a file of poses of which one is odd, its labels beginning with this."""
+
+    def write(label: str) -> Path:
+        source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
+        rows = [row.split(",") for row in source[:14]]
+        for row in rows[1:]:
+            row[1] = f'"{label}{row[1]}"'
+        rows[5][3] = str(float(rows[5][3]) + 3.0)
+        path = tmp_path / "poses.csv"
+        path.write_text("\n".join(",".join(row) for row in rows), newline="")
+        return path
+
+    return write
+
+
 def test_labels_of_a_poses_file_stay_in_the_file(
-    tmp_path: Path, reference_data: Path, capsys: pytest.CaptureFixture[str]
+    odd_pose: Callable[[str], Path], ends_with: EndsWith
 ) -> None:
-    source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
-    label = HOSTILE.replace("\ud800", "").replace("\x00", "")
-    rows = [row.split(",") for row in source[:14]]
-    for row in rows[1:]:
-        row[1] = f'"{label}{row[1]}"'
-    rows[5][3] = str(float(rows[5][3]) + 3.0)
-    path = tmp_path / "poses.csv"
-    path.write_text("\n".join(",".join(row) for row in rows), newline="")
-    poses = load_poses(path, joint_count=7).poses
-    assert "\x1b[2J" in poses.label[0]
-    assert main(["solve", str(path), "--arm", "sarcos_dextrous", "--fixture", "hinge"]) in (0, 4)
-    found = capsys.readouterr()
+    path = odd_pose(HOSTILE.replace("\ud800", "").replace("\x00", ""))
+    assert "\x1b[2J" in load_poses(path, joint_count=7).poses.label[0]
+    found = ends_with(4, "solve", path, "--arm", "sarcos_dextrous", "--fixture", "hinge")
     assert "owned" in found.out, "the odd pose is named"
     assert obeyed(found.out + found.err) == set()
 
@@ -137,22 +145,19 @@ def hostile_session(folder: Path) -> Path:
 
 
 def test_a_session_keeps_what_was_written_and_shows_it_as_text(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
     folder = hostile_session(tmp_path / "one")
     root = ["--sessions", str(tmp_path)]
     state = read_session(folder).state
     assert state is not None
     assert state.serial_number == HOSTILE
-    assert main(["session", "list", *root]) == 0
-    listed = capsys.readouterr().out
+    listed = ends_with(0, "session", "list", *root).out
     assert len(listed.splitlines()) == 2
-    assert main(["session", "show", "one", *root]) == 0
-    shown = capsys.readouterr().out
+    shown = ends_with(0, "session", "show", "one", *root).out
     assert "owned" in listed + shown
     assert obeyed(listed + shown) == set()
-    assert main(["session", "show", "one", "--json", *root]) == 0
-    data = capsys.readouterr().out
+    data = ends_with(0, "session", "show", "one", "--json", *root).out
     assert obeyed(data) == set()
     assert json.loads(data)["serial_number"] == HOSTILE
 
@@ -183,19 +188,14 @@ def test_progress_that_cannot_be_written_goes_nowhere(
 
 @pytest.mark.parametrize("stream", [full, unread])
 def test_of_results_nobody_reads_the_exit_code_is_what_was_found(
-    tmp_path: Path,
-    reference_data: Path,
+    odd_pose: Callable[[str], Path],
     monkeypatch: pytest.MonkeyPatch,
     stream: Callable[[], TextIO],
 ) -> None:
-    source = (reference_data / "hinge" / "hinge_exact.csv").read_text().splitlines()
-    rows = [row.split(",") for row in source[:14]]
-    rows[5][3] = str(float(rows[5][3]) + 3.0)
-    path = tmp_path / "poses.csv"
-    path.write_text("\n".join(",".join(row) for row in rows))
+    words = ["solve", str(odd_pose("")), "--arm", "sarcos_dextrous", "--fixture", "hinge"]
     with stream() as broken:
         monkeypatch.setattr("sys.stdout", broken)
-        code = main(["solve", str(path), "--arm", "sarcos_dextrous", "--fixture", "hinge"])
+        code = main(words)
     # An odd pose is not accepted; a result that is to be kept and cannot be is an error of its own.
     assert code == (4 if stream is unread else 2)
 

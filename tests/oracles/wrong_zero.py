@@ -1,4 +1,4 @@
-"""The plant with a joint whose counter is off, or began anew; counts what enables drives and moves."""
+"""The plant with a joint whose counter is off, or began anew; counts what enables drives."""
 
 from dataclasses import replace
 
@@ -16,8 +16,7 @@ class WrongZero(PlantArm):
     def __init__(self, procedure: Procedure, chosen: Scenario | None = None) -> None:
         super().__init__(procedure, chosen or scenario("datasheet", seed=3))
         self.serials = {j: 100 + j for j in range(1, 8)}
-        self.enabled = self.moved = 0
-        self.before_end = (0, 0)
+        self.enabled = 0
 
     def begin_anew(self, joint: int) -> None:
         self.off_rad[joint - 1] = -self._positions()[joint - 1]
@@ -35,10 +34,6 @@ class WrongZero(PlantArm):
     def take_control(self) -> None:
         self.enabled += 1
         super().take_control()
-
-    def move(self, *args: object, **kwargs: object) -> object:  # type: ignore[override]
-        self.moved += 1
-        return super().move(*args, **kwargs)  # type: ignore[arg-type]
 
 
 def counted_from(procedure: Procedure, moved_rad: np.ndarray) -> Procedure:

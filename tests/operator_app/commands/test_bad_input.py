@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from operator_app.cli import main
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.config.resources import resolve
+from tests.oracles.answers import EndsWith
 
 PROCEDURE = resolve("procedure", "hinge").data.decode()
 SPEED = next(line for line in PROCEDURE.splitlines() if "speed_deg_per_s" in line)
@@ -65,18 +65,13 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("case", CASES)
 def test_bad_input_is_one_error_and_nothing_is_written(
-    tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, case: str, ends_with: EndsWith, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     words, expected = CASES[case]
     argv = words(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = sorted(tmp_path.rglob("*"))
-    try:
-        code = main(argv)
-    except SystemExit as refused:
-        code = refused.code
-    assert code == 2
-    said = capsys.readouterr()
+    said = ends_with(2, *argv)
     assert expected in said.err
     assert said.out == ""
     assert sorted(tmp_path.rglob("*")) == before
@@ -101,16 +96,14 @@ def test_an_empty_value_is_refused_before_anything_is_opened(
     action: argparse.Action,
     blank: str,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    ends_with: EndsWith,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     first = {"session name": ["list"], "verify csv": ["x"], "compare b": ["x"]}
     before = first.get(f"{command} {action.dest}", [])
-    with pytest.raises(SystemExit) as refused:
-        main([*([] if command == APP else [command]), *before, *action.option_strings[-1:], blank])
-    assert refused.value.code == 2
-    said = capsys.readouterr()
+    words = [*([] if command == APP else [command]), *before, *action.option_strings[-1:], blank]
+    said = ends_with(2, *words)
     name = "/".join(action.option_strings) or action.metavar or action.dest
     assert f"error: argument {name}: " in said.err
     assert said.out == ""

@@ -1,13 +1,12 @@
 """`sarcal check`: all that is wrong with files of any kind at once, else what would be done with them."""
 
-import json
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
-from operator_app.cli import main
 from tests.oracles import lbr_iiwa
+from tests.oracles.answers import EndsWith
 
 POSES = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 ARM = (files("operator_app") / "data/arms/sarcos_dextrous.yaml").read_text()
@@ -35,7 +34,7 @@ def broken(text: str, **changes: str) -> str:
 
 
 def test_everything_wrong_with_every_file_is_said_at_once(
-    capsys: pytest.CaptureFixture[str],
+    ends_with: EndsWith,
 ) -> None:
     arm = broken(
         ARM, old="row: 2, theta_off_deg|free: [theta_off_1,", new="row: 2, theta_of_deg|free: ["
@@ -50,9 +49,7 @@ def test_everything_wrong_with_every_file_is_said_at_once(
     )
     Path("four.csv").write_text(POSES.read_text().replace("150.010922737073", "x", 1))
     Path("five.yaml").write_text("answer: 42\n")
-    code = main(["check", "four.csv", "five.yaml", "three", "a.yaml", "two.txt", "six.yaml"])
-    told = capsys.readouterr()
-    assert code == 2
+    told = ends_with(2, "check", "four.csv", "five.yaml", "three", "a.yaml", "two.txt", "six.yaml")
     assert not told.err
     lines = told.out.splitlines()
     for start in (
@@ -70,15 +67,12 @@ def test_everything_wrong_with_every_file_is_said_at_once(
     assert lines[0] == f"{len(lines) - 1} problems in 6 files:"
 
 
-def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(ends_with: EndsWith) -> None:
     Path("one").write_text(ARM.replace("schema: sarcal/arm/1\n", "schema: sarcal/arm/1\n\n"))
     Path("two").write_text(HINGE)
     Path("bus").write_text(PROFILE)
     Path("table").write_bytes(POSES.read_bytes())
-    assert main(["check", "table", "two", "one", "bus"]) == 0
-    text = capsys.readouterr().out
+    text = ends_with(0, "check", "table", "two", "one", "bus").out
     said = " ".join(text.split())
     for words in (
         "table 60 poses of 7 joints, 1 placement",
@@ -97,9 +91,7 @@ def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(
     assert max(map(len, text.splitlines())) <= 100
 
 
-def test_what_cannot_be_calibrated_is_named_with_its_reason(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_what_cannot_be_calibrated_is_named_with_its_reason(ends_with: EndsWith) -> None:
     """The elbow in a rigid attachment (paper, section 1), and poses that are one and the same."""
     Path("rigid.yaml").write_text(RIGID)
     Path("arm.yaml").write_text(
@@ -109,8 +101,7 @@ def test_what_cannot_be_calibrated_is_named_with_its_reason(
             new="home_deg: [3.24, 210.87, 116.84, -124.23, -144.53, -172.77, 40.52]",
         )
     )
-    assert main(["check", "arm.yaml", "rigid.yaml", "--json"]) == 5
-    (chain,) = json.loads(capsys.readouterr().out)["chains"]
+    (chain,) = ends_with(5, "check", "arm.yaml", "rigid.yaml", "--json").json["chains"]
     assert chain["mobility"] == 1
     assert "IMMOBILE_4" in {c["code"] for c in chain["checks"] if c["severity"] == "refused"}
     assert [j["sensor"] for j in chain["joints"]] == ["encoder"] * 5 + ["rvdt"] * 2
@@ -118,42 +109,32 @@ def test_what_cannot_be_calibrated_is_named_with_its_reason(
     head, first, *_ = POSES.read_text().splitlines()
     same = [first.replace("1,1,", f"1,{k},", 1) for k in range(1, 30)]
     Path("same.csv").write_text("\n".join([head, *same]) + "\n")
-    assert main(["check", "same.csv", "--procedure", "hinge"]) == 5
-    said = " ".join(capsys.readouterr().out.split())
+    said = ends_with(5, "check", "same.csv", "--procedure", "hinge").words
     assert "! not identifiable: theta_off_" in said
     assert "Joints 1 and 5 would drive (named by the procedure" in said
 
 
-def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(ends_with: EndsWith) -> None:
     text = broken(
         PROCEDURE,
         old="{position: [1, 5]}|    - {joint: 1, from_deg: -30, to_deg: 48}\n",
         new="{position: [5]}|",
     )
     Path("p.yaml").write_text(text)
-    assert main(["check", "p.yaml"]) == 5
-    said = " ".join(capsys.readouterr().out.split())
-    assert (
-        "1 joint in position mode (5), but a hinge fixture leaves the arm 2 degrees of freedom"
-        in said
-    )
-    assert main(["check", "hinge"]) == 2
-    assert "use --fixture hinge or --procedure hinge" in capsys.readouterr().err
-    assert main(["check"]) == 2
+    said = ends_with(5, "check", "p.yaml").words
+    assert "1 joint in position mode (5), but a hinge fixture leaves the arm 2 degrees" in said
+    assert "use --fixture hinge or --procedure hinge" in ends_with(2, "check", "hinge").err
+    ends_with(2, "check")
 
 
-def test_poses_that_are_no_arms_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_poses_that_are_no_arms_are_said(ends_with: EndsWith) -> None:
     rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
     Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
-    assert main(["check", "one.csv"]) == 0
     assert "these poses allow a calibration was not checked" in " ".join(
-        capsys.readouterr().out.split()
+        ends_with(0, "check", "one.csv").out.split()
     )
 
     Path("six.urdf").write_text(lbr_iiwa.urdf(6))
-    assert main(["new", "arm", "--urdf", "six.urdf", "-o", "six.yaml"]) == 0
+    ends_with(0, "new", "arm", "--urdf", "six.urdf", "-o", "six.yaml")
     line = ["check", "one.csv", "six.yaml", "--arm", "sarcos_dextrous", "--fixture", "hinge"]
-    assert main(line) == 2
-    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in capsys.readouterr().out
+    assert "! one.csv:1: poses of 1 joint, the arms have 6 and 7" in ends_with(2, *line).out

@@ -11,18 +11,18 @@ import pytest
 from hardware.buses.python_can import BusSettings
 from hardware.virtual.fault_messages import FAULTS
 from hardware.virtual.faults import FaultInjector, ScriptedFault
-from operator_app.cli import main
 from operator_app.commands.controller import script_of
 from operator_app.commands.table import parser_of
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller, slots_in
+from tests.oracles.answers import EndsWith
 from tests.oracles.raw_can import RawPeer
 
 
 def test_a_state_that_is_no_folder_is_one_error_that_names_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
     file, pipe, full = tmp_path / "file", tmp_path / "pipe", tmp_path / "full"
     file.write_text("parameters")
@@ -31,8 +31,7 @@ def test_a_state_that_is_no_folder_is_one_error_that_names_it(
     os.mkfifo(full / "active")
     for place in (file, pipe, full, file / "below", Path("/proc/x"), Path("/proc")):
         words = ["controller", "-i", "loopback", "-c", "no-state", "--state", str(place)]
-        assert main(words) == 2
-        said = capsys.readouterr()
+        said = ends_with(2, *words)
         assert said.out == ""
         assert f"parameters cannot be stored in {place} (" in said.err
         assert "leave --state out" in said.err

@@ -9,44 +9,40 @@ import pytest
 
 from operator_app.cli import main
 from operator_app.config.parameters_file import load_parameters
-from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import read_journal
+from operator_app.session.store.replay import session_state
+from tests.oracles.answers import EndsWith
 
 
 @pytest.mark.campaign
 def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
     options = ["--sessions", str(tmp_path / "sessions")]
     procedure = tmp_path / "strict.yaml"
     packaged = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
     # No arm meets this limit.
     procedure.write_text(packaged.replace("scaled_condition_number: 100", "sigma_pos_mm: 0.000001"))
-    assert main(["run", str(procedure), "--poses", "4", *options]) == 4
+    ends_with(4, "run", procedure, "--poses", "4", *options)
     (folder,) = (tmp_path / "sessions").iterdir()
-    assert main(["export", folder.name, "--upload", *options]) == 4
-    assert "not accepted: " in capsys.readouterr().err
+    assert "not accepted: " in ends_with(4, "export", folder.name, "--upload", *options).err
     assert not (folder / "parameters.yaml").exists()
-    assert main(["compare", folder.name, folder.name, *options]) == 0
-    assert "! A was not accepted (" in capsys.readouterr().out
+    said = ends_with(0, "compare", folder.name, folder.name, *options).out
+    assert "! A was not accepted (" in said
 
     copy = tmp_path / "copy.yaml"
     forced = ["--upload", "--force", "the demo is tonight", "-o", str(copy)]
-    assert main(["export", folder.name, *forced, *options]) == 4
-    assert "slot A active" in capsys.readouterr().out
+    assert "slot A active" in ends_with(4, "export", folder.name, *forced, *options).out
     assert copy.read_bytes() == (folder / "parameters.yaml").read_bytes()
     first = load_parameters(copy).warnings[0]
     assert first.code == "FORCED"
     assert first.text.endswith("exported because: the demo is tonight")
-    state = read_session(folder).state
-    assert state is not None
-    assert state.exported["forced"] == "the demo is tonight"
-    assert state.exported["uploaded"]["slot"] == "A"
+    exported = session_state(read_journal(folder)).exported
+    assert (exported["forced"], exported["uploaded"]["slot"]) == ("the demo is tonight", "A")
 
     # Solved otherwise for the upload: that is what the journal says was exported.
     other = ["--upload", "--estimator", "paper", "--force", "to compare", "-o", str(copy), "--json"]
-    assert main(["export", folder.name, *other, *options]) == 4
-    said = capsys.readouterr()
+    said = ends_with(4, "export", folder.name, *other, *options)
     assert "calibrated again" in said.err
     told = json.loads(said.out)
     assert told["file"] == str(copy)
@@ -56,9 +52,7 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
     assert [e.name for e in events].count("control") == 1, "an upload enables no drive"
     solved, exported = [e for e in events if e.name in ("solved", "exported")][-2:]
     assert solved.data["estimator"] == "paper"
-    state = read_session(folder).state
-    assert state is not None
-    assert state.solution == solved.data["record"]
+    assert session_state(read_journal(folder)).solution == solved.data["record"]
     found = load_parameters(copy)
     assert found.estimator == "paper"
     assert exported.data["sha256"] == hashlib.sha256(copy.read_bytes()).hexdigest()

@@ -1,7 +1,5 @@
 """What is said when the app is left: what the arm does, where the session is, how to come back to it."""
 
-from pathlib import Path
-
 import pytest
 
 from operator_app.commands.app import farewell
@@ -15,13 +13,13 @@ def left(source: FakeSource, reason: str = "left") -> str:
 
 
 @pytest.fixture
-def source(tmp_path: Path) -> FakeSource:
-    made = FakeSource(tmp_path / "sessions")
-    runner = made.new()
+def source(source: FakeSource) -> FakeSource:
+    """With a pose in its session."""
+    runner = source.new()
     runner.operations.connect()
     runner.operations.set_modes((1, 5))
     runner.operations.capture(0)
-    return made
+    return source
 
 
 def test_an_arm_that_answered_is_held(source: FakeSource) -> None:

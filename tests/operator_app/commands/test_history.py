@@ -1,7 +1,6 @@
 """`sarcal history`: sessions in folders, months apart, of one arm whose joint 4 slips before the sixth."""
 
-import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -9,7 +8,6 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.history import PastVerification, history_of
-from operator_app.cli import main
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
 from operator_app.documents import arm_history
@@ -17,6 +15,7 @@ from operator_app.report.results.history import history_text
 from operator_app.session.store.stored_calibration import solve
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER, ImportedSession
 from solver.chain.poses import PoseSet
+from tests.oracles.answers import Answer, EndsWith
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 SERIAL = "SDA-7"
@@ -61,18 +60,16 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     return root
 
 
-def asked(words: list[str], root: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
-    code = main(["history", *words, "--sessions", str(root)])
-    said = capsys.readouterr()
-    return code, said.out, said.err
+@pytest.fixture
+def history(ends_with: EndsWith) -> Callable[..., Answer]:
+    """The command on these sessions: ``history(code, sessions, *words)``."""
+    return lambda code, root, *words: ends_with(code, "history", *words, "--sessions", root)
 
 
 def test_a_slipped_joint_is_named_with_session_and_size(
-    sessions: Path, capsys: pytest.CaptureFixture[str]
+    sessions: Path, history: Callable[..., Answer]
 ) -> None:
-    code, out, _ = asked([SERIAL, "--json"], sessions, capsys)
-    assert code == 4
-    found = json.loads(out)
+    found = history(4, sessions, SERIAL, "--json").json
     assert found["verdict"] == "shifted"
     arm, *mounted = found["parts"]
     assert (arm["side"], len(arm["sessions"])) == ("arm", SESSIONS)
@@ -95,44 +92,37 @@ def test_a_slipped_joint_is_named_with_session_and_size(
 
 
 def test_the_serial_may_be_left_out_where_there_is_one(
-    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sessions: Path, tmp_path: Path, history: Callable[..., Answer]
 ) -> None:
-    code, _, err = asked([], sessions, capsys)
-    assert (code, "serial numbers" in err, "SDA-7, SDA-8" in err) == (2, True, True)
+    assert "SDA-7, SDA-8" in history(2, sessions).err
     calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial="SDA-9")
-    code, out, _ = asked([], tmp_path, capsys)
-    assert code == 0
-    assert "SDA-9: 1 accepted calibration" in out
+    assert "SDA-9: 1 accepted calibration" in history(0, tmp_path).out
 
 
 def test_no_sessions_and_none_with_a_serial_number_are_two_answers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, history: Callable[..., Answer]
 ) -> None:
-    code, _, err = asked([], tmp_path, capsys)
-    assert (code, "no sessions in" in err) == (2, True)
+    assert "no sessions in" in history(2, tmp_path).err
     calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial=UNKNOWN_SERIAL_NUMBER)
-    code, _, err = asked([], tmp_path, capsys)
-    assert (code, "states a serial number" in err, "with --serial" in err) == (2, True, True)
+    assert "with --serial" in history(2, tmp_path).err
 
 
 def test_two_sessions_of_one_day_are_no_interval(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, history: Callable[..., Answer]
 ) -> None:
     poses = load_poses(HINGE).poses
     for k, chosen in enumerate((np.arange(40), np.arange(10, 50))):
         calibrated_on(tmp_path, BEGAN + k * timedelta(hours=1), poses.at_poses(chosen))
-    _, out, _ = asked([], tmp_path, capsys)
+    out = history(0, tmp_path).out
     assert "2 accepted calibrations" in out
     assert f"due {BEGAN + timedelta(days=365):%Y-%m-%d}" in out
 
 
 def test_text_page_and_what_stays_mounted(
-    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sessions: Path, tmp_path: Path, history: Callable[..., Answer]
 ) -> None:
     page = tmp_path / "history.html"
-    words = [SERIAL, "--kept-mounted", "--every", "90", "-o", str(page)]
-    code, out, _ = asked(words, sessions, capsys)
-    assert code == 4
+    out = history(4, sessions, SERIAL, "--kept-mounted", "--every", "90", "-o", page).out
     lines = out.splitlines()
     assert lines[0] == "SHIFTED:"
     assert max(len(line) for line in lines if not line.startswith("Page")) <= 80
@@ -143,16 +133,13 @@ def test_text_page_and_what_stays_mounted(
     assert "theta_off_4 by " in text
 
 
-def test_one_session_is_too_early_to_judge(
-    sessions: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, _ = asked(["SDA-8"], sessions, capsys)
-    assert code == 0
+def test_one_session_is_too_early_to_judge(sessions: Path, history: Callable[..., Answer]) -> None:
+    out = history(0, sessions, "SDA-8").out
     assert out.startswith("TOO EARLY TO JUDGE")
     assert "due 2027-01-31" in out
-    code, out, _ = asked(["SDA-8", "--json", "--every", "1"], sessions, capsys)
-    assert (code, json.loads(out)["verdict"]) == (0, "too early to judge")
-    assert "1 day after the last" in json.loads(out)["due_why"]
+    found = history(0, sessions, "SDA-8", "--json", "--every", "1").json
+    assert found["verdict"] == "too early to judge"
+    assert "1 day after the last" in found["due_why"]
 
 
 def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions: Path) -> None:
@@ -168,7 +155,7 @@ def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions: P
 
 
 def test_what_is_wrong_is_one_sentence(
-    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    sessions: Path, tmp_path: Path, history: Callable[..., Answer]
 ) -> None:
     for words, root, said in (
         (["SDA-9"], sessions, "erial numbers there: SDA-7, SDA-8"),
@@ -176,6 +163,4 @@ def test_what_is_wrong_is_one_sentence(
         (["unstated"], sessions, "import with --serial"),
         ([SERIAL, "--every", "0"], sessions, "--every 0: days"),
     ):
-        code, _, err = asked(words, root, capsys)
-        assert code == 2
-        assert said in err
+        assert said in history(2, root, *words).err

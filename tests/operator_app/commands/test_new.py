@@ -10,6 +10,7 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
+from tests.oracles.answers import EndsWith
 from tests.oracles.json_schema import complaints
 from tests.oracles.panda import panda_columns
 
@@ -80,33 +81,24 @@ def test_a_hinge_from_two_measured_lines_closes_where_they_coincide(seed: int) -
     assert angle < 1e-4
 
 
-def test_a_ball_is_where_the_hand_has_it(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_ball_is_where_the_hand_has_it(ends_with: EndsWith) -> None:
     new = ["new", "fixture", "--kind", "ball", "--arm", "franka_panda", "--hand-point=30,-20,55.5"]
-    assert main([*new, "--name", "home", "--tolerance-mm", "2"]) == 0
+    ends_with(0, *new, "--name", "home", "--tolerance-mm", "2")
     made = load_fixture("home.yaml").fixture
     wanted = hand(HOME_DEG) @ [0.03, -0.02, 0.0555, 1.0]
     np.testing.assert_allclose(made.ground_m, wanted[:3], atol=1e-5)  # type: ignore[attr-defined]
     assert made.tolerance.position_m == pytest.approx(2e-3)
-    assert "0.00 deg at most" in capsys.readouterr().out
-    assert main([*new, "--name", "there", "--base-point=400,10,20"]) == 0
+    ends_with(0, *new, "--name", "there", "--base-point=400,10,20")
     np.testing.assert_allclose(load_fixture("there.yaml").fixture.ground_m, [0.4, 0.01, 0.02])  # type: ignore[attr-defined]
 
 
-def test_every_file_names_its_schema_which_is_beside_it_and_fits(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with: EndsWith) -> None:
     Path("files").mkdir()
-    assert (
-        main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml"])
-        == 0
-    )
-    assert main(["new", "fixture", "--from", "ball", "-o", "files/ball.yaml"]) == 0
+    ends_with(0, "new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml")
+    ends_with(0, "new", "fixture", "--from", "ball", "-o", "files/ball.yaml")
     options = ["--arm", "files/arm.yaml", "--fixture", "files/ball.yaml"]
-    assert main(["new", "procedure", *options, "--name", "go", "-o", "files/run.yaml"]) == 0
-    assert (
-        main(["new", "procedure", "--from", "hinge", "--name", "copy", "-o", "files/copy.yaml"])
-        == 0
-    )
+    said = ends_with(0, "new", "procedure", *options, "--name", "go", "-o", "files/run.yaml").out
+    ends_with(0, "new", "procedure", "--from", "hinge", "--name", "copy", "-o", "files/copy.yaml")
     for file, kind, name in (
         ("arm", "arm", "mine"),
         ("ball", "fixture", "my_ball"),
@@ -124,28 +116,23 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(
     assert made.arm.name == "mine"
     # Free in the arm, and hidden by a ball (paper, 2.1): held, with the reason.
     assert set(made.held) == {"theta_off_1", "theta_off_7"}
-    assert "theta_off_7 is fixed: " in capsys.readouterr().out
+    assert "theta_off_7 is fixed: " in said
     before = Path("files/arm.yaml").read_bytes()
-    assert main(["new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml"]) == 2
+    ends_with(2, "new", "arm", "--from", "sarcos_dextrous", "-o", "files/arm.yaml")
     assert Path("files/arm.yaml").read_bytes() == before
-    assert (
-        main(
-            ["new", "procedure", "--arm", "franka_panda", "--fixture", "tracker", "--name", "open"]
-        )
-        == 0
-    )
+    options = ["--arm", "franka_panda", "--fixture", "tracker", "--name", "open"]
+    ends_with(0, "new", "procedure", *options)
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
 def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
-    monkeypatch.chdir(tmp_path)
     (tmp_path / "sarcal-arm.schema.json").mkdir()
-    assert main(["new", "arm", "--from", "ur5e", "-o", "mine.yaml"]) == 2
-    assert "sarcal-arm.schema.json: cannot be written" in capsys.readouterr().err
+    said = ends_with(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
+    assert "sarcal-arm.schema.json: cannot be written" in said
     (tmp_path / "sarcal-arm.schema.json").rmdir()
-    assert main(["new", "arm", "--from", "ur5e", "-o", "mine.yaml"]) == 0
+    ends_with(0, "new", "arm", "--from", "ur5e", "-o", "mine.yaml")
 
 
 @pytest.mark.parametrize(
@@ -169,10 +156,9 @@ def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(
     ],
 )  # fmt: skip
 def test_what_does_not_go_together_is_refused_and_nothing_written(
-    typed: str, says: str, capsys: pytest.CaptureFixture[str]
+    typed: str, says: str, ends_with: EndsWith
 ) -> None:
-    assert main(["new", *typed.split()]) == 2
-    said = capsys.readouterr().err
+    said = ends_with(2, "new", *typed.split()).err
     assert any(part in said for part in says.split("|")), said
     assert said.count("sarcal") == 1 + says.count("sarcal"), "the program's name is told once"
     assert not list(Path().iterdir())

@@ -1,6 +1,5 @@
 """Who shows a journalled calibration solves and judges nothing: the solver is a trap here."""
 
-import json
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
@@ -26,6 +25,7 @@ from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
 from solver.search.global_start import global_start
+from tests.oracles.answers import EndsWith
 
 SOLVING = (
     calibrate, check, close_loops, estimate_implicit, estimate_paper, estimate_with_errors,
@@ -46,10 +46,6 @@ def nobody_solves(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(function, "__code__", trap.__code__)
 
 
-def ends_with(code: int, *arguments: object) -> None:
-    assert main([str(a) for a in arguments]) == code
-
-
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_report_and_export_read(
@@ -57,7 +53,7 @@ def test_report_and_export_read(
     journalled: Mapping[str, Path],
     nobody_solves: None,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    ends_with: EndsWith,
 ) -> None:
     folder = journalled[made]
     code = 4 if made == "paper" else 0
@@ -67,14 +63,11 @@ def test_report_and_export_read(
     assert "Solved again" not in page
     if made != "paper":
         assert "far block, held out" in page
-    capsys.readouterr()
-    ends_with(code, "report", folder, "--json")
-    found = json.loads(capsys.readouterr().out)
+    found = ends_with(code, "report", folder, "--json").json
     assert found["estimator"] == ("paper" if made == "paper" else "implicit")
     assert found["paper"] is not None
     assert found["session"]["folder"] == str(folder)
-    ends_with(code, "report", folder, "--text")
-    assert "ACCEPTED" in capsys.readouterr().out
+    assert "ACCEPTED" in ends_with(code, "report", folder, "--text").out
     ends_with(code, "export", folder, "--force", "a test", "-o", tmp_path / "parameters.yaml")
     assert (tmp_path / "parameters.yaml").is_file()
 
@@ -82,7 +75,11 @@ def test_report_and_export_read(
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_python_reads_what_the_command_exports(
-    made: str, journalled: Mapping[str, Path], nobody_solves: None, tmp_path: Path
+    made: str,
+    journalled: Mapping[str, Path],
+    nobody_solves: None,
+    tmp_path: Path,
+    ends_with: EndsWith,
 ) -> None:
     folder, why = journalled[made], "a test"
     read = sarcal.load_result(folder)
@@ -108,16 +105,14 @@ def test_compare_reads_the_journal_and_finds_what_an_export_says(
     journalled: Mapping[str, Path],
     nobody_solves: None,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
+    ends_with: EndsWith,
 ) -> None:
     alone = tmp_path / "alone"
     alone.mkdir()
     shutil.copy(journalled[made] / JOURNAL_NAME, alone)
     code = 4 if made == "paper" else 0
     ends_with(code, "export", journalled[made], "--force", "a test", "-o", tmp_path / "file.yaml")
-    capsys.readouterr()
-    ends_with(0, "compare", alone, tmp_path / "file.yaml", "--json")
-    found = json.loads(capsys.readouterr().out)
+    found = ends_with(0, "compare", alone, tmp_path / "file.yaml", "--json").json
     assert set(found["parameters"]) >= {"theta_off_1", "s_0", "alpha_7"}
     # But for the last bit, on the way to degrees and back.
     assert all(abs(p["change"]) < 1e-13 for p in found["parameters"].values())

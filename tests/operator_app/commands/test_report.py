@@ -1,6 +1,5 @@
 """`sarcal report` as a script sees it: a page in the session folder, exit codes, words when it cannot."""
 
-import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -13,6 +12,7 @@ from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.opening import Choices, begin
+from tests.oracles.answers import EndsWith
 from tests.oracles.approved import Approve
 
 MakeFolder = Callable[..., Path]
@@ -47,15 +47,14 @@ def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
 
 
 def test_the_page_is_written_into_the_session_folder(
-    make_folder: MakeFolder, capsys: pytest.CaptureFixture[str]
+    make_folder: MakeFolder, ends_with: EndsWith
 ) -> None:
     folder = make_folder()
-    assert main(["report", str(folder)]) == 0
-    assert capsys.readouterr().out == f"Report      {folder / 'report.html'}\n"
+    assert ends_with(0, "report", folder).out == f"Report      {folder / 'report.html'}\n"
     page = (folder / "report.html").read_bytes()
     assert page.startswith(b"<!DOCTYPE html>\n<html lang=")
     assert b"SDA-0009" in page
-    assert main(["report", folder.name, "--sessions", str(folder.parent)]) == 0
+    ends_with(0, "report", folder.name, "--sessions", folder.parent)
     assert (folder / "report.html").read_bytes() == page
     assert sorted(p.name for p in folder.iterdir()) == ["journal.jsonl", "report.html"]
 
@@ -86,36 +85,30 @@ def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFol
     [(0, []), (2, []), (4, ["--unsensed", "8"]), (4, ["--unsensed", "6", "--estimator", "paper"])],
 )
 def test_nothing_is_written_when_there_is_nothing_to_say(
-    make_folder: MakeFolder,
-    poses: int,
-    options: list[str],
-    approve: Approve,
-    capsys: pytest.CaptureFixture[str],
+    make_folder: MakeFolder, poses: int, options: list[str], approve: Approve, ends_with: EndsWith
 ) -> None:
     folder = make_folder(poses)
-    assert main(["report", str(folder), *options]) == 2
-    said = capsys.readouterr()
+    said = ends_with(2, "report", folder, *options)
     assert said.out == ""
     approve(said.err)
     assert not (folder / "report.html").exists()
 
 
 def test_a_folder_that_is_no_session_is_said_to_be_none(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
-    assert main(["report", str(tmp_path)]) == 2
-    assert "is not a session" in capsys.readouterr().err
+    assert "is not a session" in ends_with(2, "report", tmp_path).err
 
 
 def test_a_page_that_cannot_be_written_is_said(
-    make_folder: MakeFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    make_folder: MakeFolder, tmp_path: Path, ends_with: EndsWith
 ) -> None:
-    assert main(["report", str(make_folder(5)), "-o", str(tmp_path / "none" / "r.html")]) == 2
-    assert "cannot be written" in capsys.readouterr().err
+    said = ends_with(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html").err
+    assert "cannot be written" in said
 
 
 def test_a_poses_file_is_named_while_it_holds_the_poses_that_count(
-    make_folder: MakeFolder, capsys: pytest.CaptureFixture[str]
+    make_folder: MakeFolder, ends_with: EndsWith
 ) -> None:
     folder = make_folder()
     file = folder / "poses.csv"
@@ -137,8 +130,7 @@ def test_a_poses_file_is_named_while_it_holds_the_poses_that_count(
     assert named() == str(file)
     add("pose_excluded", {"number": 4, "text": "by the operator"})
     assert named() == "in the journal; poses.csv was written before they were changed"
-    main(["report", str(folder), "--json"])
-    found = json.loads(capsys.readouterr().out)
+    found = ends_with(0, "report", folder, "--json").json
     assert (found["poses"], found["session"]["poses"]) == (19, None)
     file.write_text("no poses at all")
     assert named().startswith("in the journal")

@@ -1,15 +1,13 @@
 """`sarcal reproduce`: the poses it takes are of the specimen, and its figures are of the paper's size."""
 
-import json
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
 from hardware.virtual.scenarios import scenario
-from operator_app.cli import main
 from operator_app.config.procedure_file import load_procedure
 from operator_app.planning.reproduction import capture_specimen
+from tests.oracles.answers import EndsWith
 from tests.oracles.loop_oracle import closure, paper_truth
 
 PRINTED = {"theta_off_2": -122.8, "s_1": 0.273, "alpha_7": 99.8, "a_0": 0.202}
@@ -36,9 +34,8 @@ def test_poses_of_an_exact_specimen_close_its_true_loop() -> None:
 
 
 @pytest.mark.campaign
-def test_the_paper_by_one_command(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["reproduce", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+def test_the_paper_by_one_command(ends_with: EndsWith) -> None:
+    found = ends_with(0, "reproduce", "--json").json
     for name, value in PRINTED.items():
         assert found["table_2"][name]["paper"] == pytest.approx(value)
     assert found["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.15)
@@ -55,8 +52,5 @@ def test_the_paper_by_one_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("poses", ["7", "121"])
-def test_a_number_of_poses_that_says_nothing_is_refused(
-    poses: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["reproduce", "--poses", poses]) == 2
-    assert "between 8 and 120" in capsys.readouterr().err
+def test_a_number_of_poses_that_says_nothing_is_refused(poses: str, ends_with: EndsWith) -> None:
+    assert "between 8 and 120" in ends_with(2, "reproduce", "--poses", poses).err

@@ -1,7 +1,6 @@
 """The user's settings: shown, changed, weaker than everything else, and one clear error where they are wrong."""
 
 import io
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +8,14 @@ import pytest
 
 from hardware.buses.python_can import BusSettings, bus_settings
 from operator_app.cli import main
-from operator_app.commands.options import choices_from
+from operator_app.commands.options import choices_from, opening_from
 from operator_app.commands.table import parser_of
+from operator_app.composition import unattended
 from operator_app.config.user_settings import load_settings, usual_bus
-from operator_app.effective_procedure import effective_procedure
+from operator_app.effective_procedure import effective_procedure, session_bus
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import begin
+from tests.oracles.answers import EndsWith
 from tests.oracles.approved import Approve
 
 
@@ -27,14 +28,11 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "config" / "sarcal" / "settings.yaml"
 
 
-def test_they_are_set_shown_and_taken_away(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["settings"]) == 0
-    assert "there is none" in capsys.readouterr().out
+def test_they_are_set_shown_and_taken_away(file: Path, ends_with: EndsWith) -> None:
+    assert "there is none" in ends_with(0, "settings").out
     words = ["interface=socketcan", "channel=can3", "bitrate=500000", "operator=R. Hand"]
-    assert main(["settings", *words]) == 0
-    capsys.readouterr()
-    assert main(["settings", "bitrate=", "theme=light", "--json"]) == 0
-    shown = json.loads(capsys.readouterr().out)
+    ends_with(0, "settings", *words)
+    shown = ends_with(0, "settings", "bitrate=", "theme=light", "--json").json
     assert shown["file"] == str(file)
     assert shown["settings"]["operator"] == "R. Hand"
     assert load_settings().stated == {
@@ -67,8 +65,6 @@ def test_everything_else_is_stronger(file: Path, monkeypatch: pytest.MonkeyPatch
 def test_who_names_a_virtual_arm_means_one(
     file: Path, tmp_path: Path, options: list[str], virtual: bool
 ) -> None:
-    from operator_app.effective_procedure import session_bus
-
     main(["settings", "interface=socketcan", "channel=can3", "operator=R. Hand"])
     choices = choices_from(parser_of("run").parse_args(["hinge", *options]))
     assert choices.operator == "R. Hand"
@@ -78,14 +74,12 @@ def test_who_names_a_virtual_arm_means_one(
 
 
 def test_a_procedures_virtual_names_no_bus_and_that_is_said(
-    file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    file: Path, tmp_path: Path, ends_with: EndsWith
 ) -> None:
-    from operator_app.effective_procedure import session_bus
-
     line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
-    assert main(line) == 0
-    assert main(["settings", "interface=socketcan", "channel=can3"]) == 0
-    assert "`virtual` in a procedure names no bus" in capsys.readouterr().out
+    ends_with(0, *line)
+    said = ends_with(0, "settings", "interface=socketcan", "channel=can3").out
+    assert "`virtual` in a procedure names no bus" in said
     choices = choices_from(parser_of("run").parse_args(["go.yaml"]))
     opening = begin("go.yaml", choices, root=tmp_path)
     assert opening.procedure.bus.interface == "virtual"
@@ -93,8 +87,6 @@ def test_a_procedures_virtual_names_no_bus_and_that_is_said(
 
 
 def test_the_operator_is_in_the_journal(file: Path, tmp_path: Path) -> None:
-    from operator_app.composition import unattended
-
     main(["settings", "operator=R. Hand"])
     choices = choices_from(parser_of("run").parse_args(["hinge", "--scenario", "exact"]))
     opening = begin("hinge", choices, root=tmp_path)
@@ -116,13 +108,12 @@ def test_the_operator_is_in_the_journal(file: Path, tmp_path: Path) -> None:
     ],
 )
 def test_a_file_that_is_wrong_is_one_clear_error(
-    file: Path, capsys: pytest.CaptureFixture[str], text: str, approve: Approve
+    file: Path, ends_with: EndsWith, text: str, approve: Approve
 ) -> None:
     file.parent.mkdir(parents=True)
     file.write_text(text)
     for command in (["settings"], ["run", "hinge"], ["probe"]):
-        assert main(command) == 2
-        told = capsys.readouterr().err
+        told = ends_with(2, *command).err
         assert str(file) in told
         approve(told)
         assert "Traceback" not in told
@@ -131,57 +122,51 @@ def test_a_file_that_is_wrong_is_one_clear_error(
 
 @pytest.mark.parametrize("word", ["interface", "colour=red", "=x"])
 def test_a_word_that_is_no_setting_says_which_there_are(
-    file: Path, capsys: pytest.CaptureFixture[str], word: str
+    file: Path, ends_with: EndsWith, word: str
 ) -> None:
-    assert main(["settings", word]) == 2
-    assert "interface, channel, bitrate, theme, operator" in capsys.readouterr().err
-    assert main(["settings", "theme=pink"]) == 2
-    assert main(["settings", "bitrate=" + 5000 * "9"]) == 2
+    assert "interface, channel, bitrate, theme, operator" in ends_with(2, "settings", word).err
+    ends_with(2, "settings", "theme=pink")
+    ends_with(2, "settings", "bitrate=" + 5000 * "9")
     assert not file.exists()
 
 
 WRONG = "schema: sarcal/settings/1\ninterface: socketcan\ntheme: pink\nintreface: x\n"
 
 
-def test_a_wrong_file_is_mended_key_by_key(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def wrong(file: Path) -> Path:
     file.parent.mkdir(parents=True)
     file.write_text(WRONG)
-    assert main(["settings", "theme=dark"]) == 2
-    assert f"{file}:4: intreface" in capsys.readouterr().err
-    assert file.read_text() == WRONG
-    assert main(["settings", "theme=dark", "intreface="]) == 0
+    return file
+
+
+def test_a_wrong_file_is_mended_key_by_key(wrong: Path, ends_with: EndsWith) -> None:
+    assert f"{wrong}:4: intreface" in ends_with(2, "settings", "theme=dark").err
+    assert wrong.read_text() == WRONG
+    ends_with(0, "settings", "theme=dark", "intreface=")
     assert load_settings().stated == {"interface": "socketcan", "theme": "dark"}
-    file.write_text("theme: dark\n")
-    assert main(["settings", "operator=R. Hand"]) == 0
+    wrong.write_text("theme: dark\n")
+    ends_with(0, "settings", "operator=R. Hand")
     assert load_settings().stated == {"theme": "dark", "operator": "R. Hand"}
     other = "schema: sarcal/arm/1\nname: mine\n"
-    file.write_text(other)
-    assert main(["settings", "theme=dark", "name="]) == 2
-    assert file.read_text() == other
+    wrong.write_text(other)
+    ends_with(2, "settings", "theme=dark", "name=")
+    assert wrong.read_text() == other
 
 
-def test_reset_on_a_bus_that_is_named_needs_no_settings(file: Path) -> None:
-    from operator_app.commands.options import opening_from
-    from operator_app.effective_procedure import session_bus
-
-    file.parent.mkdir(parents=True)
-    file.write_text(WRONG)
+def test_reset_on_a_bus_that_is_named_needs_no_settings(wrong: Path) -> None:
     opening = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
     assert session_bus(opening.choices, opening.procedure).interface == "loopback"
     assert main(["reset"]) == 2
 
 
 def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    wrong: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It may hold who works here; that is nothing to stop a calibration for."""
-    from operator_app.effective_procedure import session_bus
-
-    file.parent.mkdir(parents=True)
-    file.write_text(WRONG)
     choices = choices_from(parser_of("run").parse_args(["hinge", "-i", "virtual"]))
     said = " ".join(capsys.readouterr().err.split())
-    assert f"{file} is invalid, and its theme and operator are not used" in said
+    assert f"{wrong} is invalid, and its theme and operator are not used" in said
     assert "`sarcal settings` shows what is wrong" in said
     assert choices.operator is None
     opening = begin("hinge", choices, root=tmp_path)
@@ -194,44 +179,37 @@ def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
 
 
 def test_the_app_begins_with_a_wrong_file_and_says_so_on_its_screen(
-    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    wrong: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends_with: EndsWith
 ) -> None:
-    file.parent.mkdir(parents=True)
-    file.write_text(WRONG)
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    assert main(["--plain", "-i", "virtual", "--sessions", str(tmp_path / "sessions")]) == 0
-    said = " ".join(capsys.readouterr().out.split())
-    assert f"warning] {file} is invalid" in said
-    assert said.count(str(file)) == 1
+    said = ends_with(0, "--plain", "-i", "virtual", "--sessions", tmp_path / "sessions").words
+    assert f"warning] {wrong} is invalid" in said
+    assert said.count(str(wrong)) == 1
 
 
-def test_an_interface_is_looked_at_when_it_is_set(
-    file: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["settings", "interface=bogus"]) == 2
-    said = capsys.readouterr().err
+def test_an_interface_is_looked_at_when_it_is_set(file: Path, ends_with: EndsWith) -> None:
+    said = ends_with(2, "settings", "interface=bogus").err
     assert "'bogus'" in said
     assert "loopback" in said
     assert "socketcan" in said
     assert not file.exists()
     for known in ("loopback", "virtual", "slcan"):
-        assert main(["settings", f"interface={known}"]) == 0
+        ends_with(0, "settings", f"interface={known}")
 
 
 @pytest.mark.parametrize(
-    ("stated", "words"),
+    ("stated", "code", "words"),
     [
-        ("interface: bogus", "Use one of"),
-        ("interface: socketcan", "No channel is given"),
-        ("interface: socketcan\nchannel: nosuchcan9", "nosuchcan9|no CAN sockets"),
+        ("interface: bogus", 2, "Use one of"),
+        ("interface: socketcan", 2, "No channel is given"),
+        ("interface: socketcan\nchannel: nosuchcan9", 3, "nosuchcan9|no CAN sockets"),
     ],
 )
 def test_a_bus_of_the_settings_that_does_not_work_names_their_file(
-    file: Path, capsys: pytest.CaptureFixture[str], stated: str, words: str
+    file: Path, ends_with: EndsWith, stated: str, code: int, words: str
 ) -> None:
     file.parent.mkdir(parents=True)
     file.write_text(f"schema: sarcal/settings/1\n{stated}\n")
-    assert main(["probe"]) != 0
-    said = capsys.readouterr().err
+    said = ends_with(code, "probe").err
     assert str(file) in said
     assert any(word in said for word in words.split("|")), said

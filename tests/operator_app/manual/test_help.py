@@ -5,10 +5,10 @@ from functools import cache
 
 import pytest
 
-from operator_app.cli import main
 from operator_app.commands.help_topic import manual
 from operator_app.manual.pages import FOLDER, SECTIONS
 from operator_app.manual.shown import as_text
+from tests.oracles.answers import EndsWith
 
 TOPICS = manual().topics
 
@@ -18,9 +18,8 @@ def markdown(topic: str) -> str:
     return manual().page(topic).markdown
 
 
-def test_help_lists_every_topic_with_what_it_is(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help"]) == 0
-    said = capsys.readouterr().out
+def test_help_lists_every_topic_with_what_it_is(ends_with: EndsWith) -> None:
+    said = ends_with(0, "help").out
     for section, topics in SECTIONS.items():
         assert section in said
         for topic, summary in topics.items():
@@ -36,9 +35,8 @@ def test_every_page_has_a_topic_and_every_topic_a_page() -> None:
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("topic", TOPICS)
-def test_a_page_is_shown_in_80_columns(topic: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help", topic]) == 0
-    said = capsys.readouterr().out
+def test_a_page_is_shown_in_80_columns(topic: str, ends_with: EndsWith) -> None:
+    said = ends_with(0, "help", topic).out
     page = manual().page(topic)
     assert said.splitlines()[:2] == [page.title, "=" * len(page.title)]
     # Code keeps its lines; a table whose longest words fill it may not become narrower.
@@ -49,23 +47,18 @@ def test_a_page_is_shown_in_80_columns(topic: str, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("typed", "meant"), [("comands", "commands"), ("arm", "arm-file"), ("exprot", "export")]
 )
-def test_an_unknown_topic_gets_the_nearest(
-    typed: str, meant: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["help", typed]) == 2
-    said = capsys.readouterr().err
+def test_an_unknown_topic_gets_the_nearest(typed: str, meant: str, ends_with: EndsWith) -> None:
+    said = ends_with(2, "help", typed).err
     assert f"the manual has no topic {typed!r}; did you mean {meant}?" in said
     assert all(topic in said for topic in TOPICS)
 
 
-def test_a_command_is_a_topic_too(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help", "compare"]) == 0
-    assert "`--remounted`" in capsys.readouterr().out
+def test_a_command_is_a_topic_too(ends_with: EndsWith) -> None:
+    assert "`--remounted`" in ends_with(0, "help", "compare").out
 
 
-def test_a_page_can_be_had_as_it_is_written(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["help", TOPICS[0], "--markdown"]) == 0
-    assert capsys.readouterr().out == manual().page(TOPICS[0]).markdown
+def test_a_page_can_be_had_as_it_is_written(ends_with: EndsWith) -> None:
+    assert ends_with(0, "help", TOPICS[0], "--markdown").out == manual().page(TOPICS[0]).markdown
 
 
 def anchors(page: str) -> set[str]:

@@ -1,7 +1,9 @@
 """The session begun last is the latest, whatever was done to the clock."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
@@ -37,25 +39,6 @@ def begun(root: Path, days: float) -> Path:
     return folder
 
 
-# Days from right at each beginning: set back once, for good; twice; back and right again in between.
-@pytest.mark.parametrize(
-    "days",
-    [
-        (0.0, 1.0, 2.0),
-        (0.0, 365.0, 1.0, 2.0),
-        (0.0, 365.0, 1.0, 0.5, 0.25),
-        (365.0, 1.0, 400.0, 2.0, 500.0),
-        (0.0, -20000.0, -19999.0, 1.0),
-    ],
-)
-def test_they_are_listed_as_they_were_begun(tmp_path: Path, days: tuple[float, ...]) -> None:
-    folders = []
-    for day in days:
-        folders.append(begun(tmp_path, day))
-        assert find_session(tmp_path, "latest") == folders[-1]
-    assert [entry.folder for entry in list_sessions(tmp_path)] == folders
-
-
 def imported(root: Path, days: float) -> Path:
     """Import poses by a clock that is so many days from right."""
     sources = dict(zip(SOURCE_KINDS, load_procedure("hinge").sources, strict=True))
@@ -70,9 +53,23 @@ def imported(root: Path, days: float) -> Path:
     return session.write(root=root)
 
 
-def test_imports_have_their_place_whatever_the_clock(tmp_path: Path) -> None:
+# Days from right at each beginning: set back once, for good; twice; back and right again in between.
+@pytest.mark.parametrize(
+    ("days", "makes"),
+    [
+        ((0.0, 1.0, 2.0), (begun,)),
+        ((0.0, 365.0, 1.0, 2.0), (begun,)),
+        ((0.0, 365.0, 1.0, 0.5, 0.25), (begun,)),
+        ((365.0, 1.0, 400.0, 2.0, 500.0), (begun,)),
+        ((0.0, -20000.0, -19999.0, 1.0), (begun,)),
+        ((0.0, 365.0, 1.0, 0.5), (begun, imported)),
+    ],
+)
+def test_they_are_listed_as_they_were_begun_or_imported(
+    tmp_path: Path, days: tuple[float, ...], makes: tuple[Callable[[Path, float], Path], ...]
+) -> None:
     folders = []
-    for make, day in ((begun, 0.0), (imported, 365.0), (begun, 1.0), (imported, 0.5)):
+    for day, make in zip(days, cycle(makes), strict=False):
         folders.append(make(tmp_path, day))
         assert find_session(tmp_path, "latest") == folders[-1]
     assert [entry.folder for entry in list_sessions(tmp_path)] == folders

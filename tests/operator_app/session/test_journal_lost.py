@@ -9,17 +9,17 @@ import pytest
 
 from hardware.arm import JointMode
 from operator_app.calibration.result import Solution
-from operator_app.cli import main
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import JournalLostError
 from operator_app.headless.console import ConsoleListener
 from operator_app.headless.procedure_run import run
-from operator_app.session.store.folders import find_session, read_session
+from operator_app.session.store.folders import find_session
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
+from tests.oracles.answers import EndsWith
 from tests.oracles.hearing import Hearing
 from tests.oracles.live_source import FakeSource
 from tests.oracles.opened import MakeSession, opened
@@ -50,20 +50,6 @@ def test_the_arm_is_held_and_the_rescued_session_goes_on(make_session: MakeSessi
     again.close("end of the test")
 
 
-def test_what_was_read_and_not_written_is_in_the_rescue(make_session: MakeSession) -> None:
-    session = make_session(load_procedure("hinge"), "datasheet")
-    session.connect()
-    session.set_modes((1, 5))
-    session.capture()
-    shutil.rmtree(session.journal.path.parent)
-    with pytest.raises(JournalLostError, match="with the last entry"):
-        session.capture()
-    assert len(session.state.poses) == 1
-    state = read_session(session.journal.kept_folder).state
-    assert state is not None
-    assert len(state.poses) == 2
-
-
 def one_bit(path: Path) -> None:
     raw = path.read_bytes()
     path.write_bytes(raw[:40] + bytes([raw[40] ^ 1]) + raw[41:])
@@ -75,8 +61,7 @@ def one_bit(path: Path) -> None:
 def test_what_became_of_a_journal_is_noticed_as_it_is_closed(
     make_session: MakeSession, harm: Callable[[Path], None]
 ) -> None:
-    session = make_session(short_procedure(8))
-    session.connect()
+    session = make_session(short_procedure(8), connect=True)
     harm(session.journal.path)
     session.close("done")
     assert session.journal.loss is not None
@@ -132,7 +117,7 @@ def test_a_changed_journal_gets_no_verdict_and_no_upload(
 
 @pytest.mark.campaign
 def test_run_says_what_happened_and_where_everything_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, ends_with: EndsWith, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root = tmp_path / "sessions"
     before = ConsoleListener.pose_captured
@@ -145,15 +130,14 @@ def test_run_says_what_happened_and_where_everything_is(
 
     monkeypatch.setattr(ConsoleListener, "pose_captured", taken_away)
     words = ["run", "hinge", "--scenario", "exact", "--poses", "8", "--sessions", str(root)]
-    assert main(words) == 2
-    said = capsys.readouterr().err
+    said = ends_with(2, *words).err
     (rescued,) = root.glob("*-rescued")
     assert "the arm is held" in said
     assert f"--resume {rescued}" in said
     assert "Traceback" not in said
     monkeypatch.setattr(ConsoleListener, "pose_captured", before)
     assert find_session(root, "latest") == rescued
-    assert main(["run", "--resume", str(rescued), "--poses", "8", "--sessions", str(root)]) == 0
+    ends_with(0, "run", "--resume", rescued, "--poses", "8", "--sessions", root)
 
 
 def test_the_app_and_plain_mode_say_it_hold_and_leave_in_order(tmp_path: Path) -> None:

@@ -67,9 +67,7 @@ class Faulty(PlantArm):
 def begun(make_session: MakeSession) -> MakeSession:
     def make(name: str = "datasheet", poses: int = 8) -> Session:
         procedure = short_procedure(poses, name)
-        session = make_session(procedure, arm=Faulty(procedure, name))
-        session.connect()
-        return session
+        return make_session(procedure, arm=Faulty(procedure, name), connect=True)
 
     return make
 

@@ -5,13 +5,12 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from fixtures.measured import Measured
 from hardware.errors import InstrumentError
 from hardware.line_port import CalledLines
-from hardware.virtual.true_loop import OpenTruth, paper_loop
+from hardware.virtual.true_loop import paper_loop
 from operator_app.effective_procedure import effective_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.ui.operations import Operations
@@ -190,11 +189,3 @@ def test_without_a_port_it_says_how_to_name_one(tmp_path: Path) -> None:
     # `export --upload` measures nothing, and has no such option.
     assert session.connect(measuring=False).model == procedure.arm.name
     session.close("failed")
-
-
-def test_the_truth_is_the_paper_s(tmp_path: Path) -> None:
-    opening = begin("open_loop", Choices(interface="virtual"), root=tmp_path)
-    procedure = opening.procedure
-    truth = virtual_arm(procedure.arm, procedure.fixture, opening.choices).true_loop()
-    assert isinstance(truth, OpenTruth)
-    assert np.array_equal(truth.offsets_rad[1:6], paper_loop().table.theta_off_rad[2:7])

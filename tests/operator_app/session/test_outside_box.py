@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hardware.arm import JointMode, MoveResult
+from hardware.arm import JointMode
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
@@ -24,28 +24,22 @@ from tests.oracles.opened import MakeSession, opened
 from tests.oracles.plant_arm import PlantArm
 
 POSES = 6
+DATASHEET = scenario("datasheet", seed=3)
 OUTSIDE_RAD = float(np.deg2rad(102.5))
 """Of joint 1, whose box ends at 88.5 deg."""
 
 
-class Watched(PlantArm):
-    """The plant; keeps how fast it was told to go."""
-
-    def __init__(self, procedure: Procedure) -> None:
-        super().__init__(procedure, scenario("datasheet", seed=3))
-        self.speeds_rad_per_s: list[float] = []
-
-    def move(self, *args: object, **kwargs: object) -> MoveResult:  # type: ignore[override]
-        self.speeds_rad_per_s.append(float(kwargs["speed_rad_per_s"]))  # type: ignore[arg-type]
-        return super().move(*args, **kwargs)  # type: ignore[arg-type]
-
-    def stand_at(self, joint_1_rad: float) -> None:
-        """Be there truly, as after somebody else moved it; nothing of it counts."""
-        self.take_control()
-        self.set_modes([JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)])
-        super().move({1: joint_1_rad}, speed_rad_per_s=0.5)
-        self.settle(window=20, spread_rad=[1e-3] * 7, timeout_syncs=500)
-        self.take_control()
+def standing_outside(procedure: Procedure) -> PlantArm:
+    """The plant, its joint 1 truly out of its box, as after somebody else moved it; nothing of it counts."""
+    arm = PlantArm(procedure, DATASHEET)
+    arm.take_control()
+    arm.set_modes([JointMode.POSITION if j in (1, 5) else JointMode.FREE for j in range(1, 8)])
+    arm.move({1: OUTSIDE_RAD}, speed_rad_per_s=0.5)
+    arm.settle(window=20, spread_rad=[1e-3] * 7, timeout_syncs=500)
+    arm.take_control()
+    arm.moves.clear()
+    assert arm.snapshot().positions_rad[0] == pytest.approx(OUTSIDE_RAD, abs=np.deg2rad(0.1))
+    return arm
 
 
 def procedure_of(case: str) -> Procedure:
@@ -64,7 +58,7 @@ def left(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
     @cache
     def make(case: str) -> Path:
         folder, procedure = tmp_path_factory.mktemp(case) / "s", procedure_of(case)
-        session = opened(folder, Watched(procedure), procedure)
+        session = opened(folder, PlantArm(procedure, DATASHEET), procedure)
         session.connect()
         take_until(session, 3 if case == "planned" else POSES)
         session.close("left")
@@ -76,10 +70,11 @@ def left(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 CASES = pytest.mark.parametrize(
     ("case", "withdrawn"),
     [
-        pytest.param("more poses to come", False, id="more poses to come"),
-        pytest.param("whole", False, id="only the first pose to be read again"),
-        pytest.param("planned", False, id="planned, same campaign"),
-        pytest.param("planned", True, id="planned, a new one"),
+        ("more poses to come", False),
+        ("whole", False),
+        ("planned", False),
+        # A new campaign.
+        ("planned", True),
     ],
 )
 
@@ -95,11 +90,7 @@ def resumed(
     """A session that goes on; meanwhile joint 1 was moved out of its box."""
     procedure = procedure_of(case)
     shutil.copytree(left(case), tmp_path / "session")
-    arm = Watched(procedure)
-    arm.stand_at(OUTSIDE_RAD)
-    assert arm.snapshot().positions_rad[0] == pytest.approx(OUTSIDE_RAD, abs=np.deg2rad(0.1))
-    session = make_session(procedure, arm=arm, resume=True)
-    session.connect()
+    session = make_session(procedure, arm=standing_outside(procedure), resume=True, connect=True)
     if withdrawn:
         session.undo()
     return session
@@ -112,7 +103,7 @@ def test_a_resume_does_not_drive_it_back_to_its_first_pose(resumed: Session) -> 
     with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
         take_poses(resumed, Listener(), (1, 5))
     assert "--go-home" in refused.value.remedy
-    assert resumed.arm.speeds_rad_per_s == []
+    assert resumed.arm.moves == []
     assert len(resumed.state.poses) == before
 
 
@@ -125,5 +116,6 @@ def test_with_an_agreement_it_goes_home_slowly_first(resumed: Session) -> None:
     with suppress(Cancelled):
         take_poses(resumed, Listener(), (1, 5), homing=True)
     assert (len(resumed.state.repeats), len(resumed.state.poses)) != before
-    assert resumed.arm.speeds_rad_per_s[0] == HOMING_SPEED_RAD_PER_S
-    assert len(resumed.arm.speeds_rad_per_s) > 1
+    speeds = [speed for _, speed in resumed.arm.moves]
+    assert speeds[0] == HOMING_SPEED_RAD_PER_S
+    assert len(speeds) > 1

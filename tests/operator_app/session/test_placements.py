@@ -2,6 +2,7 @@
 
 import io
 import signal
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,6 @@ from typing import Any
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
-from operator_app.cli import main
 from operator_app.errors import GuardError, NotLetGoError, SessionError
 from operator_app.exit_codes import exit_code
 from operator_app.headless.console import ConsoleListener
@@ -18,7 +18,11 @@ from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, begin, resume
+from operator_app.session.workflow.session import Session
+from tests.oracles.answers import EndsWith
+from tests.oracles.approved import Approve
 from tests.oracles.journals import POSE, sources
+from tests.oracles.opened import MakeSession
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
@@ -34,6 +38,17 @@ def first_placement(poses: int = 12) -> list[Named]:
         *(("pose", {**POSE, "number": k, "mean_rad": Q, "waypoint": k - 1}) for k in range(1, poses + 1)),
         ("reading", {"number": 1, "kind": "return", "of": 1, **READING}),
     ]  # fmt: skip
+
+
+@pytest.fixture
+def types(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Type this, and nothing after it."""
+    return lambda text: monkeypatch.setattr("sys.stdin", io.StringIO(text))
+
+
+@pytest.fixture
+def session(make_session: MakeSession) -> Session:
+    return make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
 
 
 def of(events: list[Named]) -> SessionState:
@@ -94,31 +109,27 @@ def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path: Path) -> Non
 
 
 def test_the_operator_is_told_what_to_do_and_has_to_confirm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, types: Callable[[str], None], approve: Approve
 ) -> None:
     folder = written(tmp_path / "a", first_placement())
     opening = resume(str(folder), Choices(), root=tmp_path)
-    said = " ".join(words(opening, drives_off=True))
-    for what in ("drives are off", "Secure the arm", "Take the hinge off the table and off the tool",
-                 "Mount it again", "close the loop", "--placement 2", "Type mounted and Enter"):  # fmt: skip
-        assert what in said
-    monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    with pytest.raises(SessionError, match="was not confirmed") as refused:
-        next_placement(opening, ConsoleListener(), root=tmp_path)
-    assert f"sarcal run --resume {folder}" in refused.value.remedy
-    assert resume(str(folder), Choices(), root=tmp_path).next_due
+    approve(" ".join(words(opening, drives_off=True)))
     # Nobody named the bus on the command line: what it was, the journal knows.
-    with pytest.raises(SessionError, match="was not confirmed"):
-        next_placement(replace(opening, choices=Choices()), ConsoleListener(), root=tmp_path)
     # Lines that were typed before it was asked for are no answer.
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n\n"))
-    with pytest.raises(SessionError, match="was not confirmed"):
-        next_placement(opening, ConsoleListener(), root=tmp_path)
-    monkeypatch.setattr("sys.stdin", io.StringIO("\nmounted\n"))
+    for typed, asked in (
+        ("", opening),
+        ("", replace(opening, choices=Choices())),
+        ("\n\n", opening),
+    ):
+        types(typed)
+        with pytest.raises(SessionError, match="was not confirmed") as refused:
+            next_placement(asked, ConsoleListener(), root=tmp_path)
+        assert f"sarcal run --resume {folder}" in refused.value.remedy
+        assert resume(str(folder), Choices(), root=tmp_path).next_due
+    types("\nmounted\n")
     going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
     assert (going_on.placement, going_on.next_due, going_on.procedure.placements) == (2, False, 2)
     assert read_journal(folder).events[-1].name == "remounted"
-    assert "Secure the arm" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -127,29 +138,24 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
         (["hinge_planned", "--placements", "2"], "one placement"),
         (["open_loop", "--placements", "2"], "no fixture to remount"),
         (["hinge", "--placements", "21"], "Request 1 to 20"),
-        (["hinge", "--placements", "0"], "not a whole number from 1"),
+        (["hinge", "--placements", "0"], "not a whole number"),
     ],
 )
 def test_what_cannot_be_mounted_so_often_is_refused_before_anything(
-    arguments: list[str], words_said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], words_said: str, tmp_path: Path, ends_with: EndsWith
 ) -> None:
-    try:
-        code = main(["run", *arguments, "--sessions", str(tmp_path)])
-    except SystemExit as usage:
-        code = usage.code
-    assert code == 2
-    assert words_said in capsys.readouterr().err
+    assert words_said in ends_with(2, "run", *arguments, "--sessions", tmp_path).err
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_was_chosen_on_resuming_holds_in_the_next_placement(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, types: Callable[[str], None]
 ) -> None:
     """Else the third placement was forgotten, and what should not be uploaded was."""
     folder = written(tmp_path / "a", first_placement())
     chosen = Choices(placements=3, upload=False, channel="other")
     opening = resume(str(folder), chosen, root=tmp_path)
-    monkeypatch.setattr("sys.stdin", io.StringIO("mounted\n"))
+    types("mounted\n")
     going_on = next_placement(opening, ConsoleListener(), root=tmp_path)
     assert going_on.procedure.placements == 3
     assert not going_on.procedure.upload
@@ -158,20 +164,20 @@ def test_what_was_chosen_on_resuming_holds_in_the_next_placement(
 
 @pytest.mark.parametrize("left", ["remounting", "remounted"])
 def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left: str
+    tmp_path: Path, types: Callable[[str], None], left: str
 ) -> None:
     """In a journal of an earlier version `remounted` may be what somebody was still to do."""
     folder = written(tmp_path / "a", [*first_placement(), (left, {"placement": 2})])
     opening = resume(str(folder), Choices(), root=tmp_path)
-    monkeypatch.setattr("sys.stdin", io.StringIO("\n"))
+    types("\n")
     with pytest.raises(SessionError, match="was not confirmed"):
         require_mounted(opening, ConsoleListener())
     assert read_journal(folder).events[-1].name == left
-    monkeypatch.setattr("sys.stdin", io.StringIO("mounted\n"))
+    types("mounted\n")
     require_mounted(opening, ConsoleListener())
     assert read_journal(folder).events[-1].name == "remounted"
     assert session_state(read_journal(folder)).mounted
-    monkeypatch.setattr("sys.stdin", io.StringIO(""))
+    types("")
     require_mounted(resume(str(written(tmp_path / "b", first_placement())), Choices(), root=tmp_path),
                     ConsoleListener())  # fmt: skip
 
@@ -193,7 +199,7 @@ class Signalled(io.StringIO):
 def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    ends_with: EndsWith,
     number: signal.Signals,
     more: list[Named],
 ) -> None:
@@ -203,10 +209,9 @@ def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
     # Where nobody heeds it, it is noted and passes.
     passed = signal.signal(number, lambda *_: None)
     try:
-        assert main(["run", "--resume", str(folder), "--sessions", str(tmp_path)]) == 130
+        said = ends_with(130, "run", "--resume", folder, "--sessions", tmp_path).words
     finally:
         signal.signal(number, passed)
-    said = " ".join(capsys.readouterr().err.split())
     assert "interrupted while the fixture was being mounted" in said
     assert f"Go on with: sarcal run --resume {folder}" in said
     assert (folder / "journal.jsonl").read_bytes() == before
@@ -214,8 +219,7 @@ def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
     assert (opening.next_due, opening.unconfirmed_placement) == (not more, bool(more))
 
 
-def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:
-    session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
+def test_nobody_is_sent_to_an_arm_that_did_not_answer(session: Session) -> None:
     session.arm.close = lambda: False
     session.close("the fixture is mounted anew")
     with pytest.raises(SessionError, match="did not answer"):
@@ -223,9 +227,8 @@ def test_nobody_is_sent_to_an_arm_that_did_not_answer(make_session) -> None:
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_nobody_is_sent_to_an_arm_with_power_in_it(make_session, held: bool) -> None:
+def test_nobody_is_sent_to_an_arm_with_power_in_it(session: Session, held: bool) -> None:
     """Where STOP holds its drives as well."""
-    session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
     session.arm.left_powered = (2, 5)
     session.arm.close = lambda: held
     assert session.close("the fixture is mounted anew") is held
@@ -237,39 +240,40 @@ def test_nobody_is_sent_to_an_arm_with_power_in_it(make_session, held: bool) -> 
 
 
 def test_that_drives_are_off_is_said_only_where_somebody_has_looked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, types: Callable[[str], None], ends_with: EndsWith
 ) -> None:
     folder = written(tmp_path / "a", first_placement())
-    monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    assert main(["run", "--resume", str(folder), "--sessions", str(tmp_path)]) == 2
-    said = " ".join(capsys.readouterr().err.split())
+    types("")
+    said = ends_with(2, "run", "--resume", folder, "--sessions", tmp_path).words
     assert "its drives are off" not in said
     assert "make sure that they are off" in said
 
 
 def test_the_app_does_not_call_an_arm_held_that_is_not(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    types: Callable[[str], None],
+    monkeypatch: pytest.MonkeyPatch,
+    ends_with: EndsWith,
 ) -> None:
     monkeypatch.setattr(CanopenArm, "close", lambda _: False)
     monkeypatch.setattr(CanopenArm, "left_powered", (1,))
-    monkeypatch.setattr("sys.stdin", io.StringIO(""))
-    assert main(["--plain", "--sessions", str(tmp_path)]) == 3
-    said = capsys.readouterr().err
+    types("")
+    said = ends_with(3, "--plain", "--sessions", tmp_path).err
     assert "the drive of joint 1 is still powered" in said
     assert "arm is held" not in said
 
 
-def test_nothing_connects_while_the_fixture_is_off(make_session) -> None:
-    """Whoever asks: verify and export as well. Somebody has a hand in it."""
-    session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
+def one_pose_then(session: Session, event: str) -> Session:
     session.record("control", {"start_rad": Q, "home_rad": Q})
     session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
-    session.record("remounting", {"placement": 2})
-    assert (
-        session.state.placement,
-        session.state.mounted,
-        session.state.unconfirmed_placement,
-    ) == (2, False, True)
+    session.record(event, {"placement": 2})
+    return session
+
+
+def test_nothing_connects_while_the_fixture_is_off(session: Session) -> None:
+    """Whoever asks: verify and export as well. Somebody has a hand in it."""
+    state = one_pose_then(session, "remounting").state
+    assert (state.placement, state.mounted, state.unconfirmed_placement) == (2, False, True)
     with pytest.raises(GuardError, match="its mounting for placement 2"):
         session.connect()
     assert session.identity is None
@@ -277,10 +281,6 @@ def test_nothing_connects_while_the_fixture_is_off(make_session) -> None:
     assert session.connect() is session.identity
 
 
-def test_undo_takes_back_no_pose_of_another_placement(make_session) -> None:
-    live_session = make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
-    live_session.record("control", {"start_rad": Q, "home_rad": Q})
-    live_session.record("pose", {**POSE, "number": 1, "mean_rad": Q, "waypoint": 0})
-    live_session.record("remounted", {"placement": 2})
+def test_undo_takes_back_no_pose_of_another_placement(session: Session) -> None:
     with pytest.raises(GuardError, match="this placement has no pose"):
-        live_session.undo()
+        one_pose_then(session, "remounted").undo()

@@ -8,27 +8,24 @@ from operator_app.session.ui.operations import Operations
 from operator_app.session.ui.snapshot import Change, Level
 from operator_app.session.workflow.session import Session
 from solver.design.actions import GoTo
-from tests.oracles.journalled_sessions import first_picture
+from tests.oracles.journalled_sessions import Quiet, first_picture
 from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
-class Publisher:
-    """Keeps what is published, and asks to end after so many poses."""
+class Publisher(Quiet):
+    """Keeps what is headed for as well, and asks to end after so many poses."""
 
     def __init__(self, session: Session) -> None:
-        self.shown = first_picture(session)
-        self.said: list[tuple[Level, str]] = []
+        super().__init__(session)
         self.headings: list[GoTo | None] = []
         self.end_after: int | None = None
 
     def publish(self, change: Change) -> None:
-        before, self.shown = self.shown.heading, change(self.shown)
+        before = self.shown.heading
+        super().publish(change)
         if self.shown.heading is not before:
             self.headings.append(self.shown.heading)
-
-    def say(self, level: Level, text: str) -> None:
-        self.said.append((level, text))
 
     def cancelled(self) -> bool:
         return self.end_after is not None and len(self.shown.state.poses) >= self.end_after
@@ -65,7 +62,7 @@ def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -
     used = session.state.used_poses
     assert sum(p.planned for p in used) == 2
     assert wanted_poses(session) == len(used)
-    assert publisher.said[-1] == (Level.INFO, "capture complete: all 2 planned poses are taken")
+    assert publisher.said[-1][0] is Level.INFO
     assert any("Explored" in text for _, text in publisher.said)
 
     # Every move was shown before it began, on the planned ones the poses on the way as well.

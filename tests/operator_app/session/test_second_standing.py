@@ -57,9 +57,7 @@ def second(
     """The same session, its arm in the second placement."""
     folder, procedure = first_done
     shutil.copytree(folder, tmp_path / "session")
-    session = make_session(procedure, arm=arm_in(procedure, 2), resume=True)
-    session.connect()
-    return session
+    return make_session(procedure, arm=arm_in(procedure, 2), resume=True, connect=True)
 
 
 @pytest.mark.parametrize(("joint", "degrees"), [(2, 30.0), (3, -30.0), (4, 30.0)])

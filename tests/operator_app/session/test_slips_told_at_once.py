@@ -114,8 +114,7 @@ def begin(make_session: MakeSession) -> Begin:
         capture = replace(procedure.capture, samples_per_pose=8)
         procedure = replace(procedure, capture=capture, position_joints=(1, 5))
         arm = LosesCounts(procedure, 1)
-        session = make_session(procedure, arm=arm)
-        session.connect()
+        session = make_session(procedure, arm=arm, connect=True)
         session.cancelled = lambda: len(session.state.poses) == most
         return session, Hearing(lambda count: arm.lose(slips.get(count, 0)))
 

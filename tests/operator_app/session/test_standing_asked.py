@@ -29,12 +29,12 @@ def refused(
     make_session: MakeSession, arm: WrongZero, *, homing: bool, resume: bool = False
 ) -> str:
     """Why a session is refused, before any drive is enabled or moved."""
-    session = make_session(procedure_of(40 if resume else 2), arm=arm, resume=resume)
-    session.connect()
-    arm.enabled = arm.moved = 0
+    session = make_session(procedure_of(40 if resume else 2), arm=arm, resume=resume, connect=True)
+    arm.enabled = 0
+    arm.moves.clear()
     with pytest.raises(GuardError) as found:
         take_poses(session, Listener(), (1, 5), homing=homing)
-    assert (arm.enabled, arm.moved) == (0, 0)
+    assert (arm.enabled, arm.moves) == (0, [])
     # The plant's own end holds it as well.
     session.close("refused")
     return str(found.value)
@@ -91,8 +91,7 @@ def left_after(make_session: MakeSession, poses: int) -> WrongZero:
     """The arm of a session that was left after so many poses; it stands where it took the last."""
     procedure = procedure_of(40)
     arm = WrongZero(procedure)
-    session = make_session(procedure, arm=arm)
-    session.connect()
+    session = make_session(procedure, arm=arm, connect=True)
     if poses:
         take_until(session, poses)
     session.close("left")
@@ -122,8 +121,7 @@ def test_with_too_few_poses_to_tell_it_is_named_all_the_same(
 
 def test_a_sound_arm_with_too_few_poses_to_tell_goes_on(make_session: MakeSession) -> None:
     arm = left_after(make_session, 2)
-    session = make_session(procedure_of(40), arm=arm, resume=True)
-    session.connect()
+    session = make_session(procedure_of(40), arm=arm, resume=True, connect=True)
     take_until(session, 3)
     assert len(session.state.poses) == 3
 
@@ -178,9 +176,8 @@ def test_where_the_files_say_too_little_no_agreement_drives_a_counter_at_zero(
     fixture = replace(own, fixture=replace(own.fixture, tolerance=vague))  # type: ignore[type-var]
     arm = WrongZero(procedure)
     arm.begin_anew(1)
-    session = make_session(replace(procedure, fixture=fixture), arm=arm)
-    session.connect()
+    session = make_session(replace(procedure, fixture=fixture), arm=arm, connect=True)
     with pytest.raises(GuardError, match="joint 1 reads zero, outside the box") as found:
         take_poses(session, Listener(), (1, 5), homing=True)
     assert "go-home" not in str(found.value)
-    assert arm.moved == 0
+    assert arm.moves == []

@@ -1,15 +1,13 @@
 """The app on a live fake arm, and helpers that wait on what the screen knows, never on time."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 import pytest
 from textual import events
 from textual.drivers.headless_driver import HeadlessDriver
 from textual.keys import _character_to_key
-from textual.pilot import Pilot
 from textual.widgets import Static
 
 from operator_app.session.ui.snapshot import SessionSnapshot
@@ -20,14 +18,6 @@ from tests.oracles.live_source import FakeSource
 from tests.oracles.still_runner import StillSource
 
 PATIENCE_S = 30.0
-
-
-@pytest.fixture
-def source(tmp_path: Path) -> Iterator[FakeSource]:
-    """A source whose runner is closed in the end."""
-    made = FakeSource(tmp_path / "sessions")
-    yield made
-    made.close("end of the test")
 
 
 class Driver:
@@ -147,13 +137,15 @@ class Driver:
 
 
 @asynccontextmanager
-async def running(app: SarcalApp, size: tuple[int, int]) -> AsyncIterator[Pilot]:
+async def running(app: SarcalApp, size: tuple[int, int] = (120, 36)) -> AsyncIterator[Driver]:
     """Run the app without a terminal, but with keys read as from one: STOP at the door."""
     with pytest.MonkeyPatch.context() as patch:
         watching = watched(HeadlessDriver, app.at_the_door)
         patch.setattr("textual.drivers.headless_driver.HeadlessDriver", watching)
         async with app.run_test(size=size) as pilot:
-            yield pilot
+            driver = Driver(app, pilot)
+            await driver.ready()
+            yield driver
 
 
 @pytest.fixture
@@ -162,10 +154,7 @@ def drive(source: FakeSource):
 
     @asynccontextmanager
     async def run(size: tuple[int, int] = (120, 36), **options):
-        app = SarcalApp(lambda: source, **options)
-        async with running(app, size) as pilot:
-            driver = Driver(app, pilot)
-            await driver.ready()
+        async with running(SarcalApp(lambda: source, **options), size) as driver:
             yield driver
 
     return run
@@ -178,9 +167,7 @@ def still():
     @asynccontextmanager
     async def run(picture, *, step=Step.CONNECT, size=(120, 36), entries=(), **options):
         app = SarcalApp(lambda: StillSource(picture, entries), **options)
-        async with running(app, size) as pilot:
-            driver = Driver(app, pilot)
-            await driver.ready()
+        async with running(app, size) as driver:
             app.step = step
             app.main.go_to(step)
             await driver.settle()

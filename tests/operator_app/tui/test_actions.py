@@ -1,17 +1,21 @@
 """The one table of actions: a new entry is in the footer, the palette, help and the prompts, and works there."""
 
+from dataclasses import replace
+
 from textual.widgets import OptionList
 
 from operator_app.commands.help_topic import manual
 from operator_app.headless.plain import Plain
 from operator_app.session.ui import action_table
+from operator_app.session.ui.action_table import ACTIONS, by_name, footer, for_key
 from operator_app.session.ui.next_action import next_action
-from operator_app.session.ui.snapshot import Level
+from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.steps import Step
 from operator_app.session.ui.user_interface import Action, OnScreen
 from operator_app.tui.dialogs import Read
 from operator_app.tui.palette import ActionProvider, title
 from operator_app.tui.screen_interface import ON_SCREEN
+from tests.oracles.script import Script, look_again
 from tests.oracles.story import busy, real, story
 
 WHISTLE = Action(
@@ -27,28 +31,8 @@ WHISTLE = Action(
 )
 
 
-class Typist:
-    """Types what it is given and keeps what it reads."""
-
-    def __init__(self, *words: str) -> None:
-        self.words, self.said = list(words), []
-
-    def say(self, text: str) -> None:
-        self.said += text.splitlines()
-
-    def ask(self, prompt: str) -> str:
-        if not self.words:
-            raise EOFError
-        word = self.words.pop(0)
-        found = [row.split()[0] for row in self.said if f" {word}" in row]
-        return found[-1] if found else word
-
-    def touched(self, timeout_s: float) -> bool:
-        return False
-
-
 async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, monkeypatch) -> None:
-    monkeypatch.setattr(action_table, "ACTIONS", (*action_table.ACTIONS, WHISTLE))
+    monkeypatch.setattr(action_table, "ACTIONS", (*ACTIONS, WHISTLE))
 
     async with still(story()["start"], step=Step.CONNECT) as d:
         assert "W Whistle" in d.text("#footer")
@@ -56,17 +40,18 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
         assert [m.text for m in d.s.messages[-1:]] == ["whistled"]
         palette = ActionProvider(d.app.main)
         assert title(WHISTLE) in [str(hit.text) async for hit in palette.discover()]
+        assert title(WHISTLE) in [str(hit.text) async for hit in palette.search("Whistle")]
         await d.press("question_mark")
         assert "Whistle: Blow the whistle beside the arm." in " ".join((await d.reading()).split())
         await d.see(story()["connected"], Step.CONNECT)
         await d.press("W")
         assert "there is nobody to hear it" in d.hint
 
-    typist = Typist("Whistle", "Connect", "Whistle")
-    Plain(source, typist, pause=lambda _: None).run()
-    assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in typist.said)
-    assert sum("whistled" in row for row in typist.said) == 1
-    assert "Not done: there is nobody to hear it." in typist.said
+    script = Script("Whistle", "Connect", "Whistle")
+    Plain(source, script, pause=look_again).run()
+    assert any(row.endswith("Whistle: Blow the whistle beside the arm") for row in script.said)
+    assert sum("whistled" in row for row in script.said) == 1
+    assert "Not done: there is nobody to hear it." in script.said
 
 
 async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) -> None:
@@ -85,9 +70,9 @@ async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) ->
         await d.press("escape")
         assert d.app.screen is d.app.main
 
-    typist = Typist("Read the manual", "keys:")
-    Plain(source, typist, pause=lambda _: None).run()
-    assert "Keys of the terminal app" in typist.said
+    script = Script("Read the manual", "keys:")
+    Plain(source, script, pause=look_again).run()
+    assert "Keys of the terminal app" in script.said
 
 
 def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
@@ -95,11 +80,11 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
         for s in (told, real(told)):
             for step in Step:
                 name = next_action(step, s).action
-                assert not name or step in action_table.by_name(name).steps
+                assert not name or step in by_name(name).steps
 
 
 def test_every_action_of_the_screen_only_has_its_work_there() -> None:
-    assert {a.name for a in action_table.ACTIONS if isinstance(a, OnScreen)} == set(ON_SCREEN)
+    assert {a.name for a in ACTIONS if isinstance(a, OnScreen)} == set(ON_SCREEN)
 
 
 def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
@@ -108,17 +93,65 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
         OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here)
         for k in range(2)
     )
-    before = [a.name for a in action_table.footer(Step.FIXTURE)]
+    before = [a.name for a in footer(Step.FIXTURE)]
     assert before == ["stop", "primary", "procedure", "back", "help", "quit"]
-    table = (*action_table.ACTIONS, *more)
-    after = [a.name for a in action_table.footer(Step.FIXTURE, table)]
+    table = (*ACTIONS, *more)
+    after = [a.name for a in footer(Step.FIXTURE, table)]
     assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
 
 
 def test_guards_close_everything_that_works_while_work_is_in_hand() -> None:
-    at_work = busy(story()["captured"], action_table.TaskKind.CALIBRATE, moves=False)
+    at_work = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
             "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip
-    for action in action_table.ACTIONS:
+    for action in ACTIONS:
         if isinstance(action, Action):
             assert bool(action.guard(at_work)) == (action.name not in free), action.name
+
+
+def test_no_key_means_two_things_at_one_step():
+    for step in Step:
+        here = [a for a in ACTIONS if step in a.steps]
+        keys = [k for a in here for k in a.keys]
+        assert len(keys) == len(set(keys)), step
+
+
+def test_the_footer_has_at_most_six_keys_that_all_work_there_and_stop_is_first():
+    for step in Step:
+        shown = footer(step)
+        assert len(shown) <= 6
+        assert shown[0].name == "stop"
+        assert "help" in [a.name for a in shown]
+        for action in shown:
+            assert for_key(action.keys[0], step) is action
+
+
+async def test_help_explains_the_focused_panel(still):
+    async with still(story()["capturing"], step=Step.CAPTURE) as d:
+        await d.press("tab", "question_mark")
+        assert isinstance(d.app.screen, Read)
+        panel = d.app.main.focused
+        assert panel.HELP[:40] in " ".join((await d.reading()).split())
+
+
+async def test_an_action_from_the_palette_goes_to_its_step_if_that_is_open(still):
+    async with still(story()["captured"], step=Step.CONNECT) as d:
+        d.app.interface.do_anywhere(by_name("calibrate"))
+        assert d.app.step is Step.CALIBRATE
+        assert [k for k, _ in d.runner.asked] == [TaskKind.CALIBRATE]
+        d.app.interface.do_anywhere(by_name("write"))
+        assert d.app.step is Step.CALIBRATE
+        assert len(d.runner.asked) == 1
+
+
+async def test_a_calibration_of_other_poses_is_said_to_be_one_and_nothing_of_it_is_shown(still):
+    solved = story()["solved"]
+    poses = tuple(replace(p, excluded="bumped") for p in solved.state.poses)
+    none_counts = replace(solved, state=replace(solved.state, poses=poses))
+    async with still(story()["solved"], step=Step.RESULTS) as d:
+        for step in (Step.RESULTS, Step.CALIBRATE, Step.EXPORT):
+            await d.see(none_counts, step)
+            for _ in range(3):
+                await d.press("v")
+        await d.see(none_counts, Step.RESULTS)
+        assert "the poses have changed since the calibration" in d.words("#verdict")

@@ -1,7 +1,6 @@
 """What goes wrong while the app runs: arm held, journal whole, words that say what to do."""
 
 import signal
-import threading
 
 import pytest
 
@@ -10,7 +9,6 @@ from hardware.errors import (
     ControlDenied,
     DriveDiverged,
     NodeMissing,
-    SensorFault,
     WrongArm,
 )
 from operator_app.messages.errors import stopped_words
@@ -126,6 +124,9 @@ async def test_stop_reaches_the_arm_at_once_while_the_worker_is_busy(drive, sour
         await d.idle()
         await d.until(lambda: d.s.stopped, "latched")
         await d.until(lambda: "all 7 drives stopped" in d.text("#banner"), "acknowledged")
+        # One alarm, though the task was ended as well: by the latch or by the key, whichever it sees first.
+        (alarm,) = d.s.alarms
+        assert "STOP sent to all drives" in alarm.text
         # Its reset never starts motion.
         before = d.s.arm.positions_rad.copy()
         await d.press("R")
@@ -238,41 +239,6 @@ async def test_a_counter_that_began_anew_is_led_to_connecting_again(drive, sourc
 
 
 @pytest.mark.campaign
-async def test_a_reading_that_jumped_is_led_to_connecting_again(drive, source):
-    """Enter took the same pose again, and was refused again without a word."""
-    async with drive(size=(80, 24)) as d:
-        await d.to_step(Step.CAPTURE)
-        source.arm.work_error = SensorFault(
-            3, "jumped by +2223 counts between two SYNCs", since_sync=1
-        )
-        await d.press("enter")
-        await d.idle()
-        await d.until(lambda: "coupling and cable, then connect again" in d.words("#log"), "alarm")
-        assert "Enter goes to step 1" in d.hint
-        await d.press("enter", "enter")
-        await d.idle()
-        assert d.s.alarms == ()
-        assert d.s.connected
-
-
-@pytest.mark.campaign
-async def test_of_a_stop_in_mid_motion_one_alarm_is_shown(drive, source):
-    source.pace_s = 0.005
-    async with drive() as d:
-        await d.to_step(Step.CAPTURE)
-        await d.press("enter")
-        await d.until(lambda: d.s.task is not None and d.s.task.moves, "moving")
-        await d.press("space")
-        await d.idle()
-        assert [a.text for a in d.s.alarms] == [
-            "software STOP sent to all drives; it is latched (R resets)"
-        ]
-        # By the latch or by the cancelled task, whichever the worker sees first.
-        (ended,) = [m.text for m in d.s.messages if "automatically: " in m.text]
-        assert "STOP is latched" in ended or "ended by the operator" in ended
-
-
-@pytest.mark.campaign
 async def test_poses_that_do_not_belong_to_the_arm_any_more_are_led_to_a_new_session(drive, source):
     async with drive() as d:
         await d.to_step(Step.MODES)
@@ -309,29 +275,14 @@ async def test_any_key_ends_a_motion_of_the_live_arm(drive, source):
 
 
 @pytest.mark.campaign
-async def test_a_calibration_can_be_cancelled(drive, source, monkeypatch):
-    from operator_app.session.workflow.session import Session
-
-    reached, go_on = threading.Event(), threading.Event()
-    real = Session.calibrate
-
-    def slow(self, progress=None, **options):
-        def watched(number: int, cost: float) -> None:
-            reached.set()
-            go_on.wait(20.0)
-            progress(number, cost)
-
-        return real(self, watched, **options)
-
-    monkeypatch.setattr(Session, "calibrate", slow)
+async def test_a_calibration_can_be_cancelled(drive):
     async with drive() as d:
         await d.to_step(Step.CAPTURE)
         await d.press("a")
         await d.idle()
         await d.press("enter", "s")
-        await d.until(reached.is_set, "solving")
+        await d.until(lambda: d.s.task is not None, "solving")
         await d.press("z")
-        go_on.set()
         await d.idle()
         assert d.s.solution is None
         assert "ended by the operator" in d.s.messages[-1].text

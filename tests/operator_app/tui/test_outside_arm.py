@@ -31,9 +31,7 @@ async def app_on(name: str, arm: Toy, folder: Path) -> AsyncIterator[Driver]:
     )
     app = SarcalApp(lambda: source)
     try:
-        async with running(app, (120, 36)) as pilot:
-            driver = Driver(app, pilot)
-            await driver.ready()
+        async with running(app) as driver:
             yield driver
     finally:
         source.close("end of the test")

@@ -57,9 +57,7 @@ class Busy(PlantArm):
 def busy(make_session: MakeSession) -> Session:
     """A session on an arm, connected."""
     procedure = short_procedure(40)
-    session = make_session(procedure, arm=Busy(procedure, "exact"))
-    session.connect()
-    return session
+    return make_session(procedure, arm=Busy(procedure, "exact"), connect=True)
 
 
 def kept(session: Session) -> list[Mapping[str, object]]:

@@ -107,22 +107,6 @@ def test_a_counter_at_zero_is_named(resumed: Resumed, counts: int, where: str) -
     assert arm.enabled == 0
 
 
-@pytest.mark.parametrize(
-    ("counts", "reads"), [(0, r"0\.000"), (36, r"\+0\.032"), (-600, r"-0\.540")]
-)
-def test_a_counter_near_zero_out_of_range_is_named_in_a_new_session_too(
-    make_session: MakeSession, counts: int, reads: str
-) -> None:
-    """The arm sags after its counter began anew, until somebody connects."""
-    arm = WrongZero(PROCEDURE)
-    arm.reads_rad[2] = counts * 2.0 * np.pi / 400_000
-    session = make_session(PROCEDURE, arm=arm)
-    session.connect()
-    with pytest.raises(GuardError, match=rf"joint 2 reads {reads} deg, outside its range"):
-        session.set_modes((1, 5))
-    assert arm.enabled == 0
-
-
 def test_another_drive_is_named(resumed: Resumed) -> None:
     session, arm = resumed()
     arm.serials[3] = 903

@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from operator_app.cli import main
 from operator_app.config.errors import ConfigError
 from operator_app.errors import JournalDamagedError, SessionError
 from operator_app.session.store import replay as replay_module
@@ -18,6 +17,7 @@ from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, resume
+from tests.oracles.answers import EndsWith
 from tests.oracles.approved import Approve
 from tests.oracles.journals import events, mutated_journal, written
 
@@ -90,7 +90,7 @@ WRONG: dict[str, tuple[Callable[[], bytes], str]] = {
 
 @pytest.mark.parametrize("kind", WRONG)
 def test_wrong_content_is_one_error_that_names_file_line_and_key(
-    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str], approve: Approve
+    tmp_path: Path, kind: str, ends_with: EndsWith, approve: Approve
 ) -> None:
     make, key = WRONG[kind]
     folder = tmp_path / "sessions" / "one"
@@ -106,22 +106,12 @@ def test_wrong_content_is_one_error_that_names_file_line_and_key(
     assert contents.events[refused.value.line - 1].name in refused.value.problem
     root = ["--sessions", str(folder.parent)]
     for command in (["report", "one"], ["export", "one"], ["run", "--resume", "one"]):
-        assert main([*command, *root]) == 2
-        said = capsys.readouterr().err
+        said = ends_with(2, *command, *root).err
         assert said.startswith(f"sarcal: {path} is damaged at line {refused.value.line}")
         assert "sarcal session repair" in said
-    assert main(["session", "list", *root]) == 0
-    row = capsys.readouterr().out.splitlines()[-1]
+    row = ends_with(0, "session", "list", *root).out.splitlines()[-1]
     assert "  journal.jsonl is damaged at line" in row
     assert row.count(str(folder)) == 1
-
-
-def test_a_sound_journal_is_a_state(tmp_path: Path) -> None:
-    (tmp_path / JOURNAL_NAME).write_bytes(written(events()))
-    entry = read_session(tmp_path)
-    assert entry.problem == ""
-    assert entry.state is not None
-    assert [p.number for p in entry.state.used_poses] == [1, 2, 4]
 
 
 def test_poses_of_another_arm_are_refused_when_the_arm_is_known(tmp_path: Path) -> None:
@@ -153,22 +143,22 @@ def test_random_contents_with_right_checksums_are_a_state_or_one_error(tmp_path:
     assert {"state", "JournalDamagedError"} <= seen
 
 
-def test_one_unreadable_session_hides_no_other(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_unreadable_session_hides_no_other(tmp_path: Path, ends_with: EndsWith) -> None:
     for name, raw in (("a", written(events())), ("b", b"Dear diary\n"), ("c", b"")):
         (tmp_path / name).mkdir()
         (tmp_path / name / JOURNAL_NAME).write_bytes(raw)
     (tmp_path / "d" / JOURNAL_NAME).mkdir(parents=True)
-    found = {entry.folder.name: entry.problem for entry in list_sessions(tmp_path)}
+    entries = {entry.folder.name: entry for entry in list_sessions(tmp_path)}
+    found = {name: entry.problem for name, entry in entries.items()}
     assert found["a"] == ""
+    assert entries["a"].state is not None
+    assert [p.number for p in entries["a"].state.used_poses] == [1, 2, 4]
     assert "another program's file" in found["b"]
     assert "is empty" in found["c"]
     assert "a folder" in found["d"]
     root = ["--sessions", str(tmp_path)]
-    assert main(["session", "list", *root]) == 0
-    assert main(["session", "show", "latest", *root]) == 0
-    assert str(tmp_path / "a") in capsys.readouterr().out
+    ends_with(0, "session", "list", *root)
+    assert str(tmp_path / "a") in ends_with(0, "session", "show", "latest", *root).out
 
 
 def read_keys(source: str) -> dict[str, set[str]]:

@@ -1,17 +1,16 @@
 """`sarcal session repair_journal`: nothing that can be proven is lost, nothing that cannot be counts."""
 
-import json
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from operator_app.cli import main
 from operator_app.errors import JournalDamagedError, JournalError
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME, Journal, read_journal
 from operator_app.session.store.journal_repair import examine_lines, repair_journal
+from tests.oracles.answers import EndsWith
 from tests.oracles.journals import events, written
 
 SOUND = written(events())
@@ -124,36 +123,31 @@ def test_what_is_no_journal_is_not_repaired(tmp_path: Path) -> None:
 
 
 def test_the_command_says_it_line_by_line_and_the_session_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
     root = ["--sessions", str(tmp_path)]
     folder = session(tmp_path / "one", broken(SOUND, 9))
-    assert main(["report", "one", *root]) == 2
-    assert f"sarcal session repair {folder}" in capsys.readouterr().err
-    assert main(["session", "repair", *root]) == 2
-    assert "name the session" in capsys.readouterr().err
-    assert main(["session", "repair", "one", *root]) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    assert f"sarcal session repair {folder}" in ends_with(2, "report", "one", *root).err
+    assert "name the session" in ends_with(2, "session", "repair", *root).err
+    said = ends_with(0, "session", "repair", "one", *root).words
     assert "untouched in" in said
     assert "lines 1 to 8: kept, verified by their checksum" in said
     assert "line 9: lost: the checksum does not match; probably: pose 2" in said
     assert f"lines 10 to {len(events())}: kept" in said
     assert "2 poses count" in said
     assert f"Go on with: sarcal run --resume {folder}" in said
-    assert main(["session", "show", "one", "--json", *root]) == 0
-    assert json.loads(capsys.readouterr().out)["poses"] == 2
-    assert main(["session", "repair", "one", "--json", *root]) == 0
-    found = json.loads(capsys.readouterr().out)
+    assert ends_with(0, "session", "show", "one", "--json", *root).json["poses"] == 2
+    found = ends_with(0, "session", "repair", "one", "--json", *root).json
     assert (found["repaired"], found["original"]) == (False, None)
     assert {line["fate"] for line in found["lines"]} == {"kept"}
 
 
 def test_a_session_without_its_first_line_keeps_its_poses_and_says_that_it_cannot_go_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, ends_with: EndsWith
 ) -> None:
     session(tmp_path / "one", broken(SOUND, 1))
-    assert main(["session", "repair", "one", "--sessions", str(tmp_path)]) == 0
-    assert "cannot be resumed" in capsys.readouterr().out
+    said = ends_with(0, "session", "repair", "one", "--sessions", tmp_path).out
+    assert "cannot be resumed" in said
     state = read_session(tmp_path / "one").state
     assert state is not None
     assert len(state.used_poses) == 3

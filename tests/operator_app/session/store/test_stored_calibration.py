@@ -25,58 +25,55 @@ from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
-def solved_session(make_session: MakeSession, procedure: Procedure) -> Session:
-    session = make_session(procedure)
-    session.connect()
-    session.set_modes((1, 5))
-    take_poses(session, Listener())
-    return session
-
-
 @pytest.fixture
 def procedure() -> Procedure:
     return short_procedure(12)
 
 
-def test_what_was_solved_is_read_back_from_the_file(
-    make_session: MakeSession, procedure: Procedure
-) -> None:
-    session = solved_session(make_session, procedure)
-    solution = session.calibrate()
-    checks = session.check(solution)
+@pytest.fixture
+def session(make_session: MakeSession, procedure: Procedure) -> Session:
+    """A session whose poses are taken."""
+    made = make_session(procedure, connect=True)
+    made.set_modes((1, 5))
+    take_poses(made, Listener())
+    return made
+
+
+def from_the_file(session: Session) -> SessionState:
     session.close("done")
     events = read_journal(session.journal.path.parent).events
-    state = replay((e.name, e.data, e.utc) for e in events)
-    found = session_calibration(state, procedure)
+    return replay((e.name, e.data, e.utc) for e in events)
+
+
+def test_what_was_solved_is_read_back_from_the_file(session: Session) -> None:
+    solution = session.calibrate()
+    checks = session.check(solution)
+    state = from_the_file(session)
+    found = session_calibration(state, session.procedure)
     assert found.recalculated_because == ""
     assert found.solution.estimate.x.tobytes() == solution.estimate.x.tobytes()
     assert found.solution.warnings == solution.warnings
     assert isinstance(found.checks, Checks)
     assert np.array_equal(found.checks.jackknife_sd, checks.jackknife_sd)
-    assert with_checks(found, state, procedure) is found
+    assert with_checks(found, state, session.procedure) is found
     assert "record" not in state.solved
 
 
 def test_a_solution_with_an_infinite_condition_number_is_kept(
-    make_session: MakeSession, procedure: Procedure
+    session: Session, procedure: Procedure
 ) -> None:
-    session = solved_session(make_session, procedure)
     found = session.calibrate()
     found = replace(found, seen=replace(found.seen, scaled_condition_number=math.inf))
     data = solution_data(found, session.state, length_tolerance_m=None)
     session.journal.append("solved", data)
-    session.close("done")
-    events = read_journal(session.journal.path.parent).events
-    state = replay((e.name, e.data, e.utc) for e in events)
-    again = session_calibration(state, procedure)
+    again = session_calibration(from_the_file(session), procedure)
     assert again.recalculated_because == ""
     assert math.isinf(again.solution.seen.scaled_condition_number)
 
 
 def test_other_options_and_old_journals_are_solved_and_said(
-    make_session: MakeSession, procedure: Procedure
+    session: Session, procedure: Procedure
 ) -> None:
-    session = solved_session(make_session, procedure)
     session.calibrate(unsensed_joints=(7,))
     state = session.state
     assert session_calibration(state, procedure).solution.model.unsensed_joints == (7,)
@@ -88,12 +85,8 @@ def test_other_options_and_old_journals_are_solved_and_said(
     assert "no calibration" in again.recalculated_because
     assert again.checks is None
     assert again.solution.model.unsensed_joints == (7,)
-    assert (
-        "another version"
-        in session_calibration(
-            replace(state, solution={"version": 0}), procedure
-        ).recalculated_because
-    )
+    newer = session_calibration(replace(state, solution={"version": 0}), procedure)
+    assert "another version" in newer.recalculated_because
     paper = session_calibration(state, procedure, estimator="paper", unsensed_joints=())
     # What judged it stands beside it, and is what the other estimator gives.
     beside = paper.solution.beside
@@ -121,28 +114,11 @@ def test_second_opinions_belong_to_the_solution_they_follow() -> None:
     assert apply(state, "solved", {"record": {"version": 1}}, "").checks == {}
 
 
-@pytest.mark.campaign
-def test_a_solution_whose_figures_do_not_go_together_is_made_again(
-    make_session: MakeSession, procedure: Procedure
-) -> None:
-    session = solved_session(make_session, procedure)
-    session.calibrate()
-    state = session.state
-    assert not isinstance(journal_calibration(state), str)
-    estimate = dict(state.solution["estimate"])
-    estimate["x"] = {"shape": [13], "values": estimate["x"]["values"][:13]}
-    short = replace(state, solution={**state.solution, "estimate": estimate})
-    assert journal_calibration(short) == "the solution in the journal is not consistent"
-    session.close("done")
-
-
-def test_a_solution_of_other_poses_than_those_that_count_is_made_again(
-    make_session: MakeSession, procedure: Procedure
+def test_a_solution_of_other_poses_or_of_figures_that_do_not_go_together_is_made_again(
+    session: Session, procedure: Procedure
 ) -> None:
     """As in a journal whose checksums are right and whose lines were put together by somebody else."""
-    session = solved_session(make_session, procedure)
     session.calibrate()
-    session.close("done")
     state = session.state
     assert not isinstance(journal_calibration(state), str)
     fewer = replace(state, poses=state.poses[1:])
@@ -153,5 +129,9 @@ def test_a_solution_of_other_poses_than_those_that_count_is_made_again(
     for dropped in ([0], [-1], [99], list(range(12))):
         odd = replace(state, solution={**state.solution, "dropped_flipped": dropped})
         assert journal_calibration(odd) == together
+    estimate = dict(state.solution["estimate"])
+    estimate["x"] = {"shape": [13], "values": estimate["x"]["values"][:13]}
+    short = replace(state, solution={**state.solution, "estimate": estimate})
+    assert journal_calibration(short) == together
     again = session_calibration(fewer, procedure)
     assert again.solution.estimate.residual.shape[0] == len(fewer.used_poses)

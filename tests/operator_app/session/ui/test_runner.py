@@ -2,8 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
@@ -14,6 +13,7 @@ from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.supervisor import UNWATCHED_S
 from operator_app.session.workflow.drive_selection import waypoints_of
+from tests.oracles.live_arm import LiveArm
 from tests.oracles.live_source import FakeSource
 from tests.oracles.short_procedure import short_procedure
 
@@ -21,10 +21,32 @@ PATIENCE_S = 30.0
 
 
 @pytest.fixture
-def runner(tmp_path: Path) -> Iterator[Runner]:
-    source = FakeSource(tmp_path / "sessions")
-    yield source.new()
-    source.close("end of the test")
+def runner(source: FakeSource) -> Runner:
+    return source.new()
+
+
+@pytest.fixture
+def arm(source: FakeSource, runner: Runner) -> LiveArm:
+    """The arm of that runner, connected."""
+    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
+    finish(runner)
+    assert source.arm is not None
+    return source.arm
+
+
+class InHand:
+    """Work that lasts until it is told to go on; `begun` is set as it begins."""
+
+    def __init__(self) -> None:
+        self.begun, self.go_on = threading.Event(), threading.Event()
+
+    def __call__(self) -> None:
+        self.begun.set()
+        self.go_on.wait(PATIENCE_S)
+
+
+def texts(runner: Runner) -> list[str]:
+    return [m.text for m in runner.snapshot().messages]
 
 
 def finish(runner: Runner) -> None:
@@ -58,19 +80,14 @@ def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session) -> None:
 
 
 def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> None:
-    begun, go_on = threading.Event(), threading.Event()
-
-    def work() -> None:
-        begun.set()
-        go_on.wait(PATIENCE_S)
-
+    work = InHand()
     runner.submit(TaskKind.CALIBRATE, "the first", work)
-    assert begun.wait(PATIENCE_S)
+    assert work.begun.wait(PATIENCE_S)
     runner.submit(TaskKind.NOTE, "the second", lambda: None)
     task = runner.snapshot().task
     assert task is not None
     assert (task.kind, task.text) == (TaskKind.CALIBRATE, "the first")
-    go_on.set()
+    work.go_on.set()
     finish(runner)
     assert runner.snapshot().task is None
 
@@ -83,71 +100,41 @@ def test_what_is_being_connected_to_can_be_stopped(runner: Runner) -> None:
     assert not runner.connected
 
 
-def test_what_waits_behind_cancelled_work_never_begins(runner: Runner) -> None:
-    begun, go_on = threading.Event(), threading.Event()
-    ran: list[str] = []
-
-    def work() -> None:
-        begun.set()
-        go_on.wait(PATIENCE_S)
-
-    runner.submit(TaskKind.AUTOMATIC, "the first", work)
-    runner.submit(TaskKind.MOVE, "the second", lambda: ran.append("second"))
-    assert begun.wait(PATIENCE_S)
-    runner.cancel()
-    go_on.set()
-    finish(runner)
-    assert not ran
-    assert any(
-        "the second: cancelled by the operator" in m.text for m in runner.snapshot().messages
-    )
-
-
-def test_a_quick_stop_for_lost_data_leaves_a_waiting_connection(runner: Runner) -> None:
-    begun, go_on = threading.Event(), threading.Event()
-    ran: list[str] = []
-
-    def work() -> None:
-        begun.set()
-        go_on.wait(PATIENCE_S)
-
+@pytest.mark.parametrize(
+    ("ends", "done"),
+    [(Runner.cancel, []), (Runner.stop_quietly, ["connection"])],
+    ids=["cancelled by the operator", "stopped for lost data"],
+)
+def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_data(
+    runner: Runner, ends: Callable[[Runner], None], done: list[str]
+) -> None:
+    work, ran = InHand(), list[str]()
     runner.submit(TaskKind.AUTOMATIC, "the first", work)
     runner.submit(TaskKind.MOVE, "a motion", lambda: ran.append("motion"))
     runner.submit(TaskKind.CONNECT, "a connection", lambda: ran.append("connection"))
-    assert begun.wait(PATIENCE_S)
-    runner.stop_quietly()
+    assert work.begun.wait(PATIENCE_S)
+    ends(runner)
     assert runner.cancelled()
-    go_on.set()
+    work.go_on.set()
     finish(runner)
-    assert ran == ["connection"]
+    assert ran == done
+    assert any("a motion: cancelled" in text for text in texts(runner))
 
 
-def test_that_this_computer_was_late_is_said_once(tmp_path: Path) -> None:
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
-    finish(runner)
-    assert source.arm is not None
-    source.arm.lateness = HostLatency(times=1, last_s=0.4, longest_s=0.4)
-    said: list[tuple[Level, str]] = []
+def test_that_this_computer_was_late_is_said_once(runner: Runner, arm: LiveArm) -> None:
+    arm.lateness = HostLatency(times=1, last_s=0.4, longest_s=0.4)
     end = time.monotonic() + PATIENCE_S
-    while not said and time.monotonic() < end:
+    while not any("late" in text for text in texts(runner)) and time.monotonic() < end:
         threading.Event().wait(WATCH_PERIOD_S)
-        said = [(m.level, m.text) for m in runner.snapshot().messages if "late" in m.text]
     threading.Event().wait(3 * WATCH_PERIOD_S)
-    assert len([m for m in runner.snapshot().messages if "late" in m.text]) == 1
-    assert said[0][0] is Level.WARNING
-    assert said[0][1].startswith("this computer was late by 0.4 s")
-    source.close("end of the test")
+    (said,) = (m for m in runner.snapshot().messages if "late" in m.text)
+    assert said.level is Level.WARNING
+    assert said.text.startswith("this computer was late by 0.4 s")
 
 
-def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(tmp_path: Path) -> None:
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
-    finish(runner)
-    arm = source.arm
-    assert arm is not None
+def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(
+    runner: Runner, arm: LiveArm
+) -> None:
     reset = arm.reset_stop
 
     def reset_and_pressed_again() -> None:
@@ -158,16 +145,14 @@ def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(tmp_p
     runner.stop()
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
     finish(runner)
-    s = runner.snapshot()
-    assert s.stopped
-    assert s.stop is not None
-    assert not any("STOP reset" in m.text for m in s.messages)
+    assert runner.snapshot().stopped
+    assert runner.snapshot().stop is not None
+    assert not any("STOP reset" in text for text in texts(runner))
     arm.reset_stop = reset
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
     finish(runner)
     assert runner.snapshot().stop is None
-    assert any("STOP reset" in m.text for m in runner.snapshot().messages)
-    source.close("end of the test")
+    assert any("STOP reset" in text for text in texts(runner))
 
 
 @pytest.mark.campaign
@@ -186,14 +171,13 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
         runner.snapshot()
         assert not ended.wait(0.05)
     assert ended.wait(PATIENCE_S)
-    assert any("the screen did not respond" in m.text for m in runner.snapshot().messages)
+    assert any("the screen did not respond" in text for text in texts(runner))
 
 
-def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path) -> None:
+def test_a_thread_that_dies_stops_the_arm_and_is_told(source: FakeSource) -> None:
     def broken() -> str:
         raise ZeroDivisionError
 
-    source = FakeSource(tmp_path / "sessions")
     session = source.new().session
     runner = Runner(session, simulated=True, bus="none", recording_ended=broken)
     for _ in range(1000):
@@ -204,7 +188,6 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(tmp_path: Path) -> None:
     assert source.arm is not None
     assert source.arm.stops
     runner.close("end of the test")
-    source.close("end of the test")
 
 
 def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
@@ -240,12 +223,9 @@ def test_held_joints_are_not_driven_against_each_other(runner: Runner) -> None:
     work.set_modes((1, 5))
     work.hold()
     before = runner.session.arm.snapshot().positions_rad
-    with pytest.raises(SessionError, match="7"):
-        work.go(0)
-    with pytest.raises(SessionError, match="7"):
-        work.wiggle()
-    with pytest.raises(SessionError, match="7"):
-        work.capture(0)
+    for moves in (lambda: work.go(0), work.wiggle, lambda: work.capture(0)):
+        with pytest.raises(SessionError, match="7"):
+            moves()
     assert abs(runner.session.arm.snapshot().positions_rad - before).max() < 0.02
     assert not runner.session.state.poses
 
@@ -256,30 +236,13 @@ def kept_faults(runner: Runner) -> list[object]:
     return [e.data["joint"] for e in events if e.name == "sensor_fault"]
 
 
-def with_a_pose(runner: Runner) -> None:
-    """Connect, and capture the first pose."""
-    work = runner.operations
+@pytest.fixture
+def stopped_by_itself(source: FakeSource, runner: Runner) -> Runner:
+    """With a pose, a calibration in hand that ends only when it is cancelled, and why it was stopped handed in."""
+    work, begun = runner.operations, threading.Event()
     work.connect()
     work.set_modes((1, 5))
     work.capture(0)
-
-
-def wait_until_told(runner: Runner) -> None:
-    """Wait until the watchman has seen why the arm was stopped, and handed that in."""
-    end = time.monotonic() + PATIENCE_S
-    while not any("J5" in a.text or "oint 5" in a.text for a in runner.snapshot().alarms):
-        assert time.monotonic() < end
-        threading.Event().wait(WATCH_PERIOD_S)
-    while runner.pending < 2:
-        assert time.monotonic() < end
-        threading.Event().wait(WATCH_PERIOD_S)
-
-
-def stopped_by_itself_while_calibrating(source: FakeSource, runner: Runner) -> None:
-    """With a pose, and a calibration in hand that ends only when it is cancelled."""
-    with_a_pose(runner)
-    assert source.arm is not None
-    begun = threading.Event()
 
     def calibrating() -> None:
         begun.set()
@@ -288,14 +251,19 @@ def stopped_by_itself_while_calibrating(source: FakeSource, runner: Runner) -> N
 
     runner.submit(TaskKind.CALIBRATE, "calibrating", calibrating)
     assert begun.wait(PATIENCE_S)
+    assert source.arm is not None
     source.arm.diverge(5)
-    wait_until_told(runner)
+    end = time.monotonic() + PATIENCE_S
+    while runner.pending < 2 or not any("oint 5" in a.text for a in runner.snapshot().alarms):
+        assert time.monotonic() < end
+        threading.Event().wait(WATCH_PERIOD_S)
+    return runner
 
 
-def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_path: Path) -> None:
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    stopped_by_itself_while_calibrating(source, runner)
+def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(
+    stopped_by_itself: Runner,
+) -> None:
+    runner = stopped_by_itself
     runner.stop()
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
     finish(runner)
@@ -303,17 +271,13 @@ def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(tmp_p
     assert kept_faults(runner) == [5]
     assert runner.session.state.sensor_jump
     assert runner.session.state.used_poses == ()
-    source.close("end of the test")
 
 
 def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
-    tmp_path: Path,
+    source: FakeSource, stopped_by_itself: Runner
 ) -> None:
-    source = FakeSource(tmp_path / "sessions")
-    runner = source.new()
-    stopped_by_itself_while_calibrating(source, runner)
     source.close("end of the test")
-    assert kept_faults(runner) == [5]
+    assert kept_faults(stopped_by_itself) == [5]
 
 
 def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,26 +17,45 @@ from operator_app.errors import GuardError
 from operator_app.headless.procedure_run import run
 from operator_app.session.store.journal import read_journal
 from operator_app.session.ui.operations import Operations
-from operator_app.session.workflow.capture import verify
+from operator_app.session.ui.snapshot import Level
+from operator_app.session.workflow.capture import connect, verify
 from operator_app.session.workflow.drive_selection import waypoints_of
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
+from solver.chain.arm_model import ArmModel
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
 from tests.oracles.approved import Approve
+from tests.oracles.hearing import Hearing
 from tests.oracles.journalled_sessions import Quiet
 from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
+PDO, ZEROED = "joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): 6071h is 0; it was -50"
 
-class Counting(Listener):
-    """Counts poses."""
 
-    def __init__(self) -> None:
-        self.poses = 0
-
-    def pose_captured(self, state: object, wanted: int) -> None:
-        self.poses += 1
+@pytest.mark.parametrize(
+    ("found", "level"),
+    [
+        pytest.param({"configured": (PDO, PDO)}, Level.INFO, id="PDOs"),
+        pytest.param({"configured": (PDO, ZEROED), "zeroed": (ZEROED,)}, Level.INFO, id="zeroed"),
+        pytest.param({"unwatching": (3, 5)}, Level.WARNING, id="no heartbeat timeout"),
+    ],
+)
+def test_what_is_found_in_drives_is_said_on_every_interface_and_journalled(
+    make_session: MakeSession, found: dict[str, Any], level: Level, approve: Approve
+) -> None:
+    session = make_session(short_procedure(12))
+    connect_arm = session.arm.connect
+    session.arm.connect = lambda: replace(connect_arm(), **found)
+    hearing, publisher = Hearing(), Quiet(session)
+    connect(session, hearing)
+    approve(hearing.said[0])
+    Operations(session, publisher).connect()
+    assert (level, hearing.said[0].removesuffix(".")) in publisher.said
+    lines = [e for e in read_journal(session.journal.path.parent).events if e.name == "connected"]
+    configured = list(found.get("configured", ()))
+    assert [configured] * 2 == [line.data.get("configured", []) for line in lines]
 
 
 def truth(model: DhLoop) -> np.ndarray:
@@ -45,11 +65,10 @@ def truth(model: DhLoop) -> np.ndarray:
 
 def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
     session = make_session(short_procedure(20))
-    listener = Counting()
+    listener = Hearing()
     result = run(session, listener)
-    session.close("done")
 
-    assert listener.poses == 20
+    assert listener.heard == list(range(1, 21))
     estimate = result.solution.estimate
     assert isinstance(result.solution.model, DhLoop)
     error = np.abs(estimate.x - truth(result.solution.model))
@@ -70,8 +89,7 @@ def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
 def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
     make_session: MakeSession, joints: tuple[int, ...], approve: Approve
 ) -> None:
-    session = make_session(short_procedure(3))
-    session.connect()
+    session = make_session(short_procedure(3), connect=True)
     with pytest.raises(GuardError) as refused:
         session.set_modes(joints)
     approve(str(refused.value))
@@ -89,8 +107,7 @@ def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) 
     procedure = short_procedure(3)
     fixture = load_fixture("rigid")
     assert isinstance(fixture.fixture, Rigid)
-    session = make_session(replace(procedure, fixture=fixture, position_joints=(1,)))
-    session.connect()
+    session = make_session(replace(procedure, fixture=fixture, position_joints=(1,)), connect=True)
     with pytest.raises(FixtureRefusedError, match="joint 4 does not move"):
         session.require_fixture()
     assert session.state.modes == ()
@@ -105,7 +122,7 @@ def test_capture_before_modes_is_refused(make_session: MakeSession) -> None:
 def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: MakeSession) -> None:
     session = make_session(short_procedure(2))
     with pytest.raises(TooFewPosesError, match="at least 3 poses"):
-        run(session, Counting())
+        run(session, Listener())
 
 
 @pytest.mark.sample(2)
@@ -116,16 +133,15 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
     session = make_session(short_procedure(6))
     session.arm.interrupt_at_sync = sync  # type: ignore[attr-defined]
     with pytest.raises(KeyboardInterrupt):
-        run(session, Counting())
+        run(session, Listener())
     session.arm.interrupt_at_sync = None  # type: ignore[attr-defined]
     session.close("interrupted")
-    session.close("interrupted")
+    session.close("again")
     kept = session.state.poses
 
     again = make_session(short_procedure(6), resume=True)
     assert [p.number for p in again.state.poses] == [p.number for p in kept]
-    result = run(again, Counting())
-    again.close("done")
+    result = run(again, Listener())
     assert result.solution.accepted
     assert [p.number for p in again.state.used_poses] == list(range(1, 7))
     assert [p.waypoint for p in again.state.used_poses] == list(range(6))
@@ -134,8 +150,7 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
 
 
 def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
-    session = make_session(short_procedure(3))
-    session.connect()
+    session = make_session(short_procedure(3), connect=True)
     session.close("done")
     other = make_session(short_procedure(3), resume=True, serial="SDA-0002")
     with pytest.raises(GuardError, match="belongs to arm SDA-0001"):
@@ -144,7 +159,7 @@ def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
 
 def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSession) -> None:
     session = make_session(short_procedure(5))
-    run(session, Counting())
+    run(session, Listener())
     assert session.undo().number == 5
     session.exclude(2, "bumped the table")
     session.note(3, "after lunch")
@@ -158,23 +173,28 @@ def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSessi
     session.close("done")
     again = make_session(short_procedure(5), resume=True)
     assert [(p.number, p.excluded, p.note) for p in again.state.poses] == expected
-    run(again, Counting())
+    run(again, Listener())
     assert [p.number for p in again.state.used_poses] == [1, 3, 4, 6, 7]
+
+
+def with_range(arm: ArmModel, lower_rad: float, upper_rad: float) -> ArmModel:
+    """The arm with another range of joint 7."""
+    last = replace(arm.joints[6], lower_rad=lower_rad, upper_rad=upper_rad)
+    return replace(arm, joints=(*arm.joints[:6], last))
 
 
 def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeSession) -> None:
     procedure = short_procedure(4)
-    joints = list(procedure.arm.joints)
     # Joint 7's range now ends inside the region the plan wants to explore.
-    joints[6] = replace(joints[6], lower_rad=float(np.deg2rad(10.0)))
-    session = make_session(replace(procedure, arm=replace(procedure.arm, joints=tuple(joints))))
-    run(session, Counting())
+    limit = float(np.deg2rad(10.0))
+    arm = with_range(procedure.arm, limit, procedure.arm.joints[6].upper_rad)
+    session = make_session(replace(procedure, arm=arm))
+    run(session, Listener())
     events = read_journal(session.journal.path.parent).events
     skipped = [e.data for e in events if e.name == "waypoint_skipped"]
     assert skipped
     assert "joint 7" in skipped[0]["reason"]
     assert len(session.state.used_poses) == 4
-    limit = joints[6].lower_rad
     assert all(p.mean_rad[6] > limit for p in session.state.poses)
 
 
@@ -192,22 +212,15 @@ def on_screen(session: Session) -> None:
 
 @pytest.mark.parametrize("face", [by_command, on_screen])
 def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
-    make_session: MakeSession, face: Callable[[Session], None]
+    make_session: MakeSession, face: Callable[[Session], None], approve: Approve
 ) -> None:
-    procedure = short_procedure(3)
-    joints = list(procedure.arm.joints)
+    session = make_session(short_procedure(3))
     # Whichever way joint 7 turns from home it comes to an end of its range.
-    session = make_session(procedure)
-    here = session.arm.snapshot().positions_rad[6]
-    margin = np.deg2rad(2.5)
-    joints[6] = replace(joints[6], lower_rad=here - margin, upper_rad=here + margin)
-    session.model = replace(procedure.arm, joints=tuple(joints))
+    here, margin = session.arm.snapshot().positions_rad[6], np.deg2rad(2.5)
+    session.model = with_range(session.model, here - margin, here + margin)
     with pytest.raises(GuardError, match="of 3 poses could be reached") as refused:
         face(session)
-    assert refused.value.remedy == (
-        "drive another pair of joints, widen the span, mount the hinge elsewhere, or calibrate from "
-        "these poses"
-    )
+    approve(refused.value.remedy)
 
 
 def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
@@ -233,9 +246,8 @@ def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
     assert apart.min() > np.deg2rad(0.2)
     assert state.pose_set().sha256() == before.pose_set().sha256()
     assert state.visited == before.visited
-    verified = [
-        e.data for e in read_journal(session.journal.path.parent).events if e.name == "verified"
-    ]
+    events = read_journal(session.journal.path.parent).events
+    verified = [e.data for e in events if e.name == "verified"]
     assert [v["readings"] for v in verified] == [[2, 3, 4], [5, 6, 7]]
     assert verified[1]["position_m"] == verdict.verification.sigmas.position_m.rms
 
@@ -267,4 +279,3 @@ def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
     # Of other poses nothing is known.
     other.exclude(2, "bumped")
     assert not other.state.solved
-    other.close("left")

@@ -40,9 +40,7 @@ def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
     assert "lost at the commit" in told["unknown"]
     folder = session.journal.path.parent
     assert [e.name for e in read_journal(folder).events][-2:] == ["exported", "closed"]
-    said = session_text(folder, session.state, accepted=True)
-    assert "Controller  not known: " in said
-    assert "nothing uploaded" not in said
+    assert "Controller  not known: " in session_text(folder, session.state, accepted=True)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +103,6 @@ def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_ke
     assert document.warnings[0].text.endswith("exported because: the demo is tonight")
     assert "sigma_pos" in document.warnings[0].text
     assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
-    session.close("done")
 
 
 def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSession) -> None:
@@ -116,4 +113,3 @@ def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSessi
     assert session.state.exported["forced"] == ""
     codes = [w.code for w in load_parameters(result.exported.parameters).warnings]
     assert "FORCED" not in codes
-    session.close("done")

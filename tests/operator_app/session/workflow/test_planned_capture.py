@@ -10,16 +10,17 @@ import numpy as np
 import pytest
 
 from hardware.virtual.scenarios import scenario
-from hardware.virtual.true_loop import paper_loop
+from hardware.virtual.true_loop import LoopTruth, paper_loop
+from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.result import Solution
 from operator_app.config.procedure import Procedure
 from operator_app.errors import Cancelled, GuardError
 from operator_app.session.store.journal import Journal, JournalEvent, read_journal
-from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.campaign_replay import is_same_action
 from operator_app.session.workflow.drive_selection import choose
-from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.planned_capture import PlannedCapture
+from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.session import Session
+from tests.oracles.hearing import Hearing
 from tests.oracles.opened import MakeSession, opened
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
@@ -34,20 +35,15 @@ def procedure(poses: int, **capture: object) -> Procedure:
     return replace(found, position_joints=(1, 5), capture=replace(found.capture, **capture))
 
 
-class Told(Listener):
-    """A capture on a session, what it said, and how many poses there were each time."""
+class Planned(Hearing):
+    """A capture on a session, with what it said."""
 
     def __init__(self, session: Session, drives: tuple[int, ...] = (1, 5)) -> None:
-        self.session, self.said, self.heard = session, [], []
+        super().__init__()
+        self.session = session
         self.capture = PlannedCapture(session, drives, self, candidates=CANDIDATES)
 
-    def report(self, text: str) -> None:
-        self.said.append(text)
-
-    def pose_captured(self, state: SessionState, wanted: int) -> None:
-        self.heard.append(len(state.used_poses))
-
-    def run(self):
+    def run(self) -> CampaignEnd:
         self.session.connect()
         self.session.set_modes(self.capture.ready())
         return self.capture.run()
@@ -57,7 +53,7 @@ def interrupted(session: Session, at_sync: int) -> Session:
     """Begin a capture, and end it by Ctrl-C at that SYNC."""
     session.arm.interrupt_at_sync = at_sync
     with pytest.raises(KeyboardInterrupt):
-        Told(session).run()
+        Planned(session).run()
     session.arm.interrupt_at_sync = None
     session.close("interrupted")
     return session
@@ -78,31 +74,25 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     session = opened(
         tmp_path_factory.mktemp("whole") / "session", PlantArm(wanted, "exact"), wanted
     )
-    told = Told(session)
+    told = Planned(session)
     end = told.run()
     session.close("done")
-    return SimpleNamespace(
-        session=session, said=told.said, end=end, heard=told.heard, events=events(session)
-    )
+    return SimpleNamespace(session=session, told=told, end=end, events=events(session))
+
+
+def true_of(solution: Solution, truth: LoopTruth) -> np.ndarray:
+    table = truth.table.stacked()
+    return np.array([table[e.kind, e.row] for e in solution.model.entries])
 
 
 def test_the_whole_way_takes_the_planned_poses_and_recovers_the_arm(whole: SimpleNamespace) -> None:
     state = whole.session.state
     assert whole.end.complete
-    assert whole.end.text == "all 4 planned poses are taken"
     assert [p.planned for p in state.poses] == [False] * (len(state.poses) - 4) + [True] * 4
-    assert whole.heard == list(range(1, len(state.poses) + 1))
-    assert any("Explored" in text and "joints 1 and 5 drive" in text for text in whole.said)
-
-
-def test_the_planned_arm_is_known_to_its_own_uncertainty(whole: SimpleNamespace) -> None:
-    from operator_app.calibration.calibrate import calibrate
-
-    session = whole.session
-    solution = calibrate(session.model, session.fixture, session.state.pose_set())
-    table = paper_loop().table.stacked()
-    true = np.array([table[e.kind, e.row] for e in solution.model.entries])
-    error = np.abs(solution.estimate.x - true)
+    assert whole.told.heard == list(range(1, len(state.poses) + 1))
+    assert any("Explored" in text and "joints 1 and 5 drive" in text for text in whole.told.said)
+    solution = calibrate(whole.session.model, whole.session.fixture, state.pose_set())
+    error = np.abs(solution.estimate.x - true_of(solution, paper_loop()))
     assert np.all(error < 5.0 * solution.estimate.standard_deviation)
 
 
@@ -112,20 +102,20 @@ def test_an_arm_far_from_its_files_is_explored_planned_and_known_within_its_rang
 ) -> None:
     described = scenario("wild", seed=3)
     session = make_session(procedure(5), described)
-    assert Told(session).run().complete
+    assert Planned(session).run().complete
     read = np.array([pose.mean_rad for pose in session.state.poses])
     assert np.all((session.model.lower_rad < read) & (read < session.model.upper_rad))
     solution = session.calibrate()
-    table = described.true_loop().table.stacked()
-    true = np.array([table[e.kind, e.row] for e in solution.model.entries])
-    assert np.abs(solution.estimate.x - true)[:5].max() < 2e-4
+    error = solution.estimate.x - true_of(solution, described.true_loop())
+    assert np.abs(error)[:5].max() < 2e-4
 
 
 @pytest.mark.campaign
-def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(tmp_path: Path) -> None:
-    wanted = procedure(4)
-    session = opened(tmp_path / "session", PlantArm(wanted, "exact"), wanted)
-    told = Told(session)
+def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(
+    make_session: MakeSession,
+) -> None:
+    session = make_session(procedure(4))
+    told = Planned(session)
     told.run()
     before, drives = session.arm.snapshot().positions_rad, session.position_joints
     moves = len(named(session, "campaign_move"))
@@ -142,7 +132,6 @@ def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(tmp_path
     assert np.abs(session.arm.snapshot().positions_rad - before).max() < math.radians(0.1)
     # The plan knows nothing of it: a resumed session replays what it proposed, and no more.
     assert len(named(session, "campaign_move")) == moves
-    session.close("done")
 
 
 class Standing:
@@ -181,7 +170,7 @@ def test_replayed_from_the_journal_it_decides_what_it_decided_then(
 ) -> None:
     places = steps(whole)
     k = places[max(1, int(share * len(places)))]
-    told = Told(cut(whole, k, tmp_path / "cut"))
+    told = Planned(cut(whole, k, tmp_path / "cut"))
     told.capture.ready()
     assert told.said == []
     campaign = told.capture.campaign
@@ -190,7 +179,7 @@ def test_replayed_from_the_journal_it_decides_what_it_decided_then(
 
 
 def test_a_finished_capture_is_not_begun_again(whole: SimpleNamespace, tmp_path: Path) -> None:
-    told = Told(cut(whole, len(whole.events), tmp_path / "cut"))
+    told = Planned(cut(whole, len(whole.events), tmp_path / "cut"))
     told.capture.ready()
     assert told.capture.run() == whole.end
 
@@ -204,14 +193,14 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
         replace(e, data={**e.data, "targets_rad": {"1": 0.5, "5": 0.5}}) if i == places[3] else e
         for i, e in enumerate(whole.events)
     ]
-    told = Told(cut(SimpleNamespace(events=strange, session=whole.session), k, tmp_path / "cut"))
+    told = Planned(cut(SimpleNamespace(events=strange, session=whole.session), k, tmp_path / "cut"))
     assert told.capture.ready() == (1, 5)
     assert "cannot be replayed" in told.said[0]
     assert told.capture.campaign is None
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("sync", [3, 1500, 3700])
+@pytest.mark.parametrize("sync", [3, 700, 1500, 3700])
 def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
     make_session: MakeSession, sync: int
 ) -> None:
@@ -221,9 +210,11 @@ def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
 
     # A virtual arm stands at its home again: farther from where it was than any real one would be.
     again = make_session(wanted, resume=True)
-    told = Told(again)
+    told = Planned(again)
     end = told.run()
     assert end.complete, end.text
+    exploring = bool(kept) and not any(p.planned for p in kept)
+    assert any("last position first" in text for text in told.said) is exploring
     poses = again.state.poses
     assert [p.number for p in poses] == list(range(1, len(poses) + 1))
     assert sum(p.planned for p in poses) == 3
@@ -241,27 +232,16 @@ def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
     assert any(p.planned for p in session.state.poses)
 
     again = make_session(wanted, resume=True, arm=session.arm)
-    told = Told(again)
+    told = Planned(again)
     assert told.run().complete
     assert not any("anew" in text or "going back" in text for text in told.said)
     assert len(named(again, "campaign")) == 1
 
 
 @pytest.mark.campaign
-def test_while_exploring_an_arm_that_was_moved_is_taken_back(make_session: MakeSession) -> None:
-    wanted = procedure(3)
-    session = interrupted(make_session(wanted), 700)
-    assert not any(p.planned for p in session.state.poses)
-    again = make_session(wanted, resume=True)
-    told = Told(again)
-    assert told.run().complete
-    assert any("last position first" in text for text in told.said)
-
-
-@pytest.mark.campaign
 def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None:
     session = make_session(procedure(3))
-    told, moves = Told(session), 0
+    told, moves = Planned(session), 0
 
     def cancelled() -> bool:
         """In the middle of the second move after the third pose."""
@@ -282,7 +262,7 @@ def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None
 @pytest.mark.campaign
 def test_a_withdrawn_pose_no_longer_counts_in_the_plan(make_session: MakeSession) -> None:
     session = make_session(procedure(2))
-    told = Told(session)
+    told = Planned(session)
     told.run()
     first = len(session.state.poses)
     session.undo()
@@ -299,45 +279,43 @@ def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(
     make_session: MakeSession,
 ) -> None:
     session = make_session(procedure(2))
-    Told(session).run()
+    Planned(session).run()
     session.close("done")
     explored = sum(not p.planned for p in session.state.poses)
     again = make_session(procedure(4), resume=True)
-    end = Told(again).run()
+    end = Planned(again).run()
     assert end.complete
     assert sum(p.planned for p in again.state.poses) == 4
     assert sum(not p.planned for p in again.state.poses) == explored
 
 
 @pytest.mark.campaign
-def test_precision_asked_for_ends_it_with_words(make_session: MakeSession) -> None:
-    session = make_session(
-        procedure(8, requested_sigma={"theta_off_1_deg": math.degrees(1e-3), "a_0_mm": 1.0})
-    )
-    end = Told(session).run()
+@pytest.mark.parametrize(
+    ("poses", "requested", "weak"),
+    [
+        (8, {"theta_off_1_deg": math.degrees(1e-3), "a_0_mm": 1.0}, []),
+        (2, {"alpha_0_deg": math.degrees(1e-12)}, ["alpha_0"]),
+    ],
+    ids=["reached", "out of reach"],
+)
+def test_precision_asked_for_ends_it_early_and_what_stays_weak_is_named(
+    make_session: MakeSession, poses: int, requested: dict[str, float], weak: list[str]
+) -> None:
+    session = make_session(procedure(poses, requested_sigma=requested))
+    end = Planned(session).run()
+    assert [w.name for w in end.weak] == weak
+    assert all(w.sigma > w.requested == 1e-12 and w.name in end.text for w in end.weak)
     assert end.complete
-    assert end.weak == ()
-    assert "as well as requested" in end.text
-    assert sum(p.planned for p in session.state.poses) < 8
+    assert (sum(p.planned for p in session.state.poses) < poses) is not bool(weak)
     assert named(session, "campaign_ended")[-1]["text"] == end.text
-
-
-@pytest.mark.campaign
-def test_what_stays_weak_is_named(make_session: MakeSession) -> None:
-    session = make_session(procedure(2, requested_sigma={"alpha_0_deg": math.degrees(1e-12)}))
-    end = Told(session).run()
-    assert [w.name for w in end.weak] == ["alpha_0"]
-    assert end.weak[0].sigma > end.weak[0].requested == 1e-12
-    assert "alpha_0" in end.text
 
 
 @pytest.mark.campaign
 def test_the_drives_change_in_the_middle_and_are_read_back(make_session: MakeSession) -> None:
     wanted = replace(procedure(6), position_joints=None)
-    session = make_session(wanted)
-    session.connect()
+    session = make_session(wanted, connect=True)
     session.record("drives_chosen", {"drives": [2, 5], "sets": [[2, 5], [1, 5]], "reasons": []})
-    told = Told(session, (2, 5))
+    told = Planned(session, (2, 5))
     assert told.run().complete
     changes = named(session, "campaign_drives")
     assert changes
@@ -352,8 +330,7 @@ def test_the_drives_change_in_the_middle_and_are_read_back(make_session: MakeSes
 
 
 def test_chosen_drives_come_with_reasons(make_session: MakeSession) -> None:
-    session = make_session(replace(procedure(2), position_joints=None))
-    session.connect()
+    session = make_session(replace(procedure(2), position_joints=None), connect=True)
     choice = choose(session)
     assert choice.drives == (1, 5) == session.state.drives
     assert choice.drives == choice.sets[0]
@@ -365,8 +342,7 @@ def test_chosen_drives_come_with_reasons(make_session: MakeSession) -> None:
 
 @pytest.mark.campaign
 def test_a_trial_moves_the_arm_and_counts(make_session: MakeSession) -> None:
-    session = make_session(replace(procedure(2), position_joints=None, trial=True))
-    session.connect()
+    session = make_session(replace(procedure(2), position_joints=None, trial=True), connect=True)
     start = session.arm.snapshot().positions_rad
     choice = choose(session)
     assert len(choice.trial) > 1
@@ -381,7 +357,7 @@ def test_an_arm_that_does_not_come_back_is_said(make_session: MakeSession) -> No
     interrupted(make_session(wanted), 700)
     again = make_session(wanted, resume=True)
     # Joint 3 stands elsewhere with the drives in place: another branch of the loop, or another arm.
-    told = Told(again)
+    told = Planned(again)
     again.connect()
     again.set_modes(told.capture.ready())
     told.capture.campaign._q = told.capture.campaign.at_rad + np.deg2rad([0, 0, 9, 0, 0, 0, 0])

@@ -42,8 +42,7 @@ def test_of_an_arm_that_does_not_come_to_rest_joint_spread_and_limit_are_said(
     make_session: MakeSession,
 ) -> None:
     procedure = load_procedure("hinge")
-    session = make_session(procedure, arm=Creeping(procedure, "exact"))
-    session.connect()
+    session = make_session(procedure, arm=Creeping(procedure, "exact"), connect=True)
     with pytest.raises(GuardError) as refused:
         session.read()
     said = refused.value.happened
@@ -113,12 +112,9 @@ def test_where_positions_are_wanted_a_turn_is_left_out() -> None:
     assert found.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_a_lost_target_is_no_broken_instrument() -> None:
+def test_a_lost_target_is_no_broken_instrument_and_the_operator_may_end_the_waiting() -> None:
     with pytest.raises(TargetLostError, match="beam broken"):
         says({"lost": "beam broken"}).measure("1")
-
-
-def test_the_operator_may_end_the_waiting() -> None:
     assert says(patience_s=60.0).measure("1", lambda: True) is None
 
 
@@ -165,13 +161,15 @@ def test_nobody_there_and_somebody_gone_are_said_with_the_remedy() -> None:
             instrument.measure("1")
 
 
-def test_one_that_sends_without_end_is_said_and_fills_no_memory() -> None:
+@contextlib.contextmanager
+def flooded(data: bytes) -> Iterator[TcpLines]:
+    """A port, open, at whose other end a program sends without pause until it is closed."""
     ended = threading.Event()
 
     def flood(server: socket.socket) -> None:
         with contextlib.suppress(OSError), server.accept()[0] as client:
             while not ended.is_set():
-                client.sendall(b"y" * 65536)
+                client.sendall(data)
 
     with socket.create_server(("127.0.0.1", 0)) as server:
         thread = threading.Thread(target=flood, args=(server,))
@@ -179,12 +177,16 @@ def test_one_that_sends_without_end_is_said_and_fills_no_memory() -> None:
         port = TcpLines("127.0.0.1", server.getsockname()[1])
         port.open()
         try:
-            with pytest.raises(InstrumentError, match="sends no lines"):
-                Instrument(port, full_pose=True).measure("1")
+            yield port
         finally:
             ended.set()
             port.close()
             thread.join()
+
+
+def test_one_that_sends_without_end_is_said_and_fills_no_memory() -> None:
+    with flooded(b"y" * 65536) as port, pytest.raises(InstrumentError, match="sends no lines"):
+        Instrument(port, full_pose=True).measure("1")
 
 
 def test_a_port_that_is_taken_is_said_with_another(served) -> None:
@@ -221,7 +223,7 @@ def test_a_file_without_a_heading_is_refused_at_once(
 ) -> None:
     path = tmp_path / "seen.csv"
     if text is not None:
-        path.write_text(text)
+        path.write_bytes(text.encode())
     with pytest.raises(InstrumentError) as refused:
         Instrument(GrowingFile(path), full_pose=True).open()
     approve(str(refused.value))
@@ -321,28 +323,12 @@ def test_one_that_sends_whole_lines_without_pause_is_understood_and_starts_with_
             port.ask("")
             assert [port.line(5.0), port.line(5.0)] == [line, line]
 
-    ended = threading.Event()
-
-    def flood(server: socket.socket) -> None:
-        with contextlib.suppress(OSError), server.accept()[0] as client:
-            while not ended.is_set():
-                client.sendall((line + "\n").encode() * 300)
-
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        thread = threading.Thread(target=flood, args=(server,))
-        thread.start()
-        port = TcpLines("127.0.0.1", server.getsockname()[1])
-        port.open()
-        instrument = Instrument(port, full_pose=True)
-        try:
-            for k in range(5):
-                found = instrument.measure(str(k))
-                assert found is not None
-                assert found.tolist() == pytest.approx(TURNED)
-        finally:
-            ended.set()
-            port.close()
-            thread.join()
+    with flooded((line + "\n").encode() * 300) as flood:
+        instrument = Instrument(flood, full_pose=True)
+        for k in range(5):
+            found = instrument.measure(str(k))
+            assert found is not None
+            assert found.tolist() == pytest.approx(TURNED)
 
 
 def test_more_programs_than_a_tracker_serves_are_refused_in_words(served) -> None:
@@ -376,6 +362,6 @@ def test_what_names_no_port_is_refused_with_those_there_are(source: str) -> None
         port_of(source)
 
 
-def test_ports_are_named_in_the_words_they_were_asked_for(tmp_path: Path) -> None:
-    for source in ("tcp:lab:7327", f"file:{tmp_path / 'a.csv'}", "stdin"):
+def test_ports_are_named_in_the_words_they_were_asked_for() -> None:
+    for source in ("tcp:lab:7327", "file:a.csv", "stdin"):
         assert port_of(source).name == source

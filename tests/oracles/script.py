@@ -1,0 +1,44 @@
+"""An operator of plain mode who picks menu items by their words."""
+
+import threading
+from collections.abc import Callable
+
+WORK = threading.Event()
+
+
+def look_again(pause_s: float) -> None:
+    """Pause a fiftieth of what was asked: not to look without end, which takes the time of those at work."""
+    WORK.wait(pause_s / 50.0)
+
+
+class Script:
+    """A terminal with these answers; `said` is what was written to it."""
+
+    def __init__(self, *answers: str | Callable[[], str]) -> None:
+        self.answers = iter(answers)
+        self.said: list[str] = []
+        self.touches_when: Callable[[], bool] = lambda: False
+
+    def say(self, text: str) -> None:
+        self.said += text.splitlines()
+
+    def ask(self, prompt: str) -> str:
+        self.said.append(prompt)
+        try:
+            answer = next(self.answers)
+        except StopIteration as end:
+            raise EOFError from end
+        if callable(answer):
+            return answer()
+        if prompt not in ("Number: ", "Which: "):
+            return answer
+        for row in reversed(self.said):
+            number, _, label = row.strip().partition(" ")
+            if number.isdecimal() and label.startswith(answer):
+                return number
+        assert prompt != "Number: ", f"no item {answer!r} in {self.said[-12:]}"
+        return answer
+
+    def touched(self, timeout_s: float) -> bool:
+        look_again(timeout_s)
+        return self.touches_when()

@@ -106,7 +106,7 @@ class JournalDamagedError(JournalError):
     Attributes
     ----------
     path, line, key
-        Location; the key is empty for the whole line.
+        Where the problem is; the key is empty if it is the whole line.
     events
         Number of valid lines before it.
     """

@@ -179,7 +179,7 @@ def _receipt(access: ObjectAccess, supervisor: int, profile: BusProfile) -> Uplo
 
 
 def _compare(access: ObjectAccess, supervisor: int, document: bytes) -> None:
-    """Compare the staged document with the one sent, byte for byte and by digest; else drop it."""
+    """Compare the staged document with the one sent, byte for byte and by digest; if it differs, drop it."""
     staged = access.read(supervisor, objects.DOCUMENT)
     sha256 = access.read(supervisor, objects.DIGEST, objects.DIGEST_SHA256)
     length = access.read_unsigned(supervisor, objects.DIGEST, objects.DIGEST_LENGTH)

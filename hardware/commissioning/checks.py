@@ -220,16 +220,14 @@ def _guard(drive: DriveFacts) -> Clause:
     passed: bool | None = None
     if guard is None:
         passed = False
-        text = (
-            "1016h: it does not monitor the operator's heartbeat, and moves on if this program dies"
-        )
+        text = "1016h: it does not monitor the operator's heartbeat, and keeps moving if this program dies"
     else:
         text = f"1016h: it stops {guard:.2f} s after the operator's last heartbeat"
         if guard > MAX_OPERATOR_TIMEOUT_S:
             passed = False
             text += f"; a run requires at most {MAX_OPERATOR_TIMEOUT_S:g} s"
         elif guard > ADVISED_OPERATOR_TIMEOUT_S:
-            text += f", and moves on until then if this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)"
+            text += f", and keeps moving until then if this program dies (advised: {ADVISED_OPERATOR_TIMEOUT_S:g} s)"
         else:
             passed = True
     return Clause(name="guard", passed=passed, text=text, joint=drive.joint)

@@ -125,7 +125,7 @@ def not_enabled(sample: Sample) -> CommandRefused | None:
     for joint, status in enumerate(sample.statuswords, 1):
         state = state_of(status)
         if state is not DriveState.OPERATION_ENABLED:
-            return CommandRefused(f"joint {joint}: the drive is in {state.value}")
+            return CommandRefused(f"joint {joint}: the drive is in state {state.value}")
     return None
 
 

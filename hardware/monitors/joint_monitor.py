@@ -286,7 +286,7 @@ def alarms(
         yield SensorFault(
             watch.jump.joint,
             f"jumped by {watch.jump.counts:+d} counts between two SYNCs, and no other joint moved: "
-            "its sensor lost counts, or its coupling slipped. No pose was captured since",
+            "its sensor lost counts, or its coupling slipped. No pose has been captured since",
             since_sync=watch.jump.sync_count,
         )
     silent = (

@@ -161,7 +161,7 @@ def _unnamed(diagnosis: Diagnosis) -> Iterable[Finding]:
 
 
 def _left(diagnosis: Diagnosis) -> float:
-    """Return chi2/dof with the best explanation of the last round, if there is one."""
+    """Return chi2/dof that remains after the best explanation of the last round, if there is one."""
     last = diagnosis.rounds[-1].best if diagnosis.rounds else None
     if last is None or _impossible_compliance(diagnosis):
         return diagnosis.stated_chi2_per_dof

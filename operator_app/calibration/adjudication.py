@@ -123,7 +123,7 @@ class _Case:
 
     @property
     def gross(self) -> bool:
-        """Whether no single linear explanation reaches the misfit."""
+        """Whether no single linear explanation accounts for the misfit."""
         best = self.diagnosis.best
         left = self.chi2_per_dof if best is None else best.chi2_per_dof
         return left > limits.CHI2_PER_DOF_REFUSED
@@ -313,7 +313,7 @@ def _labels(poses: PoseSet) -> tuple[str, ...]:
 
 
 def _single_cause(diagnosis: Diagnosis) -> bool:
-    """Whether one cause is more likely than all others together."""
+    """Whether a single cause is more likely than all others together."""
     best = diagnosis.best
     if best is None:
         return not diagnosis.rounds
@@ -343,7 +343,7 @@ def _exceeded_specifications(fit: LinearFit, diagnosis: Diagnosis) -> tuple[Find
 
 
 def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[Finding, ...]:
-    """Causes that need no test: they follow from the file or the geometry."""
+    """Causes that need no test, since they follow from the files or the geometry."""
     arm, poses = experiment.arm, experiment.poses
     many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
     left_out = (known.flipped, known.out_of_range, arm, poses)

@@ -62,7 +62,7 @@ def without_reading(stated: Experiment, joint: int) -> Experiment:
 
 
 def start(alternative: Experiment) -> tuple[FloatArray, float]:
-    """Start parameters of an alternative's loop and its mean square closure error."""
+    """Parameters to start from in an alternative's loop, and its mean square closure error."""
     if alternative.unsensed:
         fit = without_readings(alternative)
         return fit.x, float((fit.corrections**2).mean())
@@ -189,7 +189,7 @@ TURNS_RAD = 0.5e-3
 
 
 def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
-    """Return fixtures with fewer constraints than the stated one, in which its open loops may close."""
+    """Return fixtures with fewer constraints than the stated one, in which loops that it leaves open may close."""
     if isinstance(stated.fixture, Rigid):
         yield hinge_instead(stated)
     if isinstance(stated.fixture, Hinge | Rigid):
@@ -197,7 +197,7 @@ def other_fixtures(stated: Experiment) -> Iterator[Alternative]:
 
 
 def hinge_instead(stated: Experiment) -> Alternative:
-    """Return a hinge if the tool turns about one line that is fixed in the tool and in the base."""
+    """Return a hinge if the tool turns about a line that is fixed both in the tool and in the base."""
     arm, fixture = stated.arm, stated.fixture
     frames = _frames(arm, stated.poses)
     eye = np.broadcast_to(np.eye(3), frames[0].shape)

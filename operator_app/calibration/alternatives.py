@@ -115,7 +115,7 @@ def find_alternatives(
 
 
 def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
-    """Return the finding that the fixture is a hinge, where the poses do not suffice for a ball but close in a hinge.
+    """Return the finding that the fixture is a hinge, if the poses are too few for a ball but close in a hinge.
 
     A ball closes wherever a hinge does, with its centre anywhere along the axis.
     """
@@ -127,7 +127,7 @@ def hinge_alternative(stated: Experiment) -> tuple[Finding, ...]:
 
 
 def step_alternative(stated: Experiment, joint: int, scale: float) -> tuple[Finding, ...]:
-    """Return the step that explains a wrong reading of a joint, if one does; `scale` as above."""
+    """Return the step that explains a wrong reading of a joint, if one does; `scale` as in `find_alternatives`."""
     found = _shifted(without_reading(stated, joint), stated.unsensed)
     return _named(
         [
@@ -158,7 +158,7 @@ def _named(found: list[tuple[Finding, float]]) -> tuple[Finding, ...]:
 
 
 def _same_loop(stated: Experiment) -> Iterator[Alternative]:
-    """Alternatives without a mistake of the file: a unit, a sign, two exchanged columns."""
+    """Alternatives in which a mistake in the poses file is corrected: a unit, a sign, two exchanged columns."""
     if stated.unsensed:
         return
     arm, poses = stated.arm, stated.poses
@@ -187,7 +187,7 @@ def _same_loop(stated: Experiment) -> Iterator[Alternative]:
 
 
 def _frozen(stated: Experiment) -> Iterator[Alternative]:
-    """Alternatives in which a sensor is stuck in a run of poses: the loops close without that run."""
+    """Alternatives in which a sensor is stuck in a run of poses, and the loops close without that run."""
     poses, sigma = stated.poses, stated.arm.sigma_rad()
     for j in range(1, poses.joint_count + 1):
         for first, last in constant_reading_runs(poses.q_rad, j, 3.0 * float(sigma[j - 1])):
@@ -237,7 +237,7 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
 def _screened(
     alternatives: Iterator[Alternative], deadline: float, *, below: float
 ) -> list[Alternative]:
-    """The most promising alternatives by their closure error with equal weights."""
+    """The most promising alternatives, judged by their closure error with equal weights."""
     costs: list[tuple[float, Alternative]] = []
     for finding, alternative in alternatives:
         if thread_time() > deadline:

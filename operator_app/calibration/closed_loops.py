@@ -107,8 +107,8 @@ def _without_unidentifiable(
 def on_main_branch(model: ClosureModel, q: FloatArray) -> tuple[BoolArray, Estimate | None]:
     """Separate poses (m, n), rad, on the main branch of the hinge from those on the other.
 
-    This uses the nominal placement, where the tool of a flipped pose is upside down even with inaccurate nominal
-    values; a fit through poses of both branches would lie between them.
+    This uses the nominal placement, in which the tool of a flipped pose is upside down even if nominal values are
+    inaccurate; a fit through poses of both branches would lie between them.
 
     Returns
     -------
@@ -180,7 +180,7 @@ def require_identifiable(
 
 
 def refuse_placement(experiment: Experiment, model: ClosureModel) -> None:
-    """Refuse a nominal placement in which parameters have no unique values (Hayati)."""
+    """Refuse a nominal placement for which parameters have no unique values (Hayati)."""
     part, *_ = model.parts()[0]
     nominal = nominal_vector(part.parameters)
     checks = experiment.fixture.placement_checks(experiment.arm, part, nominal)

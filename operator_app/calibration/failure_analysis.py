@@ -32,7 +32,7 @@ def explain_unidentifiable(
     paper: Estimate | None,
     saturated: PosesDoNotFitError | None,
 ) -> SolverError:
-    """Return the error with a stuck sensor named, or with another cause of open loops."""
+    """Return the error, completed by a stuck sensor or another cause of open loops, if there is one."""
     stuck = explained(error, stated)
     if stuck is not error:
         return stuck
@@ -148,7 +148,7 @@ def _correction(
 
 
 def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableError:
-    """Return the error with a stuck sensor named, where the loop shows that its joint moved."""
+    """Return the error, naming a stuck sensor if the loop shows that its joint moved."""
     still = sorted({j for d in error.directions for j in d.immobile_joints})
     for joint in still:
         moved = _moved(stated, joint)
@@ -164,7 +164,7 @@ def explained(error: UnidentifiableError, stated: Experiment) -> UnidentifiableE
 
 
 def _moved(stated: Experiment, joint: int) -> float:
-    """Range (rad) of a joint's angle that the loop determines without its reading; 0 if it does not."""
+    """Range (rad) of a joint's angles as the loops determine them without its readings; 0 if they do not."""
     blind = without_reading(replace(stated, unsensed=stated.arm.unsensed_joints), joint)
     fit = tried(lambda: without_readings(blind, max_iterations=MAX_ITERATIONS), None)
     if (

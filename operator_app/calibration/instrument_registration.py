@@ -134,7 +134,7 @@ class _Places(NamedTuple):
 def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured) -> _Places:
     """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton.
 
-    For a given rotation of the base the rest is linear; that rotation is unknown, so that all 24 quarter turns are
+    For a given rotation of the base the rest is linear; since that rotation is unknown, all 24 rotations of a cube are
     starts. The target has a weak prior about its stated place.
     """
     stated = np.array(instrument.tip_m)

@@ -66,7 +66,7 @@ def execute(args: argparse.Namespace) -> int:
     if args.poses is not None and args.poses < 1:
         raise UsageError("--poses: must be at least 1")
     if args.tries < 1:
-        raise UsageError("--tries: at least 1")
+        raise UsageError("--tries: must be at least 1")
     procedure, known_rad, basis = _of_session(args) if args.session else _of_files(args)
     capture = procedure.capture
     poses = args.poses or (capture.poses if capture.strategy == "planned" else DEFAULT_POSES)

@@ -26,7 +26,7 @@ class Problem:
         YAML: character in the line, from 1. CSV: number of the field, from 1.
     key
         Place in the document, e.g. ``joints[joint 6].sensor.bits``, or the CSV column; "" for the file. Items of a list
-        have their own number where there is one, else they are counted from 1.
+        are named by their own number if they have one; otherwise they are counted from 1.
     """
 
     file: str

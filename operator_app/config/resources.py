@@ -40,7 +40,7 @@ class Resource:
     file
         Name for messages: the path as typed, or ``packaged:<name>.yaml``.
     folder
-        Folder that relative references inside the file start from; None for a packaged file.
+        Folder from which relative references inside the file start; None for a packaged file.
     """
 
     file: str

@@ -91,7 +91,7 @@ class UrdfChain:
 
     @property
     def rounded(self) -> dict[str, float]:
-        """Angles that the file rounds by more than `REPORTED_RAD`, and the exact ones, deg."""
+        """Angles that the file rounds by more than `REPORTED_RAD`, each with the exact angle, deg."""
         return {word: deg for step in self.steps for word, deg in step.rounded.items()}
 
 

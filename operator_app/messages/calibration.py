@@ -61,7 +61,7 @@ SOURCE_REMEDIES = {
     "offsets": "find the joints' zeros by another method and state offset_tolerance_deg",
     "placement": "measure the fixture's placement twice as accurately and state its tolerance",
     "encoder_accuracy": "centre the encoders twice as accurately and state their accuracy_deg",
-    "fixture_give": "mount a fixture twice as stiff, or load it less, and state its give",
+    "fixture_give": "mount a fixture twice as stiff, or load it less, and state its compliance (give)",
     "instrument": "measure twice as accurately, or four times as many poses, and state the instrument's sigma",
     "joint_play": "halve the joints' play and state it",
     "sag": "state the links' masses, or a smaller sag if the joints sag less",

@@ -43,7 +43,7 @@ class DrivePrediction:
     Attributes
     ----------
     here, region
-        Rankings at the present pose and over the reachable region, the best first.
+        Rankings at the current pose and over the reachable region, the best first.
     inexact
         Joints with a linearity deviation above `INEXACT_RAD`: other joints are preferred as drives, since these would
         miss planned positions.
@@ -62,7 +62,7 @@ class DriveChoice:
     Attributes
     ----------
     sets
-        All sets of a plan: `drives` first, then those that reach other poses.
+        All drive sets that a plan may use: `drives` first, then those that reach other poses.
     prediction, trial
         The rankings; () without a trial.
     """

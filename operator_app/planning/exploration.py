@@ -102,7 +102,7 @@ def _waypoints(
     poses: int,
     seed: int,
 ) -> tuple[Mapping[int, float], ...]:
-    """Return the waypoints; cached, because every visit needs all of them."""
+    """Return the waypoints; cached, because each visit needs the whole list."""
     unit = additive_recurrence(3 * poses, len(joints), seed)
     low = np.array(lower_rad)
     points = low + unit * (np.array(upper_rad) - low)

@@ -38,7 +38,7 @@ class Outlook:
     from_home_rad
         Distance (n,) of the nearest closed pose from home; None for an open arm, or if no pose closes.
     mobility
-        Freedoms of the chain, the number of drive joints; None if no pose closes.
+        Degrees of freedom of the chain, which is the number of drive joints; None if no pose closes.
     choice
         Choice of drive joints; None for an open arm, or if no joints can drive.
     refusal

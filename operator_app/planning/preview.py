@@ -52,7 +52,7 @@ class Preview:
     mobility
         Freedoms of the closed chain.
     estimate
-        Estimate of the plan; None: nominal values.
+        Estimate with which the plan was made; None: nominal values.
     checks
         Checks of the fixture at the start position.
     seen

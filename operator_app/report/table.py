@@ -61,7 +61,7 @@ class FactTable:
     Attributes
     ----------
     ident, title
-        Name for links, and caption.
+        Name used in links, and caption.
     detail
         Whether only the HTML page shows it.
     out

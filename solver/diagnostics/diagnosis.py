@@ -212,7 +212,7 @@ def _explanations(
     odd: Outliers,
     measured: Mapping[int, PeakDeviation],
 ) -> Iterable[CauseRanking]:
-    """Fit the best explanation of the residuals, until no test fires."""
+    """Fit the best explanation of the residuals, one after the other, until no test fires."""
     persistent_faults = tuple(scene.persistent_faults(measured))
     for _ in range(limits.MOST_CAUSES_FITTED):
         found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))

@@ -117,7 +117,7 @@ class FaultModels:
         return found
 
     def suspects(self) -> tuple[Suspect, ...]:
-        """Suspects of a change in mid-session."""
+        """Quantities that may have changed during the session."""
         return tuple(
             Suspect(
                 name=name,

@@ -127,8 +127,8 @@ class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
-    `quietest` and `scaled` (K,) are those of the components. `column` (P,): column of each parameter, those without a
-    prior first.
+    `quietest` and `scaled` (K,) are the corresponding values of the components. `column` (P,): column of each
+    parameter, those without a prior first.
     """
 
     def __init__(
@@ -370,7 +370,7 @@ class Layout:
         wall: float = LARGEST_SCALE**2,
         leap: float = 0.0,
     ) -> int:
-        """Return the component of a source that is as large as stated unless the poses show otherwise."""
+        """Return the variance component of a source whose size is the stated one unless the poses show otherwise."""
         return self._component(
             VarianceComponent(
                 name=name, start=1.0, floor=floor, stated=1.0, scaled=True, wall=wall, leap=leap

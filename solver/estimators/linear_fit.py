@@ -153,7 +153,7 @@ class LinearFit:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance (P, P) of all parameters: every source at its variance."""
+        """Covariance (P, P) of all parameters, from all sources of error."""
         column = self.design.column
         block = self.H_inverse[np.ix_(column, column)] * np.outer(self.unit, self.unit)
         return np.asarray(0.5 * (block + block.T))

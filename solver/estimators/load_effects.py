@@ -146,7 +146,7 @@ class Gravity:
     Attributes
     ----------
     part
-        The arm that has these torques.
+        The arm on which these torques act.
     size
         (n, s): root of the second moments of the twist's deviations from its expected value, for a unit of each shape.
     turn
@@ -180,7 +180,7 @@ class Gravity:
         return cls(part=part, size=size, turn=size[..., None] * leading, rate=rate)
 
     def sags(self, torque: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Expected twist (m, n), its columns (m, n, c), variance they leave out (m, n), and side of play (m, n)."""
+        """Expected twist (m, n), its columns (m, n, c), variance left out by them (m, n), and side of play (m, n)."""
         found = []
         for cut in _cuts(len(torque)):
             some = torque[cut]

@@ -169,7 +169,7 @@ def _iterate(
     *,
     found: Derivatives | None = None,
 ) -> MixedFit:
-    """Iterate to convergence; given `variances` (K,) are fixed, `found` are the derivatives where they come from."""
+    """Iterate to convergence; given `variances` (K,) stay fixed, `found` being the derivatives that go with them."""
     v = design.start_variances() if variances is None else variances
     free = variances is None and len(v) > 0
     settled = SETTLED_BESIDE_VARIANCES_SIGMA if free else SETTLED_SIGMA

@@ -163,7 +163,7 @@ def check_closure_without_poses(
         LOOP_FALSE_REFUSAL_PROBABILITY if known is None else FALSE_REFUSAL_PROBABILITY_KNOWN_ARM
     ):
         return probability
-    # Joints that alone explain the closure error, the likeliest first.
+    # Joints of which each alone explains the closure error, the most likely first.
     fits = _fits_without(loop, loop.joints)
     explaining = {j: f for j, f in fits.items() if _probability(f) >= EXPLAINED_PROBABILITY}
     raise ClosureRefusedError(

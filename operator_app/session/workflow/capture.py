@@ -221,7 +221,7 @@ def _check_last_pose(session: Session, listener: Listener, planned: PlannedCaptu
 def _repeat_first_pose(
     session: Session, listener: Listener, planned: PlannedCapture | None, *, suspect: bool = False
 ) -> Sequence[Mapping[int, float]]:
-    """Repeat the first used pose: the difference shows step changes independently of the model.
+    """Repeat the first used pose, as the difference shows step changes independently of the model.
 
     An explored capture moves there in a straight line within its box, a planned one along paths of its plan. If the
     pose cannot be reached, this is recorded and the capture continues.

@@ -53,7 +53,7 @@ def drives_of(session: Session, listener: Listener | None = None) -> tuple[int, 
 
 
 def choose(session: Session, *, may_move: bool = True) -> DriveChoice:
-    """Rank the sets of drive joints at the present pose and record the best usable one.
+    """Rank the sets of drive joints at the current pose and record the best usable one.
 
     With `trial` in the procedure, the best ones are moved by 1.5 deg first, which enables the drives, unless nothing
     may move.

@@ -180,7 +180,7 @@ class PlannedCapture:
                     self._move(campaign, action)
 
     def to_first(self) -> tuple[str, list[Mapping[int, float]]]:
-        """Move to the first captured pose on paths of the plan; the campaign is not informed.
+        """Move to the first captured pose along paths of the plan, without informing the campaign.
 
         Returns
         -------

@@ -112,7 +112,7 @@ def test_modes_need_every_drive_enabled() -> None:
         sync_count=1, statuswords=(ENABLED, 0x0218), counts=(0, 0), torques_per_mille=(0, 0)
     )
     refused = not_enabled(sample)
-    assert "joint 2: the drive is in fault" in str(refused)
+    assert "joint 2: the drive is in state fault" in str(refused)
 
 
 @pytest.mark.parametrize(

@@ -126,7 +126,7 @@ def test_it_stays_off_though_nobody_asks_for_anything(live: CanopenArm, bus: Fak
     wait_for(lambda: bus.drives[3].status == OFF)
     wait_for(lambda: {d.status for j, d in bus.drives.items() if j != 3} == {STOPPED})
     (fault,) = live.snapshot().faults
-    assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in switched on")
+    assert (fault.joint, fault.node, fault.text) == (3, 3, "the drive is in state switched on")
     with pytest.raises(DriveDropout, match="joint 3"):
         live.capture(1)
     assert live.close()

@@ -173,14 +173,14 @@ def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus: Aske
 
 def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus: Asked) -> None:
     bus.drives[5].status, bus.token = QUICK_STOP, 127
-    refused(bus, ArmInUse, r"joint 5 \(node 5\) is in quick stop active")
+    refused(bus, ArmInUse, r"joint 5 \(node 5\) is in state quick stop active")
 
 
 @pytest.mark.parametrize("look", [1, 3])
 def test_a_drive_whose_answer_is_lost_is_what_it_was(bus: Asked, look: int) -> None:
     bus.drives[2].status = ENABLED
     bus.lost[2, STATUSWORD] = look
-    refused(bus, ArmInUse, r"joint 2 \(node 2\) is in operation enabled")
+    refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state operation enabled")
     assert bus.lost[2, STATUSWORD] <= 0
 
 

@@ -204,7 +204,7 @@ def _recorded(
     """Return the poses of a recording, one per dwell, and its JSON data."""
     import numpy as np
 
-    from operator_app.calibration.dwells import (
+    from operator_app.config.dwells import (
         DWELL_S,
         DWELL_SPREAD_RAD,
         find_dwells,

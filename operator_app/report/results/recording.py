@@ -11,7 +11,7 @@ from operator_app.config.recording import utc_text
 from operator_app.units import plural
 
 if TYPE_CHECKING:
-    from operator_app.calibration.dwells import Dwell, RefusedDwell
+    from operator_app.config.dwells import Dwell, RefusedDwell
     from operator_app.config.recording import JointRecording
 
 MOST_LINES = 20

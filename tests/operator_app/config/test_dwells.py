@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from operator_app.calibration.dwells import LEAST_SAMPLES, find_dwells, quietest_rad
+from operator_app.config.dwells import LEAST_SAMPLES, find_dwells, quietest_rad
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm
 

@@ -45,7 +45,7 @@ def determined_table(solution: Solution, headlines: Iterable[Headline]) -> FactT
     freedom = f"{plural(solution.model.equations_per_pose, 'equation')} per pose, minus parameters"
     ended = "converged" if estimate.converged else "did not converge"
     if solution.adjudication.diverged and estimate.converged:
-        ended += ", astray"
+        ended += ", but far from what the files state"
 
     def key(figure: Figure, *key: str) -> Figure:
         return Figure(figure.value, places=figure.places, digits=figure.digits, key=key)

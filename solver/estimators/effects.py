@@ -5,7 +5,7 @@ At one linearisation the reduced closure of all poses reads
     w + A dx + Z b + B n + E' f = 0,     n ~ N(0, S),  f ~ N(0, F),  b_l ~ N(0, g_l I),
 
 with dx the parameters without a prior, and w after the expected play and sag.
-Noise (n, f) is drawn anew in every pose, effects b once: deviations of toleranced entries, harmonics
+Noise (n, f) is new in every pose, effects b are drawn once: deviations of toleranced entries, harmonics
 of encoders, curves of analogue sensors, sag and compliance as smooth functions of the pose. A variance component scales
 one or more groups; the stated size is the median of its prior (`solver.estimators.layout` has both).
 """

@@ -1,4 +1,4 @@
-"""The plant with a joint whose counter is off, or began anew; counts what enables drives."""
+"""The plant with a joint whose counter is off or was reset; counts what enables drives."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ class WrongZero(PlantArm):
         self.serials = {j: 100 + j for j in range(1, 8)}
         self.enabled = 0
 
-    def begin_anew(self, joint: int) -> None:
+    def reset_counter(self, joint: int) -> None:
         self.off_rad[joint - 1] = -self._positions()[joint - 1]
 
     def connect(self) -> ArmIdentity:

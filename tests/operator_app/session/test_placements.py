@@ -271,7 +271,7 @@ def one_pose_then(session: Session, event: str) -> Session:
 
 
 def test_nothing_connects_while_the_fixture_is_off(session: Session) -> None:
-    """Whoever asks: verify and export as well. Somebody has a hand in it."""
+    """For verify and export as well: somebody may be holding the arm."""
     state = one_pose_then(session, "remounting").state
     assert (state.placement, state.mounted, state.unconfirmed_placement) == (2, False, True)
     with pytest.raises(GuardError, match="its mounting for placement 2"):

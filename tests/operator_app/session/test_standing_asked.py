@@ -44,8 +44,8 @@ def off(joint: int, degrees: float) -> Callable[[WrongZero], None]:
     return lambda arm: arm.off_rad.__setitem__(joint - 1, np.deg2rad(degrees))
 
 
-def anew(joint: int) -> Callable[[WrongZero], None]:
-    return lambda arm: arm.begin_anew(joint)
+def counter_reset(joint: int) -> Callable[[WrongZero], None]:
+    return lambda arm: arm.reset_counter(joint)
 
 
 def turned_round(arm: WrongZero) -> None:
@@ -64,7 +64,7 @@ OPEN = "the loop cannot close with the present joint readings"
 @pytest.mark.parametrize(
     ("harm", "parts"),
     [
-        (anew(1), ("the counter of joint 1 is at zero", "Home joint 1")),
+        (counter_reset(1), ("the counter of joint 1 is at zero", "Home joint 1")),
         (off(1, -60.0), (OPEN, "it closes with joint 1 near")),
         (off(2, 60.0), (OPEN, "it closes with joint 2 near")),
         (off(3, 60.0), (OPEN, "it closes with joint 3 near")),
@@ -72,7 +72,7 @@ OPEN = "the loop cannot close with the present joint readings"
         (turned_round, ("it closes with joint 2 near", "direction")),
         (exchanged, ("ignoring any one joint's reading does not help", "order of the joints")),
     ],
-    ids=["anew 1", "off 1", "off 2", "off 3", "off 4", "direction", "exchanged"],
+    ids=["reset 1", "off 1", "off 2", "off 3", "off 4", "direction", "exchanged"],
 )
 def test_what_a_joint_cannot_read_is_named_and_nothing_is_enabled_whoever_agrees(
     make_session: MakeSession,
@@ -109,7 +109,7 @@ def left_after(make_session: MakeSession, poses: int) -> WrongZero:
         for joint in (1, 2, 3, 4)
         for degrees in (-60.0, 60.0)
     ]
-    + [pytest.param(anew(1), "the counter of joint 1 is at zero", id="anew 1")],
+    + [pytest.param(counter_reset(1), "the counter of joint 1 is at zero", id="reset 1")],
 )
 def test_with_too_few_poses_to_tell_it_is_named_all_the_same(
     make_session: MakeSession, poses: int, harm: Callable[[WrongZero], None], said: str
@@ -159,7 +159,7 @@ def test_a_counter_out_of_its_range_is_in_the_journal_as_well(
     make_session: MakeSession, tmp_path: Path
 ) -> None:
     arm = WrongZero(procedure_of())
-    arm.begin_anew(2)
+    arm.reset_counter(2)
     said = refused(make_session, arm, homing=False)
     (last,) = standings(tmp_path / "session")
     assert (last["refused"], last["probability"]) == (True, None)
@@ -175,7 +175,7 @@ def test_where_the_files_say_too_little_no_agreement_drives_a_counter_at_zero(
     own = procedure.fixture
     fixture = replace(own, fixture=replace(own.fixture, tolerance=vague))  # type: ignore[type-var]
     arm = WrongZero(procedure)
-    arm.begin_anew(1)
+    arm.reset_counter(1)
     session = make_session(replace(procedure, fixture=fixture), arm=arm, connect=True)
     with pytest.raises(GuardError, match="joint 1 reads zero, outside the box") as found:
         take_poses(session, Listener(), (1, 5), homing=True)

@@ -66,7 +66,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 @pytest.fixture
-def approve(request: pytest.FixtureRequest, tmp_path: Path) -> Approve:
+def approve(request, tmp_path):
     """Hold the product's words to those in tests/approved_words.json."""
     name = request.node.nodeid.removeprefix("tests/")
     return Approve(name, folder=tmp_path, write=request.config.getoption("--approve"))
@@ -131,6 +131,6 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 @pytest.fixture(scope="session")
-def reference_data() -> Path:
+def reference_data():
     """Folder of the reference data sets."""
     return DATA

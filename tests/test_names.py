@@ -73,7 +73,7 @@ def words(name: str) -> set[str]:
     return set(re.findall(r"[a-z]+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()))
 
 
-def test_a_class_name_is_defined_once() -> None:
+def test_a_class_name_is_defined_once():
     places = defaultdict(list)
     for path, module in modules():
         for node in module.body:
@@ -83,7 +83,7 @@ def test_a_class_name_is_defined_once() -> None:
     assert not twice, twice
 
 
-def test_a_module_name_stands_once() -> None:
+def test_a_module_name_stands_once():
     places = defaultdict(list)
     for path, _ in modules():
         if path.stem != "__init__" and not str(path).startswith(FACES):
@@ -114,7 +114,7 @@ def constants(module: ast.Module) -> dict[str, str]:
     return found
 
 
-def test_a_constant_has_one_meaning() -> None:
+def test_a_constant_has_one_meaning():
     values = defaultdict(lambda: defaultdict(list))
     for path, module in modules():
         for name, value in constants(module).items():
@@ -125,7 +125,7 @@ def test_a_constant_has_one_meaning() -> None:
     }
 
 
-def test_names_are_words_of_the_field() -> None:
+def test_names_are_words_of_the_field():
     found = defaultdict(set)
     for path, module in modules():
         for name in identifiers(path, module):
@@ -134,6 +134,6 @@ def test_names_are_words_of_the_field() -> None:
     assert set(found) == EXCEPTIONS, {n: p for n, p in found.items() if n not in EXCEPTIONS}
 
 
-def test_words_are_split_by_case_and_underscore() -> None:
+def test_words_are_split_by_case_and_underscore():
     assert words("_AS_FORETOLD") == {"as", "foretold"}
     assert words("DriveAstray") == {"drive", "astray"}

@@ -29,12 +29,12 @@ def _pins() -> dict[str, str]:
     return {_canonical(name): version for name, version in pairs}
 
 
-def test_constraints_are_exact_pins_and_nothing_else() -> None:
+def test_constraints_are_exact_pins_and_nothing_else():
     for line in (REPOSITORY / "constraints.txt").read_text().splitlines():
         assert re.fullmatch(r"#[^:/]*|[A-Za-z0-9._-]+==[0-9][0-9A-Za-z.]*", line), line
 
 
-def test_every_requirement_is_pinned_in_a_version_that_it_admits() -> None:
+def test_every_requirement_is_pinned_in_a_version_that_it_admits():
     pins = _pins()
     project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
     pending = [*project["dependencies"], *project["optional-dependencies"]["test"]]
@@ -53,29 +53,29 @@ def test_every_requirement_is_pinned_in_a_version_that_it_admits() -> None:
     assert seen <= set(pins)
 
 
-def test_the_distribution_named_fixtures_is_not_installed() -> None:
+def test_the_distribution_named_fixtures_is_not_installed():
     with pytest.raises(importlib.metadata.PackageNotFoundError):
         importlib.metadata.distribution("fixtures")
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_our_packages_are_the_ones_imported(name: str) -> None:
+def test_our_packages_are_the_ones_imported(name):
     module = importlib.import_module(name)
     assert module.__file__ is not None
     assert Path(module.__file__) == REPOSITORY / name / "__init__.py"
 
 
-def test_no_package_below_tests() -> None:
+def test_no_package_below_tests():
     assert not list((REPOSITORY / "tests").rglob("__init__.py"))
 
 
-def test_python_can_finds_the_loopback_bus() -> None:
+def test_python_can_finds_the_loopback_bus():
     module, name = BACKENDS["loopback"]
     assert issubclass(getattr(importlib.import_module(module), name), can.BusABC)
 
 
 @pytest.mark.campaign
-def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path: Path) -> None:
+def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path):
     source = _copy_of_sources(tmp_path / "source")
     pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
     built = subprocess.run(
@@ -101,7 +101,7 @@ def test_the_wheel_holds_the_packages_with_their_data_and_nothing_else(tmp_path:
 
 
 @pytest.mark.campaign
-def test_an_editable_installation_imports_the_sources_under_their_one_name(tmp_path: Path) -> None:
+def test_an_editable_installation_imports_the_sources_under_their_one_name(tmp_path):
     source = _copy_of_sources(tmp_path / "source")
     build = (
         "import sys; from setuptools.build_meta import build_editable; build_editable(sys.argv[1])"
@@ -149,9 +149,7 @@ print(sarcal.__file__)
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["fixtures", "solver", "hardware"])
-def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(tmp_path, name):
     (tmp_path / name).mkdir()
     (tmp_path / name / "__init__.py").write_text("raise SystemExit('imported')\n")
     # As pip leaves it.
@@ -175,7 +173,7 @@ def test_a_foreign_package_of_our_name_is_told_at_start_with_what_to_do(
         assert f"pip uninstall another-{name}" in said
 
 
-def test_ones_own_file_of_our_name_is_to_be_renamed_and_nothing_uninstalled(tmp_path: Path) -> None:
+def test_ones_own_file_of_our_name_is_to_be_renamed_and_nothing_uninstalled(tmp_path):
     own = tmp_path / "solver.py"
     own.write_text("raise SystemExit('imported')\n")
     script = tmp_path / "mine.py"
@@ -190,7 +188,7 @@ def test_ones_own_file_of_our_name_is_to_be_renamed_and_nothing_uninstalled(tmp_
     assert "uninstall" not in said
 
 
-def test_a_foreign_package_installed_over_ours_is_told_too(tmp_path: Path) -> None:
+def test_a_foreign_package_installed_over_ours_is_told_too(tmp_path):
     source = _copy_of_sources(tmp_path / "source")
     # As PyPI's `fixtures` leaves it: its files in our folder, its __init__.py in place of ours.
     (source / "fixtures/__init__.py").write_text('"""Fixtures provide a way to create state."""\n')

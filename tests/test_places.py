@@ -87,7 +87,7 @@ def named(file: Path) -> bool:
     )
 
 
-def test_every_test_file_names_a_module_or_package_or_is_listed() -> None:
+def test_every_test_file_names_a_module_or_package_or_is_listed():
     tests = ROOT / "tests"
     files = [f.relative_to(tests) for p in PACKAGES for f in (tests / p).rglob("test_*.py")]
     assert len(files) > 200
@@ -97,7 +97,7 @@ def test_every_test_file_names_a_module_or_package_or_is_listed() -> None:
     assert sorted(topics - unnamed) == [], "gone or named by now: take it from the list"
 
 
-def test_every_approved_sentence_is_a_test_s() -> None:
+def test_every_approved_sentence_is_a_test_s():
     for name in json.loads((ROOT / "tests" / "approved_words.json").read_text("utf-8")):
         file, function = name.partition("[")[0].split(" #")[0].rsplit("::", 1)
         assert f"def {function}(" in (ROOT / "tests" / file.split("::")[0]).read_text("utf-8"), name

@@ -7,5 +7,5 @@ from tests.contracts.transports import TRANSPORTS
 
 
 @pytest.fixture(params=TRANSPORTS)
-def settings(request: pytest.FixtureRequest) -> BusSettings:
+def settings(request):
     return BusSettings(interface=request.param, channel=TRANSPORTS[request.param]())

@@ -20,7 +20,7 @@ SIGMA_RAD = Encoder(counts_per_rev=400_000).sigma_rad
 
 
 @pytest.fixture(params=[(kind, arm) for kind in sorted(FIXTURES) for arm in ARMS], ids="-".join)
-def planted(request) -> Case:
+def planted(request):
     return case(*request.param)
 
 

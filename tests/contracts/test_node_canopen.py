@@ -20,7 +20,7 @@ pytestmark = pytest.mark.needs("node")
 
 
 @pytest.fixture(autouse=True)
-def library() -> None:
+def library():
     if subprocess.run(
         ["node", "-e", "require('canopen')"], capture_output=True, check=False
     ).returncode:
@@ -29,7 +29,7 @@ def library() -> None:
         )
 
 
-def test_a_foreign_master_reads_samples_drives_and_stops() -> None:
+def test_a_foreign_master_reads_samples_drives_and_stops():
     settings = axes()
     plant = TrivialPlant([axis.scale.counts_per_rad for axis in settings])
     there = [

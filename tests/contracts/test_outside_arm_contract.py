@@ -3,13 +3,11 @@
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from sarcal import arm_contract
 from sarcal.arm_contract import *  # noqa: F403 - the tests
-from sarcal.arm_contract import ConnectedArm, fulfils
+from sarcal.arm_contract import fulfils
 
 from hardware.commissioning.bench_check import Bench as Tried
 from hardware.commissioning.bench_check import check
@@ -22,9 +20,7 @@ ARMS = ("virtual", "moving_line_arm", "line_arm")
 
 
 @pytest.fixture(scope="module", params=ARMS)
-def bench(
-    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[ConnectedArm]:
+def bench(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("toy")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(package(folder / "package"))
@@ -35,7 +31,7 @@ def bench(
             yield from arm_contract.bench.__wrapped__(tmp_path_factory)
 
 
-def test_arm_check_tries_it_as_well(bench: ConnectedArm) -> None:
+def test_arm_check_tries_it_as_well(bench):
     """All but what moves it: in a fixture one joint is not turned alone."""
     bench.arm.close()
     made = Tried(
@@ -54,7 +50,7 @@ def test_arm_check_tries_it_as_well(bench: ConnectedArm) -> None:
         assert {f.passed for f in found if f.name == "guard"} == {None}
 
 
-def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure() -> None:
+def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure():
     def clause(name: str, *, passed: bool | None) -> Clause:
         return Clause(name=name, passed=passed, text="as it was seen")
 
@@ -72,7 +68,7 @@ def test_what_was_not_found_out_is_no_pass_and_nothing_tried_is_a_failure() -> N
 
 
 @pytest.mark.campaign
-def test_an_outside_package_installs_and_runs_it_by_itself(tmp_path: Path) -> None:
+def test_an_outside_package_installs_and_runs_it_by_itself(tmp_path):
     """As the manual says, in a folder that has nothing of ours."""
     folder, target = tmp_path / "package", tmp_path / "target"
     package(folder)

@@ -57,7 +57,7 @@ PYTEST = [
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
-def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
+def test_socketcan_keeps_the_contracts_of_transport_and_arm():
     # Timing under a user-mode kernel on one processor says nothing; two sessions of the arm are enough.
     chosen = "socketcan and (transport_contract or two_driven or stop_in_a_move)"
     contracts = [
@@ -71,19 +71,19 @@ def test_socketcan_keeps_the_contracts_of_transport_and_arm() -> None:
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
-def test_candump_and_cansend_agree_and_missing_devices_are_named() -> None:
+def test_candump_and_cansend_agree_and_missing_devices_are_named():
     agrees(in_user_mode_linux(sys.executable, "-c", INSIDE))
 
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml")
-def test_a_frame_that_a_full_queue_refuses_is_offered_again_and_arrives_once() -> None:
+def test_a_frame_that_a_full_queue_refuses_is_offered_again_and_arrives_once():
     offered_again(in_user_mode_linux(sys.executable, "-m", "tests.oracles.full_transmit_queue"))
 
 
 @pytest.mark.campaign
 @pytest.mark.needs("qemu-system-x86_64", "busybox")
-def test_a_full_queue_of_debians_kernel_refuses_and_takes_as_well() -> None:
+def test_a_full_queue_of_debians_kernel_refuses_and_takes_as_well():
     kernel = f"QEMU_KERNEL_ROOT={os.environ.get('QEMU_KERNEL_ROOT', '')}"
     offered_again(
         in_emulated_linux("env", kernel, sys.executable, "-m", "tests.oracles.full_transmit_queue")
@@ -104,7 +104,7 @@ def offered_again(said: str) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.needs("qemu-system-x86_64", "busybox")
-def test_socketcan_keeps_the_contract_of_transports_where_user_mode_linux_does_not_run() -> None:
+def test_socketcan_keeps_the_contract_of_transports_where_user_mode_linux_does_not_run():
     # One boot for both, and of pytest's plugins those alone that the project's settings name: each import
     # is a second.
     both = shlex.join([sys.executable, "-c", INSIDE]) + " && ip link set vcan0 up && " + shlex.join([

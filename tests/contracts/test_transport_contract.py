@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import can
@@ -14,7 +14,7 @@ Opener = Callable[..., can.BusABC]
 
 
 @pytest.fixture
-def opener(settings: BusSettings) -> Iterator[Opener]:
+def opener(settings):
     opened: list[can.BusABC] = []
 
     def open_one(**options: Any) -> can.BusABC:
@@ -48,7 +48,7 @@ FRAMES = {
 
 
 @pytest.mark.parametrize("frame", FRAMES.values(), ids=FRAMES.keys())
-def test_a_frame_arrives_as_it_was_sent(opener: Opener, frame: can.Message) -> None:
+def test_a_frame_arrives_as_it_was_sent(opener, frame):
     ours, theirs = opener(), opener()
     ours.send(frame)
     arrived = theirs.recv(2.0)
@@ -57,14 +57,14 @@ def test_a_frame_arrives_as_it_was_sent(opener: Opener, frame: can.Message) -> N
     assert arrived.equals(frame, timestamp_delta=None, check_direction=False, check_channel=False)
 
 
-def test_own_frames_are_not_heard(opener: Opener) -> None:
+def test_own_frames_are_not_heard(opener):
     ours, theirs = opener(), opener()
     ours.send(FRAMES["standard-8"])
     assert theirs.recv(2.0) is not None
     assert ours.recv(0.0) is None
 
 
-def test_own_frames_are_heard_on_request(opener: Opener) -> None:
+def test_own_frames_are_heard_on_request(opener):
     ours = opener(receive_own_messages=True)
     ours.send(FRAMES["standard-8"])
     echo = ours.recv(2.0)
@@ -72,14 +72,14 @@ def test_own_frames_are_heard_on_request(opener: Opener) -> None:
     assert not echo.is_rx
 
 
-def test_everybody_else_hears(opener: Opener) -> None:
+def test_everybody_else_hears(opener):
     buses = [opener() for _ in range(3)]
     buses[1].send(FRAMES["standard-3"])
     assert buses[0].recv(2.0) is not None
     assert buses[2].recv(2.0) is not None
 
 
-def test_a_burst_arrives_whole_and_in_order(opener: Opener) -> None:
+def test_a_burst_arrives_whole_and_in_order(opener):
     ours, theirs = opener(), opener()
     count = 200  # a socketcan receive buffer of default size holds a few hundred
     for number in range(count):
@@ -98,7 +98,7 @@ def test_a_burst_arrives_whole_and_in_order(opener: Opener) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.real_time
-def test_timestamps_are_times_of_arrival_however_late_the_reader(opener: Opener) -> None:
+def test_timestamps_are_times_of_arrival_however_late_the_reader(opener):
     ours, theirs = opener(), opener()
     before = time.time()
     ours.send(FRAMES["standard-1"])
@@ -115,7 +115,7 @@ def test_timestamps_are_times_of_arrival_however_late_the_reader(opener: Opener)
     assert time.time() - second.timestamp > held_up_s / 2
 
 
-def test_filters_let_only_their_identifiers_through(opener: Opener) -> None:
+def test_filters_let_only_their_identifiers_through(opener):
     ours = opener()
     theirs = opener(can_filters=[{"can_id": 0x180, "can_mask": 0x7F0, "extended": False}])
     for identifier in (0x080, 0x181, 0x701, 0x187):
@@ -124,7 +124,7 @@ def test_filters_let_only_their_identifiers_through(opener: Opener) -> None:
     assert [message and message.arbitration_id for message in heard] == [0x181, 0x187]
 
 
-def test_an_empty_bus_returns_at_the_timeout(opener: Opener) -> None:
+def test_an_empty_bus_returns_at_the_timeout(opener):
     bus = opener()
     assert bus.recv(0.0) is None
     start = time.monotonic()
@@ -132,7 +132,7 @@ def test_an_empty_bus_returns_at_the_timeout(opener: Opener) -> None:
     assert 0.04 <= time.monotonic() - start < 1.0
 
 
-def test_a_waiting_reader_wakes(opener: Opener) -> None:
+def test_a_waiting_reader_wakes(opener):
     ours, theirs = opener(), opener()
     heard: list[can.Message | None] = []
     reader = threading.Thread(target=lambda: heard.append(theirs.recv(5.0)))
@@ -143,7 +143,7 @@ def test_a_waiting_reader_wakes(opener: Opener) -> None:
     assert heard[0] is not None
 
 
-def test_a_sender_is_heard_and_hears_nothing(opener: Opener, settings: BusSettings) -> None:
+def test_a_sender_is_heard_and_hears_nothing(opener, settings):
     bus, sender = opener(), open_sender(settings)
     bus.send(FRAMES["standard-8"])
     sender.send(FRAMES["standard-2"])
@@ -153,7 +153,7 @@ def test_a_sender_is_heard_and_hears_nothing(opener: Opener, settings: BusSettin
     sender.shutdown()
 
 
-def test_shutting_down_twice_is_safe(opener: Opener) -> None:
+def test_shutting_down_twice_is_safe(opener):
     ours, theirs = opener(), opener()
     theirs.shutdown()
     theirs.shutdown()

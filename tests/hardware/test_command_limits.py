@@ -1,7 +1,6 @@
 import itertools
 import math
 from dataclasses import FrozenInstanceError, fields, replace
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -64,7 +63,7 @@ def reason_of(refusal: object) -> Reason | None:
         (NAN, 0, Reason.NOT_FINITE),
     ],
 )
-def test_targets_on_the_boundaries(previous: float, target: float, reason: Reason | None) -> None:
+def test_targets_on_the_boundaries(previous, target, reason):
     assert reason_of(refuse_target(LIMITS, target, previous)) is reason
 
 
@@ -85,7 +84,7 @@ def test_targets_on_the_boundaries(previous: float, target: float, reason: Reaso
         (-1001, 1.0, Reason.OUT_OF_RANGE),
     ],
 )
-def test_moves_on_the_boundaries(target: float, speed: float, reason: Reason | None) -> None:
+def test_moves_on_the_boundaries(target, speed, reason):
     assert reason_of(refuse_move(LIMITS, target, speed)) is reason
 
 
@@ -93,9 +92,7 @@ def test_moves_on_the_boundaries(target: float, speed: float, reason: Reason | N
 @pytest.mark.parametrize("mode", [*JointMode, None])
 @pytest.mark.parametrize("stopped", [False, True])
 @pytest.mark.parametrize("in_control", [False, True])
-def test_only_one_situation_allows_commands(
-    stopped: bool, in_control: bool, drive: DriveState, mode: JointMode | None
-) -> None:
+def test_only_one_situation_allows_commands(stopped, in_control, drive, mode):
     situation = Situation(stopped=stopped, in_control=in_control, drive=drive, mode=mode)
     assert (refuse_command(LIMITS, situation) is None) == (situation == READY)
 
@@ -110,7 +107,7 @@ def test_only_one_situation_allows_commands(
         ({"mode": None}, Reason.NOT_IN_POSITION_MODE),
     ],
 )
-def test_the_reason_is_named(change: dict[str, object], reason: Reason) -> None:
+def test_the_reason_is_named(change, reason):
     values = {"stopped": False, "in_control": True, "drive": READY.drive, "mode": READY.mode}
     situation = Situation(**{**values, **change})  # type: ignore[arg-type]
     refusal = refuse_command(LIMITS, situation)
@@ -120,14 +117,14 @@ def test_the_reason_is_named(change: dict[str, object], reason: Reason) -> None:
 
 
 @given(st.floats(-1e6, 1e6) | st.sampled_from([NAN, INF, -INF]), st.integers(-1500, 1500))
-def test_what_passes_is_inside_near_and_finite(target: float, previous: int) -> None:
+def test_what_passes_is_inside_near_and_finite(target, previous):
     if refuse_target(LIMITS, target, previous) is None:
         assert math.isfinite(target)
         assert abs(target - previous) <= 20
         assert -1000 <= target <= 500 or abs(target + 250) < abs(previous + 250)
 
 
-def test_limits_from_radians_are_rounded_inwards() -> None:
+def test_limits_from_radians_are_rounded_inwards():
     limits = joint_limits(
         1,
         JointScale(counts_per_rad=100.0),
@@ -140,7 +137,7 @@ def test_limits_from_radians_are_rounded_inwards() -> None:
     assert limits.max_step_counts == 4  # 3 counts a period, and one for rounding
 
 
-def test_a_range_on_whole_counts_keeps_them() -> None:
+def test_a_range_on_whole_counts_keeps_them():
     scale = JointScale(counts_per_rad=4000 / (2 * math.pi))
     for counts in range(-4000, 4000, 37):
         limits = joint_limits(
@@ -155,9 +152,7 @@ def test_a_range_on_whole_counts_keeps_them() -> None:
 
 
 @given(st.floats(0.001, 3.0), st.floats(-2.0, 2.0), st.floats(600.0, 70000.0))
-def test_a_move_at_the_largest_speed_passes_step_by_step(
-    speed: float, start: float, counts_per_rad: float
-) -> None:
+def test_a_move_at_the_largest_speed_passes_step_by_step(speed, start, counts_per_rad):
     scale = JointScale(counts_per_rad=counts_per_rad)
     limits = joint_limits(
         1, scale, lower_rad=-5, upper_rad=5, max_speed_rad_per_s=speed, period_s=0.01
@@ -177,7 +172,7 @@ def test_a_move_at_the_largest_speed_passes_step_by_step(
         {"max_step_counts": 0},
     ],
 )
-def test_impossible_limits_are_wrong_calls(bad: dict[str, float]) -> None:
+def test_impossible_limits_are_wrong_calls(bad):
     good = {
         "joint": 1,
         "lower_counts": 0,
@@ -189,14 +184,14 @@ def test_impossible_limits_are_wrong_calls(bad: dict[str, float]) -> None:
         JointLimits(**{**good, **bad})  # type: ignore[arg-type]
 
 
-def test_a_range_may_be_a_single_count() -> None:
+def test_a_range_may_be_a_single_count():
     limits = replace(LIMITS, lower_counts=7, upper_counts=7)
     assert refuse_move(limits, 7, 1.0) is None
     assert reason_of(refuse_move(limits, 8, 1.0)) is Reason.OUT_OF_RANGE
 
 
 @pytest.mark.parametrize("made", [LIMITS, READY, refuse_move(LIMITS, NAN, 1.0)])
-def test_what_decides_is_named_and_cannot_be_changed(made: Any) -> None:
+def test_what_decides_is_named_and_cannot_be_changed(made):
     values = {field.name: getattr(made, field.name) for field in fields(made)}
     with pytest.raises(TypeError, match="positional"):
         type(made)(*values.values())
@@ -206,18 +201,18 @@ def test_what_decides_is_named_and_cannot_be_changed(made: Any) -> None:
     assert not hasattr(made, "__dict__")
 
 
-def test_the_ends_of_a_range_are_named() -> None:
+def test_the_ends_of_a_range_are_named():
     with pytest.raises(TypeError, match="positional"):
         joint_limits(1, JointScale(counts_per_rad=100.0), -1.0, 2.0, 3.0, 0.01)  # type: ignore[call-arg, misc]
 
 
 @pytest.mark.parametrize("bad", [0.0, NAN, INF, -INF])
-def test_a_scale_is_finite_and_not_zero(bad: float) -> None:
+def test_a_scale_is_finite_and_not_zero(bad):
     with pytest.raises(ValueError, match="not zero"):
         JointScale(counts_per_rad=bad)
 
 
-def test_scale_round_trip() -> None:
+def test_scale_round_trip():
     scale = JointScale(counts_per_rad=8000 / (2 * math.pi))
     assert scale.to_counts(math.pi) == 4000
     assert scale.to_counts(-math.pi / 2) == -2000

@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -81,12 +81,12 @@ class PlainArm:
 
 
 @pytest.fixture
-def plain() -> PlainArm:
+def plain():
     return PlainArm()
 
 
 @pytest.fixture
-def arm(plain: PlainArm) -> Iterator[OutsideArm]:
+def arm(plain):
     made = OutsideArm(lambda: plain, DESCRIPTION, "the arm plain")
     made.connect()
     yield made
@@ -104,8 +104,8 @@ COMMANDS: dict[str, Callable[[OutsideArm], object]] = {
 @pytest.mark.parametrize("asks_the_watch", [True, False])
 @pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
 def test_stop_pressed_while_a_command_is_under_way_has_the_last_word(
-    arm: OutsideArm, plain: PlainArm, command: Callable[[OutsideArm], object], asks_the_watch: bool
-) -> None:
+    arm, plain, command, asks_the_watch
+):
     arm.take_control()
     plain.meanwhile, plain.asks_the_watch = arm.stop, asks_the_watch
     with pytest.raises(arms.Stopped, match="STOP was pressed: reset it"):
@@ -114,9 +114,7 @@ def test_stop_pressed_while_a_command_is_under_way_has_the_last_word(
     assert arm.snapshot().stopped
 
 
-def test_a_move_that_began_after_stop_is_stopped_at_its_first_look(
-    arm: OutsideArm, plain: PlainArm
-) -> None:
+def test_a_move_that_began_after_stop_is_stopped_at_its_first_look(arm, plain):
     arm.take_control()
     plain.meanwhile = arm.stop
     with pytest.raises(arms.Stopped):
@@ -124,9 +122,7 @@ def test_a_move_that_began_after_stop_is_stopped_at_its_first_look(
     assert not plain.on_after_the_watch
 
 
-def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(
-    arm: OutsideArm, plain: PlainArm
-) -> None:
+def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(arm, plain):
     def half_done() -> None:
         arm.stop()
         plain.on = True
@@ -147,9 +143,7 @@ def test_a_command_that_fails_while_stop_is_pressed_is_stopped_all_the_same(
     ],
     ids=["nan", "one missing"],
 )
-def test_a_reading_that_is_none_names_the_arm_and_the_joint(
-    arm: OutsideArm, plain: PlainArm, what: str, values: list[float], words: str
-) -> None:
+def test_a_reading_that_is_none_names_the_arm_and_the_joint(arm, plain, what, values, words):
     right = plain.capture
     plain.capture = lambda samples: replace(right(samples), **{what: values})
     with pytest.raises(arms.BusError, match=f"the arm plain: {what} {words}"):
@@ -157,9 +151,7 @@ def test_a_reading_that_is_none_names_the_arm_and_the_joint(
 
 
 @pytest.mark.parametrize("command", [OutsideArm.snapshot, COMMANDS["set_modes"], COMMANDS["move"]])
-def test_a_snapshot_is_looked_over_every_time(
-    arm: OutsideArm, plain: PlainArm, command: Callable[[OutsideArm], object]
-) -> None:
+def test_a_snapshot_is_looked_over_every_time(arm, plain, command):
     arm.take_control()
     whole = plain.snapshot()
     lost = replace(whole.joints[1], position_rad=math.inf)
@@ -175,9 +167,7 @@ def test_a_snapshot_is_looked_over_every_time(
             command(arm)
 
 
-def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(
-    arm: OutsideArm, plain: PlainArm
-) -> None:
+def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(arm, plain):
     arm.take_control()
     plain.meanwhile = arm.stop
     assert plain.on
@@ -185,7 +175,7 @@ def test_a_stop_that_is_pressed_while_the_arm_is_being_closed_reaches_it(
     assert not plain.on
 
 
-def test_closing_an_arm_that_is_being_closed_waits_for_it(arm: OutsideArm, plain: PlainArm) -> None:
+def test_closing_an_arm_that_is_being_closed_waits_for_it(arm, plain):
     going, on_the_way, answers = threading.Event(), threading.Event(), list[bool]()
 
     def wait() -> None:
@@ -207,6 +197,6 @@ def test_closing_an_arm_that_is_being_closed_waits_for_it(arm: OutsideArm, plain
     assert answers == [True, True]
 
 
-def test_an_upload_needs_no_drive(arm: OutsideArm, plain: PlainArm) -> None:
+def test_an_upload_needs_no_drive(arm, plain):
     assert arm.upload_parameters(b"table").length == len(plain.document)
     assert not plain.on

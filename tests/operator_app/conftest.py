@@ -1,25 +1,23 @@
 """Sessions on the real plant, without a bus."""
 
 import shutil
-from collections.abc import Iterator, Mapping
-from pathlib import Path
 
 import pytest
 
 from operator_app.cli import main
 from operator_app.config.procedure import Procedure
 from operator_app.session.workflow.session import Session
-from tests.oracles.answers import Answer, EndsWith
+from tests.oracles.answers import Answer
 from tests.oracles.journalled_sessions import journalled_sessions
 from tests.oracles.live_source import FakeSource
-from tests.oracles.opened import MakeSession, opened
+from tests.oracles.opened import opened
 from tests.oracles.plant_arm import SERIAL, PlantArm
 from tests.oracles.recorded import recorded_folder
 from tests.oracles.ticking import Ticking
 
 
 @pytest.fixture
-def make_session(tmp_path: Path) -> Iterator[MakeSession]:
+def make_session(tmp_path):
     """Build a session on a fake arm: new in `tmp_path`, or resumed with ``resume=True``, on the same `arm` as well."""
     made: list[Session] = []
 
@@ -45,7 +43,7 @@ def make_session(tmp_path: Path) -> Iterator[MakeSession]:
 
 
 @pytest.fixture
-def source(tmp_path: Path) -> Iterator[FakeSource]:
+def source(tmp_path):
     """Sessions on live fake arms; the open one is closed in the end."""
     made = FakeSource(tmp_path / "sessions")
     yield made
@@ -53,7 +51,7 @@ def source(tmp_path: Path) -> Iterator[FakeSource]:
 
 
 @pytest.fixture
-def ends_with(capsys: pytest.CaptureFixture[str]) -> EndsWith:
+def ends_with(capsys):
     """Run a command, which must end with this exit code: ``ends_with(2, "solve", file).err``."""
 
     def run(code: int, *words: object) -> Answer:
@@ -70,7 +68,7 @@ def ends_with(capsys: pytest.CaptureFixture[str]) -> EndsWith:
 
 
 @pytest.fixture(scope="session")
-def journalled(tmp_path_factory: pytest.TempPathFactory) -> Mapping[str, Path]:
+def journalled(tmp_path_factory):
     """Folders of sessions with a calibration in their journals, by how they were made. Not to be changed."""
     own = tmp_path_factory.mktemp("sessions") / "made"
     shutil.copytree(recorded_folder(journalled_sessions), own)

@@ -6,7 +6,6 @@ all seeds up to it, for an operator that is connected has a past.
 
 import resource
 import time
-from pathlib import Path
 
 import pytest
 
@@ -18,7 +17,7 @@ LIMIT_S, LIMIT_MB = 5.0, 500.0
 
 @pytest.mark.parametrize("kind", PARSERS)
 @pytest.mark.parametrize("times", [1, pytest.param(20, marks=pytest.mark.campaign)])
-def test_an_input_is_accepted_or_refused_in_words(kind: str, times: int, tmp_path: Path) -> None:
+def test_an_input_is_accepted_or_refused_in_words(kind, times, tmp_path):
     seen, count, before_mb = set(), 10 if kind == "the wire" else 30, peak_mb()
     for seed in range((times > 1) * count, times * count):
         begun_s = time.process_time()

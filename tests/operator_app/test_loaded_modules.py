@@ -33,7 +33,7 @@ def loaded(code: str, *arguments: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def session(tmp_path_factory):
     root = tmp_path_factory.mktemp("sessions")
     loaded(LOADED, "import", str(HINGE), *ARM_IN_FIXTURE, "--sessions", str(root))
     return next(root.iterdir())
@@ -50,9 +50,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) and len(value) < 9 else None,
 )
-def test_a_command_loads_what_it_needs(
-    command: tuple[str, ...], at_most: int, not_needed: tuple[str, ...], session: Path
-) -> None:
+def test_a_command_loads_what_it_needs(command, at_most, not_needed, session):
     where = {
         "session": ("--sessions", str(session.parent)),
         "report": (str(session),),
@@ -64,12 +62,12 @@ def test_a_command_loads_what_it_needs(
     assert len(modules) <= at_most
 
 
-def test_importing_the_library_loads_nothing_to_compute_with() -> None:
+def test_importing_the_library_loads_nothing_to_compute_with():
     modules = loaded("import sarcal, json, sys; print(json.dumps(sorted(sys.modules)))")
     assert not {"numpy", "scipy", "pydantic", "can"} & set(modules)
 
 
-def test_every_public_name_is_found_and_no_other() -> None:
+def test_every_public_name_is_found_and_no_other():
     import sarcal
 
     starred: dict[str, object] = {}
@@ -81,7 +79,7 @@ def test_every_public_name_is_found_and_no_other() -> None:
         _ = sarcal.no_such_name
 
 
-def test_help_on_the_library_fits_a_few_screens_and_names_all_there_is() -> None:
+def test_help_on_the_library_fits_a_few_screens_and_names_all_there_is():
     import sarcal
 
     text = pydoc.render_doc(sarcal, renderer=pydoc.plaintext)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import pytest
 
@@ -30,8 +29,8 @@ def files_end_after(size_bytes: int) -> Iterator[None]:
 
 @pytest.mark.parametrize(("room_bytes", "told"), [(4096, True), (1 << 26, False)])
 def test_a_recording_that_ended_early_is_told_when_the_arm_is_closed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], room_bytes: int, told: bool
-) -> None:
+    tmp_path, capsys, room_bytes, told
+):
     record_to = tmp_path / "bus.log"
     opening = begin("hinge", Choices(interface="virtual"), root=tmp_path)
     with files_end_after(room_bytes), open_arm(opening, record_to=record_to) as rig:
@@ -48,9 +47,7 @@ def until(holds: Callable[[], object], seconds: float = 10.0) -> None:
         threading.Event().wait(0.01)
 
 
-def test_the_app_says_on_its_screen_that_a_recording_ended(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_app_says_on_its_screen_that_a_recording_ended(tmp_path, capsys):
     record_to = tmp_path / "bus.log"
     join = partial(open_arm, pace=Pace.REAL_TIME, speed=10.0, record_to=record_to)
     choices = Choices(interface="virtual")
@@ -75,7 +72,7 @@ def test_the_app_says_on_its_screen_that_a_recording_ended(
     assert "ends early" in capsys.readouterr().err
 
 
-def test_sessions_begun_in_one_second_record_into_a_folder_each(tmp_path: Path) -> None:
+def test_sessions_begun_in_one_second_record_into_a_folder_each(tmp_path):
     """Both have chosen the same name before either has a folder."""
     opening = begin("hinge", Choices(interface="virtual"), root=tmp_path)
     for _ in range(2):
@@ -90,9 +87,7 @@ def test_sessions_begun_in_one_second_record_into_a_folder_each(tmp_path: Path) 
     ]
 
 
-def test_what_could_not_be_written_at_the_end_of_a_session_is_said_in_the_next(
-    tmp_path: Path,
-) -> None:
+def test_what_could_not_be_written_at_the_end_of_a_session_is_said_in_the_next(tmp_path):
     """A .blf is written in pieces, and the last one when the bus is closed."""
     fate = [""]
 

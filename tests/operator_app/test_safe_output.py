@@ -6,7 +6,6 @@ import os
 import subprocess
 import sys
 import unicodedata
-from collections.abc import Callable
 from pathlib import Path
 from typing import TextIO
 
@@ -26,7 +25,6 @@ from operator_app.safe_output import MARK, harmless, lines, say
 from operator_app.session.store.folders import read_session
 from operator_app.session.store.journal import JOURNAL_NAME
 from operator_app.tui.theme import DARK, look
-from tests.oracles.answers import EndsWith
 from tests.oracles.journals import events, written
 
 HOSTILE = "a\x1b[2J\x1b]0;owned\x07b\x9b31mc\u202edlo\u2066x\ry\u2028z\ud800"
@@ -45,7 +43,7 @@ def obeyed(text: str, allowed: str = "\n") -> set[str]:
 
 
 @given(texts)
-def test_what_goes_out_is_text_and_as_long_as_before(text: str) -> None:
+def test_what_goes_out_is_text_and_as_long_as_before(text):
     out = harmless(text)
     assert obeyed(out, allowed="") == set()
     assert len(out) == len(text)
@@ -54,12 +52,12 @@ def test_what_goes_out_is_text_and_as_long_as_before(text: str) -> None:
 
 
 @given(st.text(alphabet=st.characters(categories=["L", "M", "N", "P", "S"])))
-def test_letters_marks_numbers_and_signs_stay(text: str) -> None:
+def test_letters_marks_numbers_and_signs_stay(text):
     assert harmless(text) == text
 
 
 @given(texts)
-def test_every_way_out_marks_them(text: str) -> None:
+def test_every_way_out_marks_them(text):
     assert obeyed(look(DARK, ascii_only=False).text(text)) == set()
     assert obeyed(look(DARK, ascii_only=True).text(text)) == set()
     assert obeyed(element("p", text, title=text), allowed="\t\r\n") == set()
@@ -70,11 +68,11 @@ def test_every_way_out_marks_them(text: str) -> None:
 
 
 @given(texts)
-def test_wrapped_words_break_no_line_of_their_own(text: str) -> None:
+def test_wrapped_words_break_no_line_of_their_own(text):
     assert len(paragraph(f"a {text[:20]} b").split("\n")) == 1
 
 
-def test_the_headless_faces_mark_them(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_headless_faces_mark_them(capsys):
     ConsoleListener().say(f"one {HOSTILE}")
     StandardTerminal().say(f"one\ntwo {HOSTILE}")
     found = capsys.readouterr()
@@ -83,9 +81,7 @@ def test_the_headless_faces_mark_them(capsys: pytest.CaptureFixture[str]) -> Non
     assert found.out.count("\n") == 2
 
 
-def test_what_is_typed_is_repeated_as_text(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], ends_with: EndsWith
-) -> None:
+def test_what_is_typed_is_repeated_as_text(tmp_path, capsys, ends_with):
     name = str(tmp_path / "no\x1b[31msuch\nsarcal: all is well\u202e")
     arm = ["--arm", "sarcos_dextrous", "--fixture", "hinge"]
     for words in (
@@ -105,7 +101,7 @@ def test_what_is_typed_is_repeated_as_text(
 
 
 @pytest.fixture
-def odd_pose(reference_data: Path, tmp_path: Path) -> Callable[[str], Path]:
+def odd_pose(reference_data, tmp_path):
     """Write a file of poses of which one is odd, its labels beginning with this."""
 
     def write(label: str) -> Path:
@@ -121,9 +117,7 @@ def odd_pose(reference_data: Path, tmp_path: Path) -> Callable[[str], Path]:
     return write
 
 
-def test_labels_of_a_poses_file_stay_in_the_file(
-    odd_pose: Callable[[str], Path], ends_with: EndsWith
-) -> None:
+def test_labels_of_a_poses_file_stay_in_the_file(odd_pose, ends_with):
     path = odd_pose(HOSTILE.replace("\ud800", "").replace("\x00", ""))
     assert "\x1b[2J" in load_poses(path, joint_count=7).poses.label[0]
     found = ends_with(4, "solve", path, "--arm", "sarcos_dextrous", "--fixture", "hinge")
@@ -144,9 +138,7 @@ def hostile_session(folder: Path) -> Path:
     return folder
 
 
-def test_a_session_keeps_what_was_written_and_shows_it_as_text(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_a_session_keeps_what_was_written_and_shows_it_as_text(tmp_path, ends_with):
     folder = hostile_session(tmp_path / "one")
     root = ["--sessions", str(tmp_path)]
     state = read_session(folder).state
@@ -175,9 +167,7 @@ def unread() -> TextIO:
 
 
 @pytest.mark.parametrize("stream", [full, unread])
-def test_progress_that_cannot_be_written_goes_nowhere(
-    monkeypatch: pytest.MonkeyPatch, stream: Callable[[], TextIO]
-) -> None:
+def test_progress_that_cannot_be_written_goes_nowhere(monkeypatch, stream):
     """It ended a calibration in mid-run."""
     with stream() as broken:
         monkeypatch.setattr("sys.stderr", broken)
@@ -187,11 +177,7 @@ def test_progress_that_cannot_be_written_goes_nowhere(
 
 
 @pytest.mark.parametrize("stream", [full, unread])
-def test_of_results_nobody_reads_the_exit_code_is_what_was_found(
-    odd_pose: Callable[[str], Path],
-    monkeypatch: pytest.MonkeyPatch,
-    stream: Callable[[], TextIO],
-) -> None:
+def test_of_results_nobody_reads_the_exit_code_is_what_was_found(odd_pose, monkeypatch, stream):
     words = ["solve", str(odd_pose("")), "--arm", "sarcos_dextrous", "--fixture", "hinge"]
     with stream() as broken:
         monkeypatch.setattr("sys.stdout", broken)
@@ -200,7 +186,7 @@ def test_of_results_nobody_reads_the_exit_code_is_what_was_found(
     assert code == (4 if stream is unread else 2)
 
 
-def test_who_watches_ends_by_going(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_who_watches_ends_by_going(monkeypatch):
     with unread() as broken:
         monkeypatch.setattr("sys.stdout", broken)
         with pytest.raises(BrokenPipeError):
@@ -209,7 +195,7 @@ def test_who_watches_ends_by_going(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&-"])
-def test_closed_streams_are_no_defect(closed: str, tmp_path: Path) -> None:
+def test_closed_streams_are_no_defect(closed, tmp_path):
     """Nor does a file of ours get their numbers."""
     command = f"{sys.executable} -m operator_app.cli session list --sessions {tmp_path} {closed}"
     done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False)
@@ -217,7 +203,7 @@ def test_closed_streams_are_no_defect(closed: str, tmp_path: Path) -> None:
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def test_nothing_prints_but_the_one_function() -> None:
+def test_nothing_prints_but_the_one_function():
     root = Path(operator_app.__file__).parent
     found = [
         f"{path.relative_to(root)}:{node.lineno}"

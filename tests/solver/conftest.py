@@ -62,12 +62,12 @@ def paper_arm(truth: Truth) -> ArmModel:
 
 
 @pytest.fixture(scope="session")
-def truth() -> Truth:
+def truth():
     return paper_truth()
 
 
 @pytest.fixture(scope="session")
-def hinge_data(reference_data: Path) -> Path:
+def hinge_data(reference_data):
     """Folder of the oracle pose sets of the hinge."""
     return reference_data / "hinge"
 

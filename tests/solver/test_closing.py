@@ -31,7 +31,7 @@ def random_loops(seed: int, unsensed: int, poses: int = 20) -> LoopError:
 
 
 @pytest.mark.parametrize("unsensed", [0, 1, 2, 3, 5])
-def test_e_is_an_orthonormal_basis_of_the_left_null_space(unsensed: int) -> None:
+def test_e_is_an_orthonormal_basis_of_the_left_null_space(unsensed):
     N = random_loops(unsensed, unsensed).jac_u
     E = left_null_space(N)
     assert E.shape == (20, 6, 6 - unsensed)
@@ -50,21 +50,21 @@ def test_e_is_an_orthonormal_basis_of_the_left_null_space(unsensed: int) -> None
         (1e150, -1e150, 0, 0, 0, 0),
     ],
 )
-def test_e_at_hard_columns(column: tuple[float, ...]) -> None:
+def test_e_at_hard_columns(column):
     N = np.array(column)[:, None]
     E = left_null_space(N)
     assert np.abs(E.T @ E - np.eye(5)).max() < 1e-15
     assert np.abs(E.T @ N).max() < 1e-15 * np.abs(N).max()
 
 
-def test_a_column_of_zeros_leaves_five_equations_all_the_same() -> None:
+def test_a_column_of_zeros_leaves_five_equations_all_the_same():
     E = left_null_space(np.zeros((6, 1)))
     assert E.shape == (6, 5)
     assert np.abs(E.T @ E - np.eye(5)).max() == 0.0
 
 
 @pytest.mark.parametrize("unsensed", [1, 2, 3])
-def test_left_inverse_is_the_least_squares_answer(unsensed: int) -> None:
+def test_left_inverse_is_the_least_squares_answer(unsensed):
     error = random_loops(unsensed, unsensed)
     for N, c, found in zip(error.jac_u, error.residual, left_inverse(error.jac_u), strict=True):
         np.testing.assert_allclose(found @ c, np.linalg.lstsq(N, c, rcond=None)[0], atol=1e-12)
@@ -72,7 +72,7 @@ def test_left_inverse_is_the_least_squares_answer(unsensed: int) -> None:
 
 @pytest.mark.parametrize("unsensed", [0, 1, 3])
 @pytest.mark.parametrize("held", [(), (2,)])
-def test_newton_step_is_the_smallest_that_closes(unsensed: int, held: tuple[int, ...]) -> None:
+def test_newton_step_is_the_smallest_that_closes(unsensed, held):
     error = random_loops(7 + unsensed, unsensed)
     sigma = SIGMA * held_still(held, 7)
     dq, du = newton_step(error, sigma)
@@ -91,7 +91,7 @@ def test_newton_step_is_the_smallest_that_closes(unsensed: int, held: tuple[int,
         assert not dq[k][[j for j in range(7) if j not in moving]].any()
 
 
-def test_what_no_free_joint_closes_stays_open_and_moves_as_little_as_possible() -> None:
+def test_what_no_free_joint_closes_stays_open_and_moves_as_little_as_possible():
     error = random_loops(3, 1)
     sigma = held_still((1, 2, 3, 4, 5), 7)
     dq, _ = newton_step(error, sigma)
@@ -101,7 +101,7 @@ def test_what_no_free_joint_closes_stays_open_and_moves_as_little_as_possible() 
         np.testing.assert_allclose(dq[k][5:], known, rtol=1e-9, atol=1e-12)
 
 
-def test_a_pose_does_not_depend_on_the_others_in_its_batch() -> None:
+def test_a_pose_does_not_depend_on_the_others_in_its_batch():
     truth = paper_truth()
     model = loop_of(truth)
     x = nominal_vector(model.parameters)
@@ -115,7 +115,7 @@ def test_a_pose_does_not_depend_on_the_others_in_its_batch() -> None:
         np.testing.assert_allclose(alone.q[0], together.q[k], rtol=0, atol=1e-13)
 
 
-def test_all_joints_held_leaves_only_the_hinge_to_turn() -> None:
+def test_all_joints_held_leaves_only_the_hinge_to_turn():
     truth = paper_truth()
     model = loop_of(truth)
     x = nominal_vector(model.parameters)

@@ -10,7 +10,7 @@ def named() -> list[str]:
     return re.findall(r"solver(?:\.\w+)+", solver.__doc__ or "")
 
 
-def test_every_place_on_the_map_exists() -> None:
+def test_every_place_on_the_map_exists():
     places = named()
     assert len(places) >= 15
     for place in places:
@@ -26,6 +26,6 @@ def test_every_place_on_the_map_exists() -> None:
         assert callable(found), place
 
 
-def test_every_equation_of_the_paper_is_on_the_map() -> None:
+def test_every_equation_of_the_paper_is_on_the_map():
     numbers = re.findall(r"^ +eqs?\. ([\d, ]+)", solver.__doc__ or "", flags=re.MULTILINE)
     assert sorted(int(n) for text in numbers for n in text.split(",")) == list(range(1, 16))

@@ -24,7 +24,7 @@ Start = Callable[..., subprocess.Popen[str]]
 
 
 @pytest.fixture
-def bus(request: pytest.FixtureRequest) -> tuple[str, ...]:
+def bus(request):
     """Options that name a bus of the test's own."""
     return ("-i", "loopback", "-c", f"fault-{os.getpid()}-{request.node.name[:24]}")
 
@@ -44,7 +44,7 @@ def poses_of(folder: Path) -> list[int]:
 
 
 @pytest.mark.campaign
-def test_after_a_freeze_the_same_command_goes_on(tmp_path: Path, bus: tuple[str, ...]) -> None:
+def test_after_a_freeze_the_same_command_goes_on(tmp_path, bus):
     """A frozen operator is missed by the drives, wakes up to their trip, and says how to go on."""
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5")
@@ -71,7 +71,7 @@ def test_after_a_freeze_the_same_command_goes_on(tmp_path: Path, bus: tuple[str,
 
 
 @pytest.mark.campaign
-def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, bus: tuple[str, ...]) -> None:
+def test_a_freeze_of_0_3_s_costs_nothing(tmp_path, bus):
     """Shorter than the drives' patience: no trip, no word of one, every pose."""
     with controller(tmp_path, *bus):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "5", "--json")
@@ -93,7 +93,7 @@ def test_a_freeze_of_0_3_s_costs_nothing(tmp_path: Path, bus: tuple[str, ...]) -
 
 
 @pytest.mark.campaign
-def test_after_a_trip_what_is_advised_works(tmp_path: Path, bus: tuple[str, ...]) -> None:
+def test_after_a_trip_what_is_advised_works(tmp_path, bus):
     fault = ("--fault", "collision", "--fault-joint", "4", "--fault-sync", "1500")
     with controller(tmp_path, *bus, *PATIENT, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
@@ -122,9 +122,7 @@ def test_after_a_trip_what_is_advised_works(tmp_path: Path, bus: tuple[str, ...]
 
 
 @pytest.mark.campaign
-def test_a_stop_that_is_still_pressed_stays_and_is_said(
-    tmp_path: Path, bus: tuple[str, ...]
-) -> None:
+def test_a_stop_that_is_still_pressed_stays_and_is_said(tmp_path, bus):
     fault = ("--fault", "external-stop", "--fault-sync", "300")
     with controller(tmp_path, *bus, *PATIENT, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "40"))
@@ -139,7 +137,7 @@ def test_a_stop_that_is_still_pressed_stays_and_is_said(
 
 
 @pytest.mark.campaign
-def test_a_controller_that_died_holds_no_arm(tmp_path: Path, bus: tuple[str, ...]) -> None:
+def test_a_controller_that_died_holds_no_arm(tmp_path, bus):
     with controller(tmp_path, *bus) as (arm, _):
         run = start(tmp_path, "run", "hinge", *bus, "--poses", "40")
         wait_for_poses(tmp_path / "sessions", 1, run)
@@ -157,9 +155,7 @@ def test_a_controller_that_died_holds_no_arm(tmp_path: Path, bus: tuple[str, ...
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("existing", [False, True])
-def test_a_failed_connection_leaves_the_folders_that_were_there(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], bus: tuple[str, ...], existing: bool
-) -> None:
+def test_a_failed_connection_leaves_the_folders_that_were_there(tmp_path, capsys, bus, existing):
     sessions = tmp_path / "new" / "s"
     if existing:
         sessions.mkdir(parents=True)
@@ -172,9 +168,7 @@ def test_a_failed_connection_leaves_the_folders_that_were_there(
 
 
 @pytest.mark.campaign
-def test_arm_check_says_nothing_is_held_where_nothing_was_connected(
-    capsys: pytest.CaptureFixture[str], bus: tuple[str, ...]
-) -> None:
+def test_arm_check_says_nothing_is_held_where_nothing_was_connected(capsys, bus):
     assert main(["arm-check", *bus]) == 3
     told = capsys.readouterr().out
     assert "no answer from nodes" in told
@@ -183,9 +177,7 @@ def test_arm_check_says_nothing_is_held_where_nothing_was_connected(
 
 
 @pytest.mark.campaign
-def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
-    tmp_path: Path, bus: tuple[str, ...]
-) -> None:
+def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(tmp_path, bus):
     fault = ("--fault", "stray", "--fault-joint", "5", "--fault-sync", "500")
     with controller(tmp_path, *bus, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "9"))
@@ -199,9 +191,7 @@ def test_an_arm_that_was_stopped_by_itself_says_why_before_anything_else(
 
 
 @pytest.mark.campaign
-def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goes_on(
-    tmp_path: Path, bus: tuple[str, ...]
-) -> None:
+def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goes_on(tmp_path, bus):
     fault = ("--fault", "lost-enable", "--fault-joint", "3", "--fault-sync", "700")
     with controller(tmp_path, *bus, *fault):
         code, _, said = finish(start(tmp_path, "run", "hinge", *bus, "--poses", "6"))
@@ -215,18 +205,14 @@ def test_a_drive_that_was_switched_off_at_the_drive_stays_off_until_somebody_goe
     assert json.loads(out)["poses"] == 6
 
 
-def test_nothing_to_reset_on_the_arm_inside_this_program(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_nothing_to_reset_on_the_arm_inside_this_program(tmp_path, capsys):
     assert main(["reset", "--sessions", str(tmp_path)]) == 2
     assert "nothing to reset" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.campaign
-def test_probe_and_monitor_look_at_a_bus_and_move_nothing(
-    tmp_path: Path, bus: tuple[str, ...]
-) -> None:
+def test_probe_and_monitor_look_at_a_bus_and_move_nothing(tmp_path, bus):
     code, _, said = finish(start(tmp_path, "probe", *bus))
     assert code == 3
     assert "no node answers" in said
@@ -270,9 +256,7 @@ def test_probe_and_monitor_look_at_a_bus_and_move_nothing(
 
 
 @pytest.mark.campaign
-def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(
-    tmp_path: Path, bus: tuple[str, ...]
-) -> None:
+def test_arm_check_looks_at_an_arm_and_enables_nothing_unasked(tmp_path, bus):
     with controller(tmp_path, *bus, "--record", "all.log") as (arm, _):
         look = ("arm-check", *bus, "--through", "look", "--json", "--record", "look.log")
         code, out, said = finish(start(tmp_path, *look))

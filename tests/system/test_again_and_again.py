@@ -1,7 +1,6 @@
 """Session after session on one controller: the arm stands wherever the last one left it, and the next works."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,7 @@ pytestmark = pytest.mark.real_time
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
+def bench(tmp_path):
     with running(tmp_path, procedure="hinge", scenario="datasheet", seed=0, poses=10) as found:
         yield found
 
@@ -46,9 +45,7 @@ def compared(a: Path, b: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int,
 
 
 @pytest.mark.campaign
-def test_ten_runs_and_verifications_on_one_controller_are_accepted_and_agree(
-    bench: Bench, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ten_runs_and_verifications_on_one_controller_are_accepted_and_agree(bench, capsys):
     folders = []
     for _ in range(10):
         folders.append(calibrated(bench))
@@ -70,7 +67,7 @@ def taken_to(session: Session, joint: int, deg: float) -> None:
 
 
 @pytest.mark.campaign
-def test_an_arm_outside_its_box_is_not_moved_before_the_operator_agrees(bench: Bench) -> None:
+def test_an_arm_outside_its_box_is_not_moved_before_the_operator_agrees(bench):
     with bench.session() as session:
         taken_to(session, 5, -189.2465 + 12.0)
     with bench.session() as session:
@@ -87,7 +84,7 @@ def test_an_arm_outside_its_box_is_not_moved_before_the_operator_agrees(bench: B
         assert len(session.state.poses) == 4
 
 
-def test_home_is_home_and_recorded(bench: Bench) -> None:
+def test_home_is_home_and_recorded(bench):
     with bench.session() as session:
         taken_to(session, 1, 60.0)
         go_home(session)
@@ -98,7 +95,7 @@ def test_home_is_home_and_recorded(bench: Bench) -> None:
         assert session.journal.path.read_text().count('"went_home"') == 1
 
 
-def test_boxes_count_from_home_wherever_the_arm_stands(bench: Bench) -> None:
+def test_boxes_count_from_home_wherever_the_arm_stands(bench):
     with bench.session() as session:
         taken_to(session, 1, 20.0)
         from_afar = waypoints_of(session)

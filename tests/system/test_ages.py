@@ -13,7 +13,6 @@ import sys
 import time
 from bisect import bisect_right
 from contextlib import ExitStack
-from pathlib import Path
 
 import pytest
 
@@ -72,9 +71,7 @@ def looks_at(terminal: Terminal, listener: Listener, number: int) -> list[tuple[
     return found
 
 
-def test_fresh_data_are_not_called_old_beside_busy_processes_nor_after_a_freeze(
-    tmp_path: Path,
-) -> None:
+def test_fresh_data_are_not_called_old_beside_busy_processes_nor_after_a_freeze(tmp_path):
     bus = ("-i", "loopback", "-c", f"ages-{os.getpid()}", "--seed", "1")
     with controller(tmp_path, *bus), ExitStack() as stack:
         listener = Listener(bus[3])

@@ -4,7 +4,6 @@ Ten minutes of it, and beside a busy machine: python -m tests.benchmarks.busy_bu
 """
 
 import os
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from tests.oracles.loaded_session import session_under_load
 
 @pytest.mark.real_time
 @pytest.mark.campaign
-def test_eight_thousand_foreign_frames_a_second_do_not_keep_sync(tmp_path: Path) -> None:
+def test_eight_thousand_foreign_frames_a_second_do_not_keep_sync(tmp_path):
     came = session_under_load(
         tmp_path, f"busy-test-{os.getpid()}", poses=3, samples=100, rate=8000.0, patience_s=120.0
     )

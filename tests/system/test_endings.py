@@ -12,7 +12,7 @@ import pytest
 SARCAL = (sys.executable, "-m", "operator_app.cli")
 
 
-def test_a_tracker_that_still_writes_changes_no_exit_code(tmp_path: Path) -> None:
+def test_a_tracker_that_still_writes_changes_no_exit_code(tmp_path):
     with subprocess.Popen(
         [*SARCAL, "run", "open_loop", "--poses", "4", "--tracker", "stdin"],
         stdin=subprocess.PIPE,
@@ -70,12 +70,7 @@ ANY_TIME = (0.0, 0.1, 0.3, 0.7, 1.5, 3.0), (0.0, 0.001, 0.01, 0.05, 0.1, 0.4)
         *(pytest.param(pair, *ANY_TIME, marks=pytest.mark.campaign) for pair in PAIRS),
     ],
 )
-def test_a_second_signal_at_any_time_does_not_change_the_exit_code(
-    tmp_path: Path,
-    pair: tuple[signal.Signals, signal.Signals],
-    waits_s: tuple[float, ...],
-    gaps_s: tuple[float, ...],
-) -> None:
+def test_a_second_signal_at_any_time_does_not_change_the_exit_code(tmp_path, pair, waits_s, gaps_s):
     for wait_s in waits_s:
         for gap_s in gaps_s:
             code, said = twice_interrupted(tmp_path, *pair, wait_s, gap_s)
@@ -92,13 +87,13 @@ sys.exit(main())
 
 
 @pytest.mark.parametrize(("arguments", "code"), [(["--version"], 0), (["report", "nothing"], 2)])
-def test_a_thread_that_stays_does_not_keep_the_process(arguments: list[str], code: int) -> None:
+def test_a_thread_that_stays_does_not_keep_the_process(arguments, code):
     done = subprocess.run([sys.executable, "-c", STUCK, *arguments], check=False, timeout=60)
     assert done.returncode == code
 
 
 @pytest.mark.campaign
-def test_who_ignores_a_hang_up_goes_on(tmp_path: Path) -> None:
+def test_who_ignores_a_hang_up_goes_on(tmp_path):
     with subprocess.Popen(
         ["nohup", *SARCAL, "run", "--poses", "3"], stderr=subprocess.PIPE, text=True, cwd=tmp_path,
         stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL,

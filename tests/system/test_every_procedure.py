@@ -1,7 +1,5 @@
 """Every packaged procedure on a specimen of its arm and fixture: accepted, verified, and what was planted."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -18,9 +16,7 @@ LONG = [("rigid", 24), ("ball", 24), ("open_loop", 12)]
         *(pytest.param(*long, "datasheet", marks=pytest.mark.campaign) for long in LONG),
     ],
 )
-def test_it_is_accepted_and_finds_what_was_planted(
-    tmp_path: Path, procedure: str, poses: int, scenario: str
-) -> None:
+def test_it_is_accepted_and_finds_what_was_planted(tmp_path, procedure, poses, scenario):
     with bench(tmp_path, procedure=procedure, scenario=scenario, seed=1, poses=poses) as made:
         result = made.calibrated()
         solution = result.solution

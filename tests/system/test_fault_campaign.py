@@ -127,9 +127,7 @@ def judge_arm(found: Outcome, arm: ArmReaction, *, connected: bool) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("joint", [1, 5])
-def test_a_sensor_that_stands_still_in_a_joint_that_is_led_leaves_no_wrong_pose(
-    tmp_path: Path, joint: int
-) -> None:
+def test_a_sensor_that_stands_still_in_a_joint_that_is_led_leaves_no_wrong_pose(tmp_path, joint):
     """Within a degree of its target nobody misses it there; on the next way it does not follow."""
     found = session_with("frozen-sensor", tmp_path / "s", joint=joint, at_sync=IN_CAPTURE[0])
     assert any(part in found.said for part in FAULTS["frozen-sensor"].says), found.said
@@ -148,9 +146,9 @@ LED = [
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("kind", "joint", "at_sync"), LED)
-def test_a_slip_in_a_joint_that_is_led_is_told_at_the_latest_when_the_first_pose_is_read_again(
-    tmp_path: Path, kind: str, joint: int, at_sync: int
-) -> None:
+def test_a_slip_in_a_joint_that_is_led_is_told_when_the_first_pose_is_read_again(
+    tmp_path, kind, joint, at_sync
+):
     """Its drive makes up for it at once: all joints move, and nothing jumps alone. No pose before it is wrong."""
     found = session_with(kind, tmp_path / "s", joint=joint, at_sync=at_sync)
     ended_sync = {
@@ -167,20 +165,20 @@ def test_a_slip_in_a_joint_that_is_led_is_told_at_the_latest_when_the_first_pose
     assert all(ended_sync[number] >= at_sync for number in wrong)
 
 
-def test_every_fault_has_its_row() -> None:
+def test_every_fault_has_its_row():
     assert list(FAULTS) == list(FAULT_KINDS)
     for words in FAULTS.values():
         assert words.goes_on or words.says
 
 
-def test_without_a_fault_every_pose_is_right(tmp_path: Path) -> None:
+def test_without_a_fault_every_pose_is_right(tmp_path):
     found = session_with("", tmp_path / "s", joint=4, at_sync=0)
     assert (found.said, len(found.poses), found.wrong) == ("", 6, ())
     assert not any("differs from its first reading" in text for text in found.told)
 
 
 @pytest.mark.campaign
-def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path: Path) -> None:
+def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path):
     """Poses count in the order in which they were taken; nothing is measured by the wall clock."""
     told = itertools.cycle([timedelta(0), timedelta(hours=-1), timedelta(days=400), timedelta(0)])
 
@@ -199,7 +197,7 @@ def test_a_wall_clock_that_is_set_back_and_forth_costs_no_pose(tmp_path: Path) -
 
 
 @pytest.mark.campaign
-def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path: Path) -> None:
+def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path):
     found = session_with("", tmp_path / "s", joint=4, at_sync=0, poses=3)
     q = found.poses[-1].mean_rad.copy()
     assert loop_error(q) < 3e-5
@@ -216,9 +214,7 @@ def test_the_oracle_sees_what_a_slip_of_half_a_degree_does(tmp_path: Path) -> No
         for case in itertools.product(FAULT_KINDS, (BEFORE, FIRST_SYNCS, *IN_CAPTURE))
     ],
 )
-def test_every_fault_in_every_phase_is_told_and_no_accepted_pose_is_wrong(
-    tmp_path: Path, kind: str, at_sync: int
-) -> None:
+def test_every_fault_in_every_phase_is_told_and_no_accepted_pose_is_wrong(tmp_path, kind, at_sync):
     judge(kind, at_sync, tmp_path / "s")
 
 
@@ -272,7 +268,7 @@ def uploading(kind: str, joint: int = 4) -> Iterator[tuple[CanopenArm, bytes]]:
         for kind in FAULT_KINDS
     ],
 )
-def test_an_upload_ends_whole_or_not_at_all_whatever_happens(kind: str) -> None:
+def test_an_upload_ends_whole_or_not_at_all_whatever_happens(kind):
     with uploading(kind) as (arm, whole):
         other = whole + b"# another\n"
         # Refused in words, or done; anything else is raised, and fails.

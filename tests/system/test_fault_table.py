@@ -5,8 +5,6 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 from hardware.virtual.fault_messages import FAULTS, OPERATOR_SIDE
 from operator_app.cli import main
 from operator_app.manual.code_pages import faults_page
@@ -34,9 +32,7 @@ def strings_of(*folders: str) -> Iterator[str]:
                     yield re.sub(r"\{[^}]*\}", GAP, certain).lower()
 
 
-def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(capsys):
     assert main(["controller", "--fault", "help"]) == 0
     said = " ".join(capsys.readouterr().out.split())
     for kind, words in FAULTS.items():
@@ -45,7 +41,7 @@ def test_every_fault_is_told_by_help_with_what_is_seen_and_what_to_do(
         assert " ".join(row.split()) in said
 
 
-def test_what_the_table_says_is_what_the_program_can_say() -> None:
+def test_what_the_table_says_is_what_the_program_can_say():
     sentences = list(strings_of("hardware", "operator_app"))
     for kind, words in {**FAULTS, **OPERATOR_SIDE}.items():
         for part in words.says:
@@ -56,7 +52,7 @@ def test_what_the_table_says_is_what_the_program_can_say() -> None:
             assert any(re.search(pattern, text) for text in sentences), (kind, part)
 
 
-def test_the_manual_says_what_the_arm_does_and_what_is_kept_of_both_sides() -> None:
+def test_the_manual_says_what_the_arm_does_and_what_is_kept_of_both_sides():
     page = faults_page()
     assert page.count("| the arm | what is kept |") == 2
     for words in (*FAULTS.values(), *OPERATOR_SIDE.values()):

@@ -65,6 +65,6 @@ def of(procedure: str, folder: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.real_time
-def test_each_is_accepted_twice_in_a_row_and_verified(tmp_path: Path) -> None:
+def test_each_is_accepted_twice_in_a_row_and_verified(tmp_path):
     with ThreadPoolExecutor(len(POSES)) as side:
         list(side.map(lambda procedure: of(procedure, tmp_path), POSES))

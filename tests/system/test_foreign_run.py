@@ -54,9 +54,7 @@ def plant() -> Physics:
 
 
 @pytest.mark.campaign
-def test_a_foreign_arm_is_refused_then_probed_then_calibrated(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_foreign_arm_is_refused_then_probed_then_calibrated(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     settings = BusSettings(interface="loopback", channel=f"foreign-{os.getpid()}")
     bus = ["-i", "loopback", "-c", settings.channel]

@@ -3,8 +3,6 @@
 A share of it; all of it, with figures: python -m tests.benchmarks.campaign
 """
 
-from pathlib import Path
-
 import pytest
 
 from tests.oracles.killing import chain
@@ -13,7 +11,7 @@ pytestmark = pytest.mark.real_time
 
 
 @pytest.mark.campaign
-def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path: Path) -> None:
+def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path):
     found = chain(str(tmp_path / "day"), 101, 1, embedded=True)
     assert found.faults == []
     assert (found.total, found.poses) == (1, found.sessions * 6)
@@ -22,7 +20,7 @@ def test_an_operator_killed_with_its_arm_loses_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-def test_operators_and_controllers_killed_on_a_bus_lose_nothing(tmp_path: Path) -> None:
+def test_operators_and_controllers_killed_on_a_bus_lose_nothing(tmp_path):
     found = chain(str(tmp_path / "day"), 201, 8, embedded=False)
     assert found.faults == []
     assert (found.total, found.poses) == (8, found.sessions * 6)

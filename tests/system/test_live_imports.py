@@ -31,7 +31,7 @@ print("arms", len(live), "exit code", code)
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("procedure", ["hinge", "hinge_planned"])
-def test_no_library_is_loaded_while_an_arm_is_live(procedure: str, tmp_path: Path) -> None:
+def test_no_library_is_loaded_while_an_arm_is_live(procedure, tmp_path):
     ended = subprocess.run(
         [sys.executable, "-c", PROGRAM, "run", procedure, "--seed", "1"],
         capture_output=True, text=True, check=True, cwd=tmp_path,

@@ -3,7 +3,6 @@
 import json
 import socket
 import sys
-from collections.abc import Iterator
 from contextlib import closing, suppress
 from importlib import import_module
 from pathlib import Path
@@ -16,19 +15,18 @@ from operator_app.cli import main
 from operator_app.composition import describe
 from operator_app.config.arm_file import load_arm
 from operator_app.session.store.journal import read_journal
-from tests.oracles.approved import Approve
 from tests.oracles.toy_arm import PROCEDURE, package, toy
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("outside") / "package"
     package(made)
     return made
 
 
 @pytest.fixture
-def desk(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def desk(folder, tmp_path, monkeypatch):
     """A folder to work in, with the package installed."""
     monkeypatch.syspath_prepend(folder.with_name(folder.name + "-installed"))
     monkeypatch.chdir(tmp_path)
@@ -37,9 +35,7 @@ def desk(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
 
 
 @pytest.mark.campaign
-def test_it_is_calibrated_by_name(
-    desk: Path, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_it_is_calibrated_by_name(desk, folder, capsys, monkeypatch):
     with toy(folder) as arm:
         bus = ["-i", "moving_line_arm", "-c", arm.channel]
         assert main(["run", "quick.yaml", *bus, "--json"]) == 0
@@ -76,9 +72,7 @@ def test_it_is_calibrated_by_name(
         (["-i", "line_arm", "-c", "here:1", "--record"], 2),
     ],
 )
-def test_what_is_wrong_is_one_error(
-    desk: Path, capsys: pytest.CaptureFixture[str], options: list[str], code: int, approve: Approve
-) -> None:
+def test_what_is_wrong_is_one_error(desk, capsys, options, code, approve):
     assert main(["run", "quick.yaml", *options]) == code
     told = capsys.readouterr().err
     approve(told)
@@ -86,9 +80,7 @@ def test_what_is_wrong_is_one_error(
     assert not list(desk.glob("sessions/*")), "nothing was begun"
 
 
-def test_a_can_command_says_that_it_is_no_bus(
-    desk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_can_command_says_that_it_is_no_bus(desk, capsys):
     assert main(["monitor", "-i", "line_arm", "-c", "here:1", "--seconds", "1"]) == 3
     assert "line_arm is an arm of an installed package" in capsys.readouterr().err
 
@@ -102,7 +94,7 @@ def made(name: str, channel: str) -> arms.Arm:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["line_arm", "moving_line_arm"])
-def test_an_arm_whose_link_is_lost_closes_its_end(desk: Path, folder: Path, name: str) -> None:
+def test_an_arm_whose_link_is_lost_closes_its_end(desk, folder, name):
     with toy(folder) as there:
         arm = made(name, there.channel)
         arm.connect()
@@ -112,7 +104,7 @@ def test_an_arm_whose_link_is_lost_closes_its_end(desk: Path, folder: Path, name
     assert arm._socket.fileno() == -1
 
 
-def test_stop_does_not_wait_for_a_side_that_reads_nothing(desk: Path) -> None:
+def test_stop_does_not_wait_for_a_side_that_reads_nothing(desk):
     with closing(socket.create_server(("127.0.0.1", 0))) as server:
         server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         arm = made("moving_line_arm", f"127.0.0.1:{server.getsockname()[1]}")
@@ -172,15 +164,7 @@ OFFER = ArmOffer(make=lambda order: Broken(load_procedure("hinge"), "exact"), sa
     [("nothing", "import no_such_library\n"), ("text", "OFFER = 'an arm'\n"), ("broken", BROKEN)],
     ids=["nothing", "text", "broken"],
 )
-def test_a_package_that_is_wrong_is_named(
-    desk: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
-    code: str,
-    approve: Approve,
-) -> None:
+def test_a_package_that_is_wrong_is_named(desk, tmp_path, monkeypatch, capsys, name, code, approve):
     offered(tmp_path / "site", name, code)
     monkeypatch.syspath_prepend(tmp_path / "site")
     assert main(["run", "quick.yaml", "-i", name]) == 3
@@ -189,9 +173,7 @@ def test_a_package_that_is_wrong_is_named(
     assert name in told
 
 
-def test_a_name_of_pythoncans_goes_on_meaning_its_bus(
-    desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_name_of_pythoncans_goes_on_meaning_its_bus(desk, tmp_path, monkeypatch):
     from hardware.arm_plugins import offer
 
     offered(tmp_path / "site", "socketcan", "OFFER = 1\n")
@@ -199,9 +181,7 @@ def test_a_name_of_pythoncans_goes_on_meaning_its_bus(
     assert offer("socketcan") is None
 
 
-def test_two_packages_of_one_name_are_named(
-    desk: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_packages_of_one_name_are_named(desk, tmp_path, monkeypatch):
     from hardware.arm_plugins import offer
     from hardware.errors import BusError
 
@@ -211,9 +191,7 @@ def test_two_packages_of_one_name_are_named(
         offer("line_arm")
 
 
-def test_the_files_of_a_page_go_over_no_other_file(
-    desk: Path, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_files_of_a_page_go_over_no_other_file(desk, folder, capsys):
     assert main(["help", "outside-arm", "--files", str(folder)]) == 2
     assert "pyproject.toml exists already" in capsys.readouterr().err
     assert main(["help", "sign", "--files", str(folder)]) == 2

@@ -21,7 +21,7 @@ SEED = 3
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
@@ -64,9 +64,7 @@ def brought_together(capsys: pytest.CaptureFixture[str], arm: str, kind: str) ->
     return chain
 
 
-def test_the_iiwa_of_its_description_is_the_one_of_its_data_sheet(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_iiwa_of_its_description_is_the_one_of_its_data_sheet(capsys):
     made(capsys, "iiwa")
     rows = yaml.safe_load(Path("arm.yaml").read_text())["dh"]
     assert [row["s_m"] for row in rows] == pytest.approx(lbr_iiwa.D_M, abs=1e-12)
@@ -82,7 +80,7 @@ def test_the_iiwa_of_its_description_is_the_one_of_its_data_sheet(
 
 
 @pytest.mark.parametrize("arm", ["iiwa", "panda"])
-def test_geometry_is_pinocchios(capsys: pytest.CaptureFixture[str], arm: str) -> None:
+def test_geometry_is_pinocchios(capsys, arm):
     made(capsys, arm)
     model = load_arm("arm.yaml")
     q = np.random.default_rng(1).uniform(model.lower_rad, model.upper_rad, (200, 7))
@@ -96,9 +94,7 @@ def test_geometry_is_pinocchios(capsys: pytest.CaptureFixture[str], arm: str) ->
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "kind"), [("iiwa", "hinge"), ("panda", "ball")])
-def test_new_files_check_without_another_key(
-    capsys: pytest.CaptureFixture[str], arm: str, kind: str
-) -> None:
+def test_new_files_check_without_another_key(capsys, arm, kind):
     chain = brought_together(capsys, arm, kind)
     # Seven joints and the fixture's own freedoms, less six.
     assert chain["mobility"] == {"hinge": 2, "ball": 4}[kind]
@@ -117,9 +113,7 @@ def planted() -> dict[str, float]:
 @pytest.mark.campaign
 @pytest.mark.parametrize("kind", FIXTURES)
 @pytest.mark.parametrize("arm", ["iiwa", "panda"])
-def test_it_is_planned_calibrated_and_verified(
-    capsys: pytest.CaptureFixture[str], arm: str, kind: str
-) -> None:
+def test_it_is_planned_calibrated_and_verified(capsys, arm, kind):
     chain = brought_together(capsys, arm, kind)
     plan = sarcal(capsys, "plan go.yaml --poses 2 --json")
     assert plan.code == 0, plan.err

@@ -38,9 +38,7 @@ def truth(placement: int) -> dict[str, float]:
 
 
 @pytest.mark.campaign
-def test_two_placements_are_one_calibration_though_killed_in_either(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_two_placements_are_one_calibration_though_killed_in_either(tmp_path, capsys):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     new = ["run", "hinge", "--placements", "2", "--poses", str(POSES)]
     killed_after(tmp_path, 4, *new)

@@ -35,7 +35,7 @@ def planned_procedure(folder: Path, **capture: object) -> Path:
 
 
 @pytest.fixture(scope="module")
-def datasheet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess]:
+def datasheet(tmp_path_factory):
     """A planned session on the data sheet's arm, in a process of its own."""
     folder = tmp_path_factory.mktemp("datasheet")
     done = subprocess.run(
@@ -50,7 +50,7 @@ def datasheet(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subproces
 
 
 @pytest.mark.campaign
-def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet) -> None:
+def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet):
     sessions, done = datasheet
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -70,7 +70,7 @@ def test_a_few_planned_poses_beat_the_packaged_forty_in_condition(datasheet) -> 
 
 
 @pytest.mark.campaign
-def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixture[str]) -> None:
+def test_plan_on_the_estimate_of_a_session(datasheet, capsys):
     sessions, done = datasheet
     taken = json.loads(done.stdout)["poses"]
     options = ["--session", "latest", "--sessions", str(sessions), "--poses", "2", "--json"]
@@ -88,9 +88,7 @@ def test_plan_on_the_estimate_of_a_session(datasheet, capsys: pytest.CaptureFixt
 
 
 @pytest.mark.campaign
-def test_what_no_pose_brings_to_the_request_is_named_with_advice(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_no_pose_brings_to_the_request_is_named_with_advice(tmp_path, capsys):
     path = planned_procedure(tmp_path, poses=2, requested_sigma={"alpha_0_deg": 1e-9})
     code, out, _ = said(
         capsys, "run", str(path), "--scenario", "exact", "--sessions", str(tmp_path / "s")
@@ -105,7 +103,7 @@ def test_what_no_pose_brings_to_the_request_is_named_with_advice(
 
 
 @pytest.fixture(scope="module")
-def plan_output() -> dict[str, str]:
+def plan_output():
     return printed_plans()
 
 
@@ -122,7 +120,7 @@ def printed_plans() -> dict[str, str]:
 
 
 @pytest.mark.parametrize("look", ["unicode", "ascii"])
-def test_plan_has_its_poses_in_80_columns_without_colour(plan_output, look: str) -> None:
+def test_plan_has_its_poses_in_80_columns_without_colour(plan_output, look):
     text = plan_output[look]
     table = text[text.index("visiting order") :].splitlines()[3:9]
     assert [row.split()[0] for row in table] == list("123456")
@@ -131,7 +129,7 @@ def test_plan_has_its_poses_in_80_columns_without_colour(plan_output, look: str)
     assert "\x1b" not in text
 
 
-def test_plain_ascii_on_request(plan_output) -> None:
+def test_plain_ascii_on_request(plan_output):
     assert any("\u2800" < c <= "\u28ff" for c in plan_output["unicode"])
     assert plan_output["ascii"].isascii()
     picture = plan_output["ascii"].split("Path of the drive joints")[1].split("Ranges")[0]
@@ -143,7 +141,7 @@ def test_plain_ascii_on_request(plan_output) -> None:
 
 
 @pytest.mark.campaign
-def test_plan_as_json_with_advice(capsys: pytest.CaptureFixture[str]) -> None:
+def test_plan_as_json_with_advice(capsys):
     code, out, _ = said(
         capsys, "plan", "hinge_planned", "--poses", "4", "--advise", "--tries", "1", "--json"
     )
@@ -167,16 +165,14 @@ def test_plan_as_json_with_advice(capsys: pytest.CaptureFixture[str]) -> None:
     assert [p["gain"] for p in found["advice"]] == sorted(p["gain"] for p in found["advice"])
 
 
-def test_joints_that_are_not_used_drop_out_of_the_plan(capsys: pytest.CaptureFixture[str]) -> None:
+def test_joints_that_are_not_used_drop_out_of_the_plan(capsys):
     code, out, _ = said(capsys, "plan", "hinge", "--poses", "4", "--unsensed", "6,7", "--json")
     assert code == 0
     assert set(json.loads(out)["sigma"]).isdisjoint({"theta_off_6", "theta_off_7"})
 
 
 @pytest.mark.campaign
-def test_rigid_is_planned_with_its_elbow_held_and_says_why(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_rigid_is_planned_with_its_elbow_held_and_says_why(capsys):
     code, out, _ = said(capsys, "plan", "rigid", "--poses", "4")
     assert code == 0
     assert "theta_off_4 is fixed at" in " ".join(out.split())
@@ -185,8 +181,8 @@ def test_rigid_is_planned_with_its_elbow_held_and_says_why(
 
 @pytest.mark.campaign
 def test_the_drives_of_a_foreign_arm_are_ranked_and_not_those_of_another(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    capsys, tmp_path, monkeypatch
+):
     """Joints 1 and 5 are the packaged arm's in its hinge; here one of another arm drives."""
     monkeypatch.chdir(tmp_path)
     arm = yaml.safe_load(resolve("arm", "sarcos_dextrous").data)

@@ -21,7 +21,7 @@ def words(line: str) -> str:
 
 
 @pytest.mark.campaign
-def test_the_transcript_is_true(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_transcript_is_true(tmp_path, capsys):
     block = README.read_text().split("```text\n")[1].split("```")[0]
     written = [line for line in block.splitlines() if line.strip()]
     assert main(["run", "hinge", "--sessions", str(tmp_path)]) == 0
@@ -46,7 +46,7 @@ def test_the_transcript_is_true(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.campaign
-def test_figures_of_the_paper_are_what_reproduce_prints(capsys: pytest.CaptureFixture[str]) -> None:
+def test_figures_of_the_paper_are_what_reproduce_prints(capsys):
     """To the last digit, in README and manual."""
     assert main(["reproduce"]) == 0
     found = capsys.readouterr().out
@@ -63,12 +63,7 @@ def test_figures_of_the_paper_are_what_reproduce_prints(capsys: pytest.CaptureFi
 
 
 @pytest.mark.campaign
-def test_its_script_and_its_python_run(
-    tmp_path: Path,
-    reference_data: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_its_script_and_its_python_run(tmp_path, reference_data, monkeypatch, capsys):
     """On the public readings of a KUKA iiwa 14, whose tool holds a ball in two sockets."""
     real = reference_data / "real_arms"
     shutil.copy(real / "iiwa14.urdf", tmp_path / "my_arm.urdf")

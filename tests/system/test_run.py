@@ -14,7 +14,6 @@ from operator_app.cli import main
 from operator_app.config.parameters_file import parse_parameters
 from operator_app.config.resources import resolve
 from operator_app.session.store.journal import read_journal
-from tests.oracles.approved import Approve
 from tests.oracles.own_process import start, wait_for_poses
 
 TRUTH = {
@@ -47,9 +46,7 @@ def far_off_procedure(folder: Path) -> Path:
     return folder / "procedure.yaml"
 
 
-def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(tmp_path, capsys):
     procedure = far_off_procedure(tmp_path)
     sessions = tmp_path / "sessions"
     code, found = run_json(
@@ -94,9 +91,7 @@ def test_exact_recovers_all_14_parameters_from_10_deg_and_30_mm_off(
 
 
 @pytest.mark.campaign
-def test_as_reported_lands_where_the_paper_did(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_as_reported_lands_where_the_paper_did(tmp_path, capsys):
     _, found = run_json(capsys, "hinge", "--scenario", "as_reported", "--sessions", str(tmp_path))
     paper = found["paper"]
     assert paper["sigma_pos_mm"]["rms"] == pytest.approx(2.7, rel=0.3)
@@ -107,7 +102,7 @@ def test_as_reported_lands_where_the_paper_did(
 
 
 @pytest.mark.campaign
-def test_a_run_is_the_same_for_a_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_the_same_for_a_seed(tmp_path, capsys):
     options = ("hinge", "--poses", "4", "--seed", "3", "--sessions", str(tmp_path))
     _, one = run_json(capsys, *options)
     code, two = run_json(capsys, *options)
@@ -141,9 +136,7 @@ def test_a_run_is_the_same_for_a_seed(tmp_path: Path, capsys: pytest.CaptureFixt
         "plan hinge --session latest",
     ],
 )
-def test_bad_input_says_what_to_do_and_writes_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], typed: str, approve: Approve
-) -> None:
+def test_bad_input_says_what_to_do_and_writes_nothing(tmp_path, capsys, typed, approve):
     assert main([*typed.split(), "--sessions", str(tmp_path / "s")]) == 2
     said = capsys.readouterr()
     assert said.out == ""
@@ -152,9 +145,7 @@ def test_bad_input_says_what_to_do_and_writes_nothing(
 
 
 @pytest.mark.parametrize("command", [["run"], ["plan", "--poses", "4"]], ids=["run", "plan"])
-def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], command: list[str]
-) -> None:
+def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(tmp_path, capsys, command):
     procedure = yaml.safe_load(resolve("procedure", "rigid").data)
     del procedure["held"]
     mine = tmp_path / "rigid_all_free.yaml"
@@ -165,11 +156,8 @@ def test_rigid_with_every_offset_free_is_refused_by_naming_joint_4(
 
 @pytest.mark.parametrize("placements", ["1", pytest.param("2", marks=pytest.mark.campaign)])
 def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-    placements: str,
-) -> None:
+    tmp_path, capsys, monkeypatch, placements
+):
     """Between two placements somebody would reach into it."""
     obey = Drive.obey_controlword
 
@@ -195,7 +183,7 @@ def test_an_arm_with_a_drive_that_stays_powered_is_not_called_held(
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_interrupted_it_holds_the_arm_and_resumes(tmp_path: Path, number: signal.Signals) -> None:
+def test_interrupted_it_holds_the_arm_and_resumes(tmp_path, number):
     process = start(tmp_path, "run", "hinge", "--poses", "30")
     folder = wait_for_poses(tmp_path / "sessions", 3, process)
     process.send_signal(number)

@@ -26,7 +26,7 @@ echo "JSON $(tr -d '\\n' < out.json)"
 
 @pytest.mark.campaign
 @pytest.mark.needs("linux.uml", "candump", "ip")
-def test_a_run_on_vcan0_with_candump_as_witness() -> None:
+def test_a_run_on_vcan0_with_candump_as_witness():
     # A kernel that is a program, on one processor, which the bus has first: minutes for seconds of solving.
     said = in_user_mode_linux("bash", "-c", SCRIPT, sys.executable, patience_s=900.0)
     lines = {line.split()[0]: line for line in said.splitlines() if line.strip()}

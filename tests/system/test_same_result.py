@@ -4,7 +4,6 @@ import os
 import subprocess
 import sys
 from importlib.metadata import version
-from pathlib import Path
 
 import pytest
 import yaml
@@ -22,7 +21,7 @@ OTHER_MACHINES = (
 
 
 @pytest.mark.campaign
-def test_threads_and_processors_change_no_printed_character(reference_data: Path) -> None:
+def test_threads_and_processors_change_no_printed_character(reference_data):
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
     said = {
         subprocess.run(
@@ -38,9 +37,7 @@ def test_threads_and_processors_change_no_printed_character(reference_data: Path
     assert "theta_off_7" in said.pop()
 
 
-def test_journal_and_parameters_say_what_they_were_made_with(
-    reference_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_journal_and_parameters_say_what_they_were_made_with(reference_data, tmp_path, capsys):
     csv = reference_data / "hinge" / "hinge_exact.csv"
     assert main(["import", str(csv), "--sessions", str(tmp_path)]) == 0
     (folder,) = tmp_path.iterdir()

@@ -108,7 +108,7 @@ def test_connect_to_export_killed_in_mid_capture_and_resumed(terminal, tmp_path,
 
 
 @pytest.mark.campaign
-def test_enter_pressed_before_there_is_a_screen_connects(terminal) -> None:
+def test_enter_pressed_before_there_is_a_screen_connects(terminal):
     t = terminal()
     t.keys("Enter")
     t.until("Enter Fixture")

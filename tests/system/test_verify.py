@@ -14,7 +14,7 @@ from tests.oracles.recorded import recorded_folder
 
 
 @pytest.fixture(scope="module")
-def sessions(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def sessions(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sessions") / "made"
     shutil.copytree(recorded_folder(hinge_session), folder)
     return folder
@@ -25,9 +25,7 @@ def hinge_session(folder: Path) -> None:
     assert main(["run", "hinge", "--poses", "15", "--sessions", str(folder)]) == 0
 
 
-def test_new_poses_on_the_arm_confirm_the_calibration(
-    sessions: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_new_poses_on_the_arm_confirm_the_calibration(sessions, capsys):
     options = ["--sessions", str(sessions), "--poses", "6", "--json"]
     (session,) = sessions.iterdir()
     assert main(["verify", session.name, *options]) == 0
@@ -50,9 +48,7 @@ def test_new_poses_on_the_arm_confirm_the_calibration(
 
 
 @pytest.mark.campaign
-def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
-    sessions: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(sessions, tmp_path, capsys):
     (session,) = sessions.iterdir()
     with (session / "poses.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
@@ -84,8 +80,6 @@ def test_a_joint_that_slipped_since_is_noticed_and_the_poses_named(
     assert f"sarcal: {changed}: no joint angle" in capsys.readouterr().err
 
 
-def test_a_session_without_poses_has_nothing_to_verify(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_session_without_poses_has_nothing_to_verify(tmp_path, capsys):
     assert main(["verify", "latest", "--sessions", str(tmp_path)]) == 2
     assert "no session" in capsys.readouterr().err

@@ -44,9 +44,7 @@ def read(file: Path) -> list[tuple[float, int, bytes, int | None]]:
 
 
 @pytest.mark.campaign
-def test_what_a_run_recorded_is_all_of_it(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_run_recorded_is_all_of_it(tmp_path, capsys):
     options = ["--poses", "3", "--sessions", str(tmp_path), "--record", "--json"]
     main(["run", "hinge", *options])
     folder = Path(json.loads(capsys.readouterr().out)["session"]["folder"])
@@ -72,7 +70,7 @@ def _stopped(frame: tuple[float, int, bytes, int | None]) -> bool:
     return 0x180 < identifier < 0x188 and data[0] & 0x6F == 0x07
 
 
-def test_stop_is_in_the_recording_at_its_time(tmp_path: Path) -> None:
+def test_stop_is_in_the_recording_at_its_time(tmp_path):
     opening = begin("hinge", Choices(interface="virtual"), root=tmp_path)
     with open_arm(opening, record_to=tmp_path / "bus.blf", pace=Pace.FAST_FORWARD) as rig:
         rig.arm.connect()

@@ -1,23 +1,18 @@
 """The arm of the contract on every transport: at rest, connected, driven."""
 
-from collections.abc import Iterator
-
 import pytest
 
-from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
-from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import TWO_DRIVEN, controller_on, operator_on
 
 
 @pytest.fixture
-def controller(settings: BusSettings) -> Iterator[VirtualController]:
+def controller(settings):
     with controller_on(settings) as running:
         yield running
 
 
 @pytest.fixture
-def arm(controller: VirtualController, settings: BusSettings) -> Iterator[CanopenArm]:
+def arm(controller, settings):
     made = operator_on(settings)
     made.connect()
     yield made
@@ -25,7 +20,7 @@ def arm(controller: VirtualController, settings: BusSettings) -> Iterator[Canope
 
 
 @pytest.fixture
-def driven(arm: CanopenArm) -> CanopenArm:
+def driven(arm):
     arm.take_control()
     arm.set_modes(TWO_DRIVEN)
     return arm

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import ControlDenied, Stopped, UploadRefused
 from tests.contracts.arm.bench import TWO_DRIVEN, operator_on
 from tests.hardware.on_fake_bus import wait_for
 
 
 @pytest.mark.sample(1)
-def test_two_driven_joints_move_the_closed_chain(driven: CanopenArm) -> None:
+def test_two_driven_joints_move_the_closed_chain(driven):
     start = driven.snapshot().positions_rad
     result = driven.move({2: start[1] + 0.1, 5: start[4] - 0.1}, speed_rad_per_s=0.5)
     assert result.reached
@@ -30,7 +28,7 @@ def test_two_driven_joints_move_the_closed_chain(driven: CanopenArm) -> None:
     assert np.all(reading.sd_rad[:5] < 1e-4)
 
 
-def test_stop_in_a_move_stops_everything(driven: CanopenArm) -> None:
+def test_stop_in_a_move_stops_everything(driven):
     start = driven.snapshot().positions_rad
 
     def watch(snapshot: ArmSnapshot) -> str | None:
@@ -52,7 +50,7 @@ def test_stop_in_a_move_stops_everything(driven: CanopenArm) -> None:
 
 
 @pytest.mark.sample(1)
-def test_parameters_are_uploaded_and_read_back(driven: CanopenArm) -> None:
+def test_parameters_are_uploaded_and_read_back(driven):
     document = b"11 -22 33 -44 55 -6 7".ljust(4000)
     receipt = driven.upload_parameters(document)
     assert receipt.home_offset_counts == (11, -22, 33, -44, 55, -6, 7)
@@ -63,7 +61,7 @@ def test_parameters_are_uploaded_and_read_back(driven: CanopenArm) -> None:
     assert driven.active_parameters() == document
 
 
-def test_two_operators_exclude_each_other(driven: CanopenArm, settings: BusSettings) -> None:
+def test_two_operators_exclude_each_other(driven, settings):
     second = operator_on(settings)
     with pytest.raises(ControlDenied):
         second.connect()
@@ -71,9 +69,7 @@ def test_two_operators_exclude_each_other(driven: CanopenArm, settings: BusSetti
     driven.capture(1)
 
 
-def test_closing_leaves_the_arm_held_and_free_to_take(
-    driven: CanopenArm, settings: BusSettings
-) -> None:
+def test_closing_leaves_the_arm_held_and_free_to_take(driven, settings):
     before = driven.capture(10).mean_rad
     driven.close()
     driven.close()

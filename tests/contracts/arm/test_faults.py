@@ -5,14 +5,11 @@ import threading
 import pytest
 
 from hardware.arm import ArmSnapshot, DriveState
-from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveFault, DuplicateNodeId, SensorFault
-from hardware.virtual.controller import VirtualController
 from tests.contracts.arm.bench import FREE, POSITION, controller_on, operator_on
 
 
-def test_a_third_driven_joint_trips_the_torque_limit(arm: CanopenArm) -> None:
+def test_a_third_driven_joint_trips_the_torque_limit(arm):
     arm.take_control()
     arm.set_modes([FREE, POSITION, POSITION, FREE, POSITION, FREE, FREE])
     start = arm.snapshot().positions_rad
@@ -29,9 +26,7 @@ def test_a_third_driven_joint_trips_the_torque_limit(arm: CanopenArm) -> None:
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("counts", [5, 500, -1111])
-def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
-    driven: CanopenArm, controller: VirtualController, counts: int
-) -> None:
+def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(driven, controller, counts):
     driven.settle(window=10, spread_rad=[0.01] * 7, timeout_syncs=300)
     driven.capture(20)
     controller.faults.lose_counts(3, counts)
@@ -43,9 +38,7 @@ def test_counts_lost_at_rest_are_noticed_before_the_pose_counts(
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("counts", [500, -1111])
-def test_counts_lost_in_a_move_are_noticed(
-    driven: CanopenArm, controller: VirtualController, counts: int
-) -> None:
+def test_counts_lost_in_a_move_are_noticed(driven, controller, counts):
     here = driven.snapshot().positions_rad
     lost = threading.Event()
 
@@ -60,26 +53,20 @@ def test_counts_lost_in_a_move_are_noticed(
     assert told.value.joint == 4
 
 
-def test_a_drive_that_restarts_with_its_counter_at_zero_is_named(
-    driven: CanopenArm, controller: VirtualController
-) -> None:
+def test_a_drive_that_restarts_with_its_counter_at_zero_is_named(driven, controller):
     controller.faults.restart_node(5)
     with pytest.raises(BusError, match="5") as told:
         driven.capture(2000)
     assert "restart" in str(told.value) or "left operation" in str(told.value)
 
 
-def test_a_joint_that_answers_twice_is_two_devices(
-    driven: CanopenArm, controller: VirtualController
-) -> None:
+def test_a_joint_that_answers_twice_is_two_devices(driven, controller):
     controller.faults.answer_twice(7)
     with pytest.raises(DuplicateNodeId, match="node 7"):
         driven.capture(2000)
 
 
-def test_two_controllers_on_one_bus_are_named(
-    controller: VirtualController, settings: BusSettings
-) -> None:
+def test_two_controllers_on_one_bus_are_named(controller, settings):
     with controller_on(settings):
         arm = operator_on(settings)
         with pytest.raises(DuplicateNodeId, match="two devices answer as node"):

@@ -6,7 +6,6 @@ import random
 import socket
 import threading
 import time
-from collections.abc import Iterator
 
 import can
 import pytest
@@ -28,12 +27,12 @@ _numbers = itertools.count()
 
 
 @pytest.fixture
-def channel() -> str:
+def channel():
     return f"loopback-test-{time.monotonic_ns()}-{next(_numbers)}"
 
 
 @pytest.fixture
-def bus(channel: str) -> Iterator[LoopbackBus]:
+def bus(channel):
     with LoopbackBus(channel) as opened:
         yield opened
 
@@ -55,7 +54,7 @@ def frames(draw: st.DrawFn) -> can.Message:
     )
 
 
-def test_the_datagram_of_a_tpdo_is_what_the_docstring_of_the_format_says() -> None:
+def test_the_datagram_of_a_tpdo_is_what_the_docstring_of_the_format_says():
     message = can.Message(arbitration_id=0x181, data=b"\x27\x06", is_extended_id=False)
     assert encode_frame(message, TAG) == b"CANo" + TAG + bytes.fromhex("00 02 00000181 2706")
     remote = can.Message(arbitration_id=0x12345, dlc=4, is_remote_frame=True, is_extended_id=True)
@@ -64,7 +63,7 @@ def test_the_datagram_of_a_tpdo_is_what_the_docstring_of_the_format_says() -> No
 
 @given(frames())
 @settings(max_examples=200, deadline=None, database=None)
-def test_every_frame_survives_the_wire(message: can.Message) -> None:
+def test_every_frame_survives_the_wire(message):
     arrived = decode_frame(encode_frame(message, TAG), TAG)
     assert arrived is not None
     assert arrived.equals(message, timestamp_delta=None)
@@ -83,19 +82,19 @@ _headed = st.builds(
 
 @given(st.one_of(st.binary(max_size=100), _headed))
 @settings(max_examples=500, deadline=None, database=None)
-def test_garbage_is_refused_or_is_a_valid_frame(datagram: bytes) -> None:
+def test_garbage_is_refused_or_is_a_valid_frame(datagram):
     message = decode_frame(datagram, TAG)
     if message is not None:
         message._check()  # python-can's own idea of a valid frame
         assert encode_frame(message, TAG) == datagram
 
 
-def test_another_channel_of_the_same_group_is_not_heard() -> None:
+def test_another_channel_of_the_same_group_is_not_heard():
     message = can.Message(arbitration_id=1, is_extended_id=False)
     assert decode_frame(encode_frame(message, channel_tag("elsewhere")), TAG) is None
 
 
-def test_garbage_on_the_group_does_no_harm(bus: LoopbackBus, channel: str) -> None:
+def test_garbage_on_the_group_does_no_harm(bus, channel):
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with stranger:
         stranger.setsockopt(
@@ -110,7 +109,7 @@ def test_garbage_on_the_group_does_no_harm(bus: LoopbackBus, channel: str) -> No
     assert message.arbitration_id == 0x77
 
 
-def test_frames_that_are_filtered_out_fill_nobodys_buffer(channel: str) -> None:
+def test_frames_that_are_filtered_out_fill_nobodys_buffer(channel):
     wanted = can.Message(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
     other = can.Message(arbitration_id=0x77, data=b"12345678", is_extended_id=False)
     filters = [{"can_id": 0x180, "can_mask": 0x7F8, "extended": False}]
@@ -127,7 +126,7 @@ def test_frames_that_are_filtered_out_fill_nobodys_buffer(channel: str) -> None:
         assert bus.recv(2.0) is not None
 
 
-def test_the_kernel_filters_as_python_can_does(channel: str) -> None:
+def test_the_kernel_filters_as_python_can_does(channel):
     """python-can's own rule, over masks, kinds of identifier and several filters at once, is the oracle."""
     rng = random.Random(1)  # noqa: S311 - to be repeated, not to be secret
     with LoopbackBus(channel) as bus, LoopbackBus(channel) as peer:
@@ -163,20 +162,20 @@ def test_the_kernel_filters_as_python_can_does(channel: str) -> None:
         assert 200 < seen < 1800
 
 
-def test_nothing_can_leave_the_machine(bus: LoopbackBus) -> None:
+def test_nothing_can_leave_the_machine(bus):
     sender = bus._sender
     assert sender.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL) == 0
     assert sender.getsockname()[0] == "127.0.0.1"
     assert sender.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4) == bytes((127, 0, 0, 1))
 
 
-def test_there_are_no_fd_frames(bus: LoopbackBus) -> None:
+def test_there_are_no_fd_frames(bus):
     frame = can.Message(arbitration_id=1, is_fd=True, data=bytes(64), is_extended_id=False)
     with pytest.raises(can.CanOperationError, match="FD"):
         bus.send(frame)
 
 
-def test_the_descriptor_tells_when_there_is_something(bus: LoopbackBus, channel: str) -> None:
+def test_the_descriptor_tells_when_there_is_something(bus, channel):
     import select
 
     assert select.select([bus], [], [], 0.0)[0] == []
@@ -185,9 +184,7 @@ def test_the_descriptor_tells_when_there_is_something(bus: LoopbackBus, channel:
     assert select.select([bus.fileno()], [], [], 2.0)[0] == [bus.fileno()]
 
 
-def test_a_reader_that_waits_is_woken_by_others_and_not_by_itself(
-    bus: LoopbackBus, channel: str
-) -> None:
+def test_a_reader_that_waits_is_woken_by_others_and_not_by_itself(bus, channel):
     frame = can.Message(arbitration_id=2, is_extended_id=False)
     with LoopbackBus(channel) as peer:
         bus.send(frame)
@@ -197,7 +194,7 @@ def test_a_reader_that_waits_is_woken_by_others_and_not_by_itself(
         later.join()
 
 
-def test_a_closed_bus_refuses(channel: str) -> None:
+def test_a_closed_bus_refuses(channel):
     closed = LoopbackBus(channel)
     closed.shutdown()
     with pytest.raises(can.CanOperationError):
@@ -206,7 +203,7 @@ def test_a_closed_bus_refuses(channel: str) -> None:
         closed.recv(0.0)
 
 
-def test_python_can_finds_it_by_name(channel: str) -> None:
+def test_python_can_finds_it_by_name(channel):
     try:
         importlib.metadata.distribution("sarcal")
     except importlib.metadata.PackageNotFoundError:

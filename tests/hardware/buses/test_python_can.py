@@ -1,7 +1,5 @@
 """Bus settings from every source, and errors that say what to do."""
 
-from pathlib import Path
-
 import can
 import pytest
 
@@ -9,23 +7,20 @@ from hardware.buses import python_can
 from hardware.buses.python_can import BusSettings, bus_settings, open_bus, open_sender
 from hardware.buses.shared_bus import Frame
 from hardware.errors import BusError
-from tests.oracles.approved import Approve
 
 
 @pytest.fixture(autouse=True)
-def nothing_configured(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def nothing_configured(monkeypatch, tmp_path):
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE", "CAN_CONFIG"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("can.util.CONFIG_FILES", [str(tmp_path / "can.conf")])
 
 
-def test_without_anything_it_is_the_virtual_bus() -> None:
+def test_without_anything_it_is_the_virtual_bus():
     assert bus_settings() == BusSettings(interface="virtual", channel="sarcal")
 
 
-def test_options_beat_environment_beats_file(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_options_beat_environment_beats_file(monkeypatch, tmp_path):
     (tmp_path / "can.conf").write_text(
         "[default]\ninterface = socketcan\nchannel = can3\nbitrate = 125000\n"
     )
@@ -37,7 +32,7 @@ def test_options_beat_environment_beats_file(
     assert asked == BusSettings(interface="loopback", channel="here", bitrate=1_000_000)
 
 
-def test_further_options_of_the_file_are_kept(tmp_path: Path) -> None:
+def test_further_options_of_the_file_are_kept(tmp_path):
     (tmp_path / "can.conf").write_text(
         "[default]\ninterface = virtual\nreceive_own_messages = true\n"
     )
@@ -53,7 +48,7 @@ def test_further_options_of_the_file_are_kept(tmp_path: Path) -> None:
     ],
     ids=["unknown: the known ones are listed", "hardware without a channel"],
 )
-def test_an_interface_that_cannot_be_opened_says_what_to_type(interface: str, words: str) -> None:
+def test_an_interface_that_cannot_be_opened_says_what_to_type(interface, words):
     with pytest.raises(BusError, match=words):
         bus_settings(interface)
 
@@ -65,9 +60,7 @@ def test_an_interface_that_cannot_be_opened_says_what_to_type(interface: str, wo
         ("CAN_CONFIG", "{not json", "CAN_"),
     ],
 )
-def test_a_broken_environment_is_said(
-    monkeypatch: pytest.MonkeyPatch, variable: str, value: str, words: str
-) -> None:
+def test_a_broken_environment_is_said(monkeypatch, variable, value, words):
     monkeypatch.setenv(variable, value)
     with pytest.raises(BusError, match=words):
         bus_settings()
@@ -77,17 +70,17 @@ def test_a_broken_environment_is_said(
     ("code", "channel"),
     [(19, "can0"), *((code, "vcan0") for code in (1, 5, 13, 19, 93, 97, 100))],
 )
-def test_a_kernel_error_becomes_what_to_do(code: int, channel: str, approve: Approve) -> None:
+def test_a_kernel_error_becomes_what_to_do(code, channel, approve):
     settings = BusSettings(interface="socketcan", channel=channel, bitrate=500_000)
     approve(python_can.describe_failure(settings, OSError(code, "something")))
 
 
-def test_a_missing_device_or_kernel_support_is_a_bus_error() -> None:
+def test_a_missing_device_or_kernel_support_is_a_bus_error():
     with pytest.raises(BusError, match=r"no CAN device vcan97|has no CAN sockets"):
         open_bus(BusSettings(interface="socketcan", channel="vcan97"))
 
 
-def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else() -> None:
+def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else():
     near, *far = (open_bus(BusSettings(channel="shared")) for _ in range(3))
     sent = Frame(arbitration_id=0x181, data=b"12345678", is_extended_id=False)
     near.send(sent)
@@ -105,7 +98,7 @@ def test_receivers_in_one_process_share_the_data_of_a_frame_and_nothing_else() -
         bus.shutdown()
 
 
-def test_a_virtual_sender_leaves_the_channel_as_it_found_it() -> None:
+def test_a_virtual_sender_leaves_the_channel_as_it_found_it():
     settings = BusSettings(channel="sender-test")
     bus, sender = open_bus(settings), open_sender(settings)
     message = can.Message(arbitration_id=5, is_extended_id=False)
@@ -120,13 +113,13 @@ def test_a_virtual_sender_leaves_the_channel_as_it_found_it() -> None:
 
 
 @pytest.mark.parametrize("interface", ["kvaser", "neovi", "pcan", "slcan"])
-def test_an_adapter_without_its_driver_is_one_clear_error(interface: str) -> None:
+def test_an_adapter_without_its_driver_is_one_clear_error(interface):
     with pytest.raises(BusError, match=interface):
         open_bus(bus_settings(interface, "0", 1_000_000))
 
 
 @pytest.mark.parametrize("channel", ["a\0b", "\udc80", "\x1b[31mred", "x\ny"])
-def test_a_strange_channel_is_one_clear_error(channel: str) -> None:
+def test_a_strange_channel_is_one_clear_error(channel):
     with pytest.raises(BusError, match="channel name") as refused:
         bus_settings("loopback", channel)
     assert str(refused.value).isprintable()

@@ -42,9 +42,7 @@ class FullQueue(can.BusABC):
         can.CanOperationError("Transmit buffer full"),
     ],
 )
-def test_a_frame_that_the_queue_has_no_room_for_is_offered_again_and_counted(
-    error: Exception,
-) -> None:
+def test_a_frame_that_the_queue_has_no_room_for_is_offered_again_and_counted(error):
     bus = FullQueue(3, error)
     # One's own process may stand still for longer than a control period.
     wire = SharedBus(bus, send_timeout_s=5.0)
@@ -54,7 +52,7 @@ def test_a_frame_that_the_queue_has_no_room_for_is_offered_again_and_counted(
     assert wire.queue_full == 3
 
 
-def test_a_queue_that_stays_full_ends_it_when_a_sync_would_be_late() -> None:
+def test_a_queue_that_stays_full_ends_it_when_a_sync_would_be_late():
     wire = SharedBus(FullQueue(1_000_000, no_buffer_space()), send_timeout_s=0.02)
     begun_s = time.monotonic()
     with pytest.raises(BusError, match="ip link set can0 txqueuelen") as full:
@@ -64,7 +62,7 @@ def test_a_queue_that_stays_full_ends_it_when_a_sync_would_be_late() -> None:
     assert wire.queue_full > 0
 
 
-def test_a_bus_that_is_gone_is_not_waited_for() -> None:
+def test_a_bus_that_is_gone_is_not_waited_for():
     bus = FullQueue(1, OSError(errno.ENETDOWN, "Network is down"))
     wire = SharedBus(bus, send_timeout_s=5.0)
     with pytest.raises(BusError, match="Check adapter"):
@@ -97,9 +95,7 @@ def recorded(path: Path) -> list[tuple[int, float]]:
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".log"])
-def test_frames_that_were_taken_late_are_written_in_their_place(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_frames_that_were_taken_late_are_written_in_their_place(tmp_path, suffix):
     chance = random.Random(4)  # noqa: S311 - no secret
     stamps = [1.7e9 + 0.001 * k for k in range(3000)]
     taken = sorted(
@@ -117,16 +113,16 @@ def test_frames_that_were_taken_late_are_written_in_their_place(
     assert [stamp for _, stamp in found] == pytest.approx(stamps, abs=1e-5)
 
 
-def test_frames_of_one_moment_stay_in_the_order_they_came(tmp_path: Path) -> None:
+def test_frames_of_one_moment_stay_in_the_order_they_came(tmp_path):
     assert record(tmp_path / "bus.log", [1.7e9] * 100) == list(range(100))
 
 
-def test_a_clock_that_is_set_back_loses_and_holds_back_nothing(tmp_path: Path) -> None:
+def test_a_clock_that_is_set_back_loses_and_holds_back_nothing(tmp_path):
     stamps = [5000.0, 5000.1, 1000.0, 1000.2, 1000.1, 1000.3, 9000.0, 9000.1]
     assert record(tmp_path / "bus.log", stamps) == [0, 1, 2, 4, 3, 5, 6, 7]
 
 
-def test_a_link_that_leads_nowhere_is_not_recorded_through(tmp_path: Path) -> None:
+def test_a_link_that_leads_nowhere_is_not_recorded_through(tmp_path):
     (tmp_path / "bus.log").symlink_to(tmp_path / "elsewhere.log")
     recording = Recording(tmp_path / "bus.log")
     recording.record(can.Message(arbitration_id=0x80, is_extended_id=False, timestamp=1.0))

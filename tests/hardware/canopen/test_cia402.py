@@ -69,7 +69,7 @@ TABLE = {
 }
 
 
-def test_bits_and_commands_are_where_the_standard_has_them() -> None:
+def test_bits_and_commands_are_where_the_standard_has_them():
     assert {bit.name: int(bit) for bit in ControlBit} == {
         "SWITCH_ON": 0x0001,
         "ENABLE_VOLTAGE": 0x0002,
@@ -91,7 +91,7 @@ def test_bits_and_commands_are_where_the_standard_has_them() -> None:
 
 
 @pytest.mark.parametrize("state", S)
-def test_where_each_wish_is_reached(state: DriveState) -> None:
+def test_where_each_wish_is_reached(state):
     assert [wish for wish in TargetState if reached(state, wish)] == {
         S.NOT_READY_TO_SWITCH_ON: [TargetState.STOPPED],
         S.SWITCH_ON_DISABLED: [
@@ -109,7 +109,7 @@ def test_where_each_wish_is_reached(state: DriveState) -> None:
 
 
 @pytest.mark.parametrize("previous", [0x0001, 0x000F, 0x007F, 0xFF7F])
-def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous: int) -> None:
+def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous):
     assert after_controlword(S.FAULT, RESET, previous) is S.SWITCH_ON_DISABLED
     assert (
         next_controlword(statusword(S.FAULT), TargetState.FAULT_CLEARED, previous=previous) == RESET
@@ -121,18 +121,18 @@ def test_the_other_bits_sent_before_do_not_hinder_a_reset(previous: int) -> None
     )
 
 
-def test_a_flag_that_the_state_shows_already_changes_nothing() -> None:
+def test_a_flag_that_the_state_shows_already_changes_nothing():
     assert statusword(S.OPERATION_ENABLED, 0x27) == 0x27
 
 
-def test_the_word_sent_before_is_named() -> None:
+def test_the_word_sent_before_is_named():
     with pytest.raises(TypeError, match="positional"):
         next_controlword(0x40, TargetState.ENABLED, 0)  # type: ignore[misc]
 
 
 @pytest.mark.parametrize("word", [DISABLE, STOP, SHUTDOWN, ON, ENABLE, RESET], ids=hex)
 @pytest.mark.parametrize("state", S)
-def test_every_state_against_every_command(state: DriveState, word: int) -> None:
+def test_every_state_against_every_command(state, word):
     assert after_controlword(state, word, 0) is TABLE[state].get(word, state)
 
 
@@ -147,19 +147,17 @@ def test_every_state_against_every_command(state: DriveState, word: int) -> None
         (S.SWITCHED_ON, (0x001F, 0x010F, 0x800F), S.OPERATION_ENABLED),
     ],
 )
-def test_other_bits_of_a_controlword_do_not_hide_its_command(
-    state: DriveState, words: tuple[int, ...], after: DriveState
-) -> None:
+def test_other_bits_of_a_controlword_do_not_hide_its_command(state, words, after):
     assert {after_controlword(state, word, 0) for word in words} == {after}
 
 
 @pytest.mark.parametrize(("previous", "after"), [(0, S.SWITCH_ON_DISABLED), (RESET, S.FAULT)])
-def test_fault_reset_needs_an_edge(previous: int, after: DriveState) -> None:
+def test_fault_reset_needs_an_edge(previous, after):
     assert after_controlword(S.FAULT, RESET | ENABLE, previous) is after
 
 
 @pytest.mark.parametrize("previous", [STOP, ENABLE])
-def test_a_late_enable_cannot_undo_a_stop(previous: int) -> None:
+def test_a_late_enable_cannot_undo_a_stop(previous):
     assert after_controlword(S.QUICK_STOP_ACTIVE, ENABLE, previous) is S.QUICK_STOP_ACTIVE
 
 
@@ -175,17 +173,17 @@ def test_a_late_enable_cannot_undo_a_stop(previous: int) -> None:
         (S.FAULT, DriveEvent.QUICK_STOP, S.FAULT),
     ],
 )
-def test_events(state: DriveState, event: DriveEvent, after: DriveState) -> None:
+def test_events(state, event, after):
     assert after_event(state, event) is after
 
 
 @pytest.mark.parametrize("state", S)
-def test_a_fault_is_taken_from_every_state(state: DriveState) -> None:
+def test_a_fault_is_taken_from_every_state(state):
     stays = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
     assert after_event(state, DriveEvent.FAULT) is (state if stays else S.FAULT_REACTION_ACTIVE)
 
 
-def test_power_is_raised_by_exactly_the_upward_transitions() -> None:
+def test_power_is_raised_by_exactly_the_upward_transitions():
     upward = {
         (before, after)
         for before in S
@@ -214,7 +212,7 @@ def test_power_is_raised_by_exactly_the_upward_transitions() -> None:
         ("x0xx1000", S.FAULT),
     ],
 )
-def test_statuswords_of_the_standard(pattern: str, state: DriveState) -> None:
+def test_statuswords_of_the_standard(pattern, state):
     words = [
         word
         for word in range(256)
@@ -229,14 +227,14 @@ def test_statuswords_of_the_standard(pattern: str, state: DriveState) -> None:
 
 
 @pytest.mark.parametrize("word", [0x0002, 0x0061])
-def test_patterns_that_are_no_state_are_refused(word: int) -> None:
+def test_patterns_that_are_no_state_are_refused(word):
     with pytest.raises(ValueError, match=f"{word:04X}h"):
         drive_state(word)
     assert state_of(word) is S.NOT_READY_TO_SWITCH_ON
 
 
 @given(st.sampled_from(list(S)), st.sampled_from([0, ALL_FLAGS, *StatusBit]))
-def test_statusword_round_trip(state: DriveState, flags: int) -> None:
+def test_statusword_round_trip(state, flags):
     word = statusword(state, flags)
     assert drive_state(word) is state
     assert word & ALL_FLAGS == flags
@@ -257,13 +255,13 @@ def test_statusword_round_trip(state: DriveState, flags: int) -> None:
         (S.OPERATION_ENABLED, TargetState.DISABLED, DISABLE),
     ],
 )
-def test_next_controlword(state: DriveState, wish: TargetState, word: int) -> None:
+def test_next_controlword(state, wish, word):
     assert next_controlword(statusword(state), wish) == word
 
 
 @pytest.mark.parametrize("wish", TargetState)
 @pytest.mark.parametrize("state", S)
-def test_an_operator_gets_there_in_a_few_steps(state: DriveState, wish: TargetState) -> None:
+def test_an_operator_gets_there_in_a_few_steps(state, wish):
     word = CONTROLWORD_FAULT_RESET  # the worst word to have sent last
     faulty = state in (S.FAULT, S.FAULT_REACTION_ACTIVE)
     state = after_event(after_event(state, DriveEvent.INITIALISED), DriveEvent.FAULT_REACTION_DONE)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pytest
 
 from hardware.arm import DriveState, JointMode
-from hardware.buses.python_can import BusSettings
 from hardware.canopen.bus_profile import BusProfile
 from hardware.errors import (
     MappingMismatch,
@@ -18,7 +17,7 @@ from hardware.errors import (
 from operator_app.config.profile_file import parse_profile
 from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import make, wait_for
-from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, Connect, unconnected
+from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, unconnected
 from tests.oracles.foreign_arm import ForeignArm
 from tests.oracles.profiles import sarcos
 
@@ -48,9 +47,7 @@ def profile(text: str = PROFILE) -> BusProfile:
     return parse_profile(text.encode(), "acme.yaml", joints=JOINTS)
 
 
-def test_another_map_is_refused_or_written_as_the_profile_says(
-    connect: Connect, foreign: ForeignArm
-) -> None:
+def test_another_map_is_refused_or_written_as_the_profile_says(connect, foreign):
     with pytest.raises(MappingMismatch, match="node 1, 1601h") as refused:
         connect(profile(PROFILE.replace("configured", "compared")))
     assert len(refused.value.differences) == JOINTS * 6
@@ -77,9 +74,7 @@ def test_another_map_is_refused_or_written_as_the_profile_says(
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.OPERATION_ENABLED}
 
 
-def test_what_was_written_is_said_and_forgotten_by_a_reset(
-    connect: Connect, foreign: ForeignArm
-) -> None:
+def test_what_was_written_is_said_and_forgotten_by_a_reset(connect, foreign):
     arm = connect(profile())
     arm.close()
     written = [len(node.written) for node in foreign.nodes]
@@ -93,7 +88,7 @@ def test_what_was_written_is_said_and_forgotten_by_a_reset(
     assert not any(index in (0x1010, 0x1011) for n in foreign.nodes for index, _, _ in n.written)
 
 
-def test_what_is_equal_already_is_not_touched(connect: Connect, foreign: ForeignArm) -> None:
+def test_what_is_equal_already_is_not_touched(connect, foreign):
     as_it_is = PROFILE[: PROFILE.index("commands:")] + (
         "commands:\n"
         "  - {pdo: 2, cob_id: 300h + node, map: [607Ah(32), 6040h(16)]}\n"
@@ -112,7 +107,7 @@ def test_what_is_equal_already_is_not_touched(connect: Connect, foreign: Foreign
     ]
 
 
-def test_a_pdo_that_is_in_the_way_is_switched_off(connect: Connect, foreign: ForeignArm) -> None:
+def test_a_pdo_that_is_in_the_way_is_switched_off(connect, foreign):
     connect(profile(PROFILE.replace("200h + node", "400h + node")))
     node = foreign.nodes[1]
     assert node.held(0x1402, 1) == NOT_VALID | 0x402
@@ -121,9 +116,7 @@ def test_a_pdo_that_is_in_the_way_is_switched_off(connect: Connect, foreign: For
     assert node.written[0] == (0x1402, 1, NOT_VALID | 0x402)
 
 
-def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
-    connect: Connect, foreign: ForeignArm
-) -> None:
+def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(connect, foreign):
     foreign.nodes[2].fixed.add(0x1A02)
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile())
@@ -137,9 +130,7 @@ def test_fixed_maps_are_refused_by_name_and_the_rest_is_undone(
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
-    connect: Connect, foreign: ForeignArm
-) -> None:
+def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(connect, foreign):
     with pytest.raises(PdoSetupFailed) as refused:
         connect(profile(PROFILE.replace("pdo: 4", "pdo: 1")))
     assert refused.value.refusals[0] == (
@@ -149,7 +140,7 @@ def test_a_drive_that_lacks_a_pdo_is_named_before_anything_is_written(
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_nothing_is_written_into_another_arm(connect: Connect, foreign: ForeignArm) -> None:
+def test_nothing_is_written_into_another_arm(connect, foreign):
     foreign.nodes[3].set_data(0x60C2, 1, b"\x04")
     with pytest.raises(WrongArm, match="joint 4 has a control period"):
         connect(profile())
@@ -158,7 +149,7 @@ def test_nothing_is_written_into_another_arm(connect: Connect, foreign: ForeignA
     assert not any(node.written for node in foreign.nodes)
 
 
-def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all() -> None:
+def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all():
     """The fake refuses every write: equal maps are none, another is refused."""
     bus = FakeArmBus()
     arm = make(bus, profile=replace(sarcos(), configures_pdos=True))
@@ -169,9 +160,7 @@ def test_equal_maps_are_no_writes_to_a_drive_that_refuses_them_all() -> None:
         arm.connect()
 
 
-def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(
-    connect: Connect, foreign: ForeignArm
-) -> None:
+def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(connect, foreign):
     foreign.nodes[1].set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
     arm = connect(profile())
     assert foreign.nodes[1].held(0x6071, 0) == 0
@@ -180,7 +169,7 @@ def test_a_torque_that_was_left_in_a_drive_is_written_to_zero(
     assert "joint 2 (node 2): 6071h is 0; it was -50" in arm.connect().configured
 
 
-def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
+def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own():
     """The fake refuses every write; its maps are equal already."""
     bus = FakeArmBus()
     bus.objects[3, 0x6071, 0] = (-50 & 0xFFFF).to_bytes(2, "little")
@@ -196,8 +185,8 @@ def test_a_torque_that_a_drive_keeps_is_an_ending_of_its_own() -> None:
 
 @pytest.mark.parametrize("last", [0x1803, 0x6071])
 def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_named(
-    settings: BusSettings, foreign: ForeignArm, last: int
-) -> None:
+    settings, foreign, last
+):
     """STOP is pressed as the last drive's last PDO becomes valid, or as its torque is set to 0."""
     drive = foreign.nodes[3]
     drive.set_data(0x6071, 0, (-50 & 0xFFFF).to_bytes(2, "little"))
@@ -228,8 +217,8 @@ def test_what_was_written_is_undone_whatever_ends_the_connection_and_zeroes_are_
     ],
 )
 def test_nothing_is_written_into_drives_that_are_refused_for_what_is_read(
-    index: int, value: bytes | int, refusal: type[Exception], words: str
-) -> None:
+    index, value, refusal, words
+):
     bus = FakeArmBus()
     bus.objects[5, 0x1800, 2] = b"\xff"
     bus.objects[6, index, 0] = value

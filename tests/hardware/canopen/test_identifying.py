@@ -8,7 +8,6 @@ from hardware.arm import ArmIdentity
 from hardware.arm_description import EncoderDescription, RvdtDescription
 from hardware.canopen.identifying import check_arm
 from hardware.errors import WrongArm
-from tests.oracles.approved import Approve
 from tests.oracles.descriptions import described
 from tests.oracles.profiles import sarcos
 
@@ -28,7 +27,7 @@ class FakeAccess:
 
 
 @pytest.fixture
-def objects() -> Objects:
+def objects():
     found: Objects = {(16, 0x2020, 3): 2}
     for node, low, high in ((1, -50, 50), (2, -1024, 1024)):
         found |= {
@@ -59,7 +58,7 @@ def check(objects: Objects, model: str = "two joints") -> None:
     check_arm(access, identity, DESCRIPTION, sarcos(2), period_s=0.01)  # type: ignore[arg-type]
 
 
-def test_the_arm_described_is_accepted(objects: Objects) -> None:
+def test_the_arm_described_is_accepted(objects):
     check(objects)
 
 
@@ -77,15 +76,13 @@ def test_the_arm_described_is_accepted(objects: Objects) -> None:
         ((2, 0x60C2, 1), 20),
     ],
 )
-def test_one_difference_is_named(
-    objects: Objects, place: tuple[int, int, int], value: int, approve: Approve
-) -> None:
+def test_one_difference_is_named(objects, place, value, approve):
     with pytest.raises(WrongArm) as wrong:
         check({**objects, place: value})
     approve(str(wrong.value))
     assert str(wrong.value).count(";") == 0
 
 
-def test_another_model_is_named(objects: Objects) -> None:
+def test_another_model_is_named(objects):
     with pytest.raises(WrongArm, match="model is 'other', expected 'two joints'"):
         check(objects, model="other")

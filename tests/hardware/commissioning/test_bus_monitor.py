@@ -3,7 +3,6 @@
 import struct
 
 from hardware.commissioning.bus_monitor import BusMonitor
-from tests.oracles.approved import Approve
 from tests.oracles.profiles import sarcos
 
 
@@ -11,7 +10,7 @@ def said(monitor: BusMonitor, identifier: int, data: bytes, now_s: float = 0.0) 
     return list(monitor.take_in(identifier, data, now_s))
 
 
-def test_a_node_boots_works_falls_silent_and_is_back() -> None:
+def test_a_node_boots_works_falls_silent_and_is_back():
     monitor = BusMonitor(sarcos())
     assert said(monitor, 0x703, b"\x00", 0.0) == ["joint 3: has booted"]
     assert said(monitor, 0x703, b"\x7f", 0.1) == ["joint 3: pre-operational"]
@@ -23,7 +22,7 @@ def test_a_node_boots_works_falls_silent_and_is_back() -> None:
     assert said(monitor, 0x703, b"\x05", 3.1) == ["joint 3: its heartbeat is back"]
 
 
-def test_emergencies_commands_and_writes_are_named(approve: Approve) -> None:
+def test_emergencies_commands_and_writes_are_named(approve):
     monitor = BusMonitor(sarcos())
     for identifier, data in (
         (0x084, struct.pack("<HB5x", 0x8311, 0x21)),
@@ -39,7 +38,7 @@ def test_emergencies_commands_and_writes_are_named(approve: Approve) -> None:
     assert said(monitor, 0x205, struct.pack("<Hib", 0x02, 7, 10)) == []
 
 
-def test_drives_and_positions_are_summed_up() -> None:
+def test_drives_and_positions_are_summed_up():
     monitor = BusMonitor(sarcos())
     said(monitor, 0x080, b"")
     assert said(monitor, 0x181, struct.pack("<Hih", 0x0227, -5, 0)) == [
@@ -53,7 +52,7 @@ def test_drives_and_positions_are_summed_up() -> None:
     assert found["nodes"] == {"127": "operational"}
 
 
-def test_frames_of_others_are_counted_and_nothing_else() -> None:
+def test_frames_of_others_are_counted_and_nothing_else():
     monitor = BusMonitor(sarcos())
     for identifier, data in ((0x7EE, b"babble"), (0x181, b"short"), (0x201, b""), (0x580, b"")):
         assert said(monitor, identifier, data) == []

@@ -1,8 +1,6 @@
 """Who is on a bus: asked of nobody where somebody works on it, and nothing is told to move."""
 
 import struct
-from collections.abc import Iterator
-from typing import Any
 
 import can
 import pytest
@@ -14,7 +12,7 @@ from tests.oracles.profiles import sarcos
 
 
 @pytest.fixture
-def bus() -> Iterator[FakeArmBus]:
+def bus():
     fake = FakeArmBus()
     yield fake
     # Reads only: no NMT, no SYNC, no command.
@@ -27,7 +25,7 @@ def look(bus: FakeArmBus) -> Probe:
     return probe(settings, sarcos(), opener=lambda _: bus, listen_s=0.3, answers_s=0.1)
 
 
-def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) -> None:
+def test_every_node_is_found_with_its_name_and_where_it_stands(bus):
     found = look(bus)
     assert found.busy == ""
     assert [node.node for node in found.nodes] == [1, 2, 3, 4, 5, 6, 7, 16]
@@ -48,9 +46,7 @@ def test_every_node_is_found_with_its_name_and_where_it_stands(bus: FakeArmBus) 
     ],
     ids=["another map", "two of one number", "no heartbeat"],
 )
-def test_what_is_wrong_with_a_node_is_named_and_no_other(
-    bus: FakeArmBus, what: str, value: Any, words: tuple[str, ...]
-) -> None:
+def test_what_is_wrong_with_a_node_is_named_and_no_other(bus, what, value, words):
     setattr(bus, what, value)
     found = {node.node: node.problems for node in look(bus).nodes}
     (problem,) = found.pop(3)
@@ -58,7 +54,7 @@ def test_what_is_wrong_with_a_node_is_named_and_no_other(
     assert set(found.values()) == {()}
 
 
-def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> None:
+def test_what_watches_the_operators_heartbeat_is_looked_at(bus):
     """Wrong, it would be refused at connect; where a drive does not say, that is noted and nothing more."""
     for node in (1, 2):
         bus.objects[node, 0x1016, 0] = b"\x01"
@@ -74,7 +70,7 @@ def test_what_watches_the_operators_heartbeat_is_looked_at(bus: FakeArmBus) -> N
     assert found[16].notes == ()
 
 
-def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
+def test_where_an_operator_is_at_work_nobody_is_asked(bus):
     bus.other_operator = True
     found = look(bus)
     assert "another program uses this bus: the heartbeat of an operator, node 127 (77Fh)" in (
@@ -85,7 +81,7 @@ def test_where_an_operator_is_at_work_nobody_is_asked(bus: FakeArmBus) -> None:
     assert bus.sent == []
 
 
-def test_where_somebody_sends_sync_nobody_is_asked(bus: FakeArmBus) -> None:
+def test_where_somebody_sends_sync_nobody_is_asked(bus):
     bus.say(0x080, b"")
     found = look(bus)
     assert "SYNC" in found.busy
@@ -107,9 +103,7 @@ def test_where_somebody_sends_sync_nobody_is_asked(bus: FakeArmBus) -> None:
         (0x30C, "00", "a command to node 12, RPDO2 (30Ch)"),
     ],
 )
-def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(
-    bus: FakeArmBus, identifier: int, data: str, words: str
-) -> None:
+def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(bus, identifier, data, words):
     for _ in range(2):
         bus.say(identifier, bytes.fromhex(data))
     found = look(bus)
@@ -118,14 +112,14 @@ def test_whatever_only_a_master_sends_is_named_and_nobody_is_asked(
 
 
 @pytest.mark.parametrize("identifier", [0x081, 0x100, 0x185, 0x283, 0x586, 0x703, 0x7E4])
-def test_what_nodes_say_by_themselves_makes_no_bus_busy(bus: FakeArmBus, identifier: int) -> None:
+def test_what_nodes_say_by_themselves_makes_no_bus_busy(bus, identifier):
     bus.say(identifier, bytes(8))
     found = look(bus)
     assert (found.busy, found.meanwhile) == ("", "")
     assert found.nodes
 
 
-def test_who_comes_while_the_nodes_are_asked_is_named(bus: FakeArmBus) -> None:
+def test_who_comes_while_the_nodes_are_asked_is_named(bus):
     send = bus.send
 
     def and_another(message: can.Message, timeout: float | None = None) -> None:
@@ -142,13 +136,13 @@ def test_who_comes_while_the_nodes_are_asked_is_named(bus: FakeArmBus) -> None:
     )
 
 
-def test_many_kinds_of_frames_are_told_in_a_sentence(bus: FakeArmBus) -> None:
+def test_many_kinds_of_frames_are_told_in_a_sentence(bus):
     for node in range(1, 10):
         bus.say(0x600 + node, bytes.fromhex("4064600000000000"))
     found = look(bus)
     assert found.busy.endswith("of node 6 (606h); and 3 more")
 
 
-def test_an_empty_bus_is_empty(bus: FakeArmBus) -> None:
+def test_an_empty_bus_is_empty(bus):
     bus.dead = {*range(1, 8), 16}
     assert look(bus) == Probe(busy="", heard=(), nodes=())

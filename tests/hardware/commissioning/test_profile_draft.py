@@ -1,30 +1,25 @@
 """An arm that is set up otherwise is refused by name, then driven with the profile that a probe drafts."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
 
 from hardware.arm import DriveState, JointMode
-from hardware.buses.python_can import BusSettings
 from hardware.commissioning.profile_draft import DraftRefused
 from hardware.errors import CommandRefused, MappingMismatch, UploadRefused, WrongArm
-from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, Connect, drafted, on
-from tests.oracles.foreign_arm import ForeignArm
+from tests.hardware.on_foreign_arm import JOINTS, PER_RAD, drafted, on
 from tests.oracles.profiles import sarcos
 
 POSITION, FREE = JointMode.POSITION, JointMode.FREE
 
 
 @pytest.fixture
-def elsewhere(settings: BusSettings) -> Iterator[ForeignArm]:
+def elsewhere(settings):
     yield from on(settings, 11, 12, 23, 34)
 
 
-def test_it_is_refused_by_name_and_nothing_is_told_to_move(
-    connect: Connect, foreign: ForeignArm
-) -> None:
+def test_it_is_refused_by_name_and_nothing_is_told_to_move(connect, foreign):
     with pytest.raises(MappingMismatch) as refused:
         connect(sarcos(JOINTS))
     told = refused.value.differences
@@ -39,7 +34,7 @@ def test_it_is_refused_by_name_and_nothing_is_told_to_move(
     assert all(axis.word == 0 for axis in foreign.axes)
 
 
-def test_a_probe_drafts_what_is_there(settings: BusSettings, elsewhere: ForeignArm) -> None:
+def test_a_probe_drafts_what_is_there(settings, elsewhere):
     profile = drafted(settings)
     assert profile.drives == (11, 12, 23, 34)
     assert profile.supervisor is None
@@ -52,9 +47,7 @@ def test_a_probe_drafts_what_is_there(settings: BusSettings, elsewhere: ForeignA
     assert all(axis.word == 0 for axis in elsewhere.axes), "a probe commands nothing"
 
 
-def test_it_is_driven_with_the_drafted_profile(
-    connect: Connect, settings: BusSettings, elsewhere: ForeignArm
-) -> None:
+def test_it_is_driven_with_the_drafted_profile(connect, settings, elsewhere):
     arm = connect(drafted(settings))
     assert arm.snapshot().positions_rad == pytest.approx(
         [1000 * (k + 1) / PER_RAD for k in range(JOINTS)]
@@ -79,9 +72,7 @@ def test_it_is_driven_with_the_drafted_profile(
     assert {axis.status for axis in elsewhere.axes} == {0x07}
 
 
-def test_a_drive_that_counts_backwards_from_elsewhere(
-    connect: Connect, settings: BusSettings, foreign: ForeignArm
-) -> None:
+def test_a_drive_that_counts_backwards_from_elsewhere(connect, settings, foreign):
     profile = drafted(settings)
     own = replace(profile.joints[1], direction=-1, zero_counts=2500, counts_per_rev=72_000.0)
     profile = replace(profile, joints=(profile.joints[0], own, *profile.joints[2:]))
@@ -98,17 +89,13 @@ def test_a_drive_that_counts_backwards_from_elsewhere(
         arm.move({2: 1.6}, speed_rad_per_s=0.9)
 
 
-def test_what_the_profile_has_compared_must_be_there(
-    connect: Connect, settings: BusSettings, foreign: ForeignArm
-) -> None:
+def test_what_the_profile_has_compared_must_be_there(connect, settings, foreign):
     profile = replace(drafted(settings), compared=frozenset({0x60C2, 0x2100}))
     with pytest.raises(WrongArm, match="joint 1 has no object 2100h"):
         connect(profile)
 
 
-def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
-    settings: BusSettings, foreign: ForeignArm
-) -> None:
+def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(settings, foreign):
     foreign.nodes[2].set_data(0x1803, 2, b"\xff")
     foreign.nodes[3].set_data(0x1601, 0, b"\x01")
     with pytest.raises(DraftRefused) as none:
@@ -120,8 +107,8 @@ def test_a_drive_that_cannot_be_driven_is_named_with_its_reason(
 
 
 def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
-    connect: Connect, settings: BusSettings, foreign: ForeignArm
-) -> None:
+    connect, settings, foreign
+):
     for node in foreign.nodes:
         node.set_data(0x1803, 2, b"\xff")
         node.set_data(0x1402, 1, (0x80000402).to_bytes(4, "little"))
@@ -143,9 +130,7 @@ def test_drives_that_cannot_be_driven_as_they_are_are_drafted_to_be_set_up(
 
 
 @pytest.mark.parametrize("index", [0x6040, 0x6041, 0x6077])
-def test_drives_without_room_or_an_object_that_is_needed_are_named(
-    settings: BusSettings, foreign: ForeignArm, index: int
-) -> None:
+def test_drives_without_room_or_an_object_that_is_needed_are_named(settings, foreign, index):
     del foreign.nodes[1].object_dictionary[0x1803]
     del foreign.nodes[2].object_dictionary[index]
     with pytest.raises(DraftRefused) as none:
@@ -157,9 +142,7 @@ def test_drives_without_room_or_an_object_that_is_needed_are_named(
 
 
 @pytest.mark.campaign
-def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(
-    settings: BusSettings, foreign: ForeignArm
-) -> None:
+def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(settings, foreign):
     """Its number is one that the profile compared with knows as well: that it differs there is not why."""
     server = foreign.nodes[1].sdo
 
@@ -175,9 +158,7 @@ def test_a_drive_that_was_not_looked_at_to_the_end_is_named_with_the_reason(
     assert reason.startswith("Node 2 does not answer when asked for")
 
 
-def test_a_map_changed_behind_the_profiles_back_is_refused(
-    connect: Connect, settings: BusSettings, foreign: ForeignArm
-) -> None:
+def test_a_map_changed_behind_the_profiles_back_is_refused(connect, settings, foreign):
     profile = drafted(settings)
     foreign.nodes[1].set_data(0x1A02, 2, (0x606C0020).to_bytes(4, "little"))
     with pytest.raises(MappingMismatch) as refused:

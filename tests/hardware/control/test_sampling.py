@@ -16,7 +16,7 @@ def answered(sampler: Sampler, joint: int, now_s: float) -> None:
     assert sampler.note(0x180 + joint, ANSWER, now_s)
 
 
-def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed() -> None:
+def test_a_lost_joint_comes_back_with_an_answer_after_its_sample_was_closed():
     sampler = Sampler(frames_of(sarcos(2)), max_misses=PATIENCE, now_s=0.0)
     for _ in range(PATIENCE):
         sampler.open()
@@ -59,18 +59,16 @@ def doubled(*answers: int, joints: int = 1) -> list[tuple[int, ...]]:
     # may come before or after the next SYNC.
     [((2,), 12), ((1, 3), 30), ((1, 2, 3, 2), 15)],
 )
-def test_second_answers_are_counted_however_they_fall_between_the_syncs(
-    pattern: tuple[int, ...], times: int
-) -> None:
+def test_second_answers_are_counted_however_they_fall_between_the_syncs(pattern, times):
     assert doubled(*pattern * times, joints=2)[-1] == (1,)
 
 
 @pytest.mark.parametrize("pattern", [(1, 2, 1), (2, 2, 2, 1, 1, 1)])
-def test_frames_that_come_twice_now_and_then_are_no_second_device(pattern: tuple[int, ...]) -> None:
+def test_frames_that_come_twice_now_and_then_are_no_second_device(pattern):
     assert doubled(*pattern * 200, joints=2)[-1] == ()
 
 
-def test_who_answers_once_again_is_one_device_at_once() -> None:
+def test_who_answers_once_again_is_one_device_at_once():
     assert doubled(*[2] * 100, 1)[-2:] == [(1,), ()]
 
 
@@ -81,9 +79,9 @@ def test_who_answers_once_again_is_one_device_at_once() -> None:
         pytest.param([*[0] * 12, *[1] * 40, 13, *[1] * 5], id="after it lagged behind for a while"),
     ],
 )
-def test_who_was_held_up_and_catches_up_is_one_device(answers: list[int]) -> None:
+def test_who_was_held_up_and_catches_up_is_one_device(answers):
     assert set(doubled(*answers)) == {()}
 
 
-def test_two_that_were_held_up_are_two() -> None:
+def test_two_that_were_held_up_are_two():
     assert doubled(*[0] * 30, 62)[-1] == (1,)

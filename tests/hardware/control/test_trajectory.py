@@ -41,9 +41,7 @@ angles = st.floats(-3.0, 3.0, allow_nan=False)
     st.integers(-1, 400),
 )
 @settings(max_examples=150, deadline=None, database=None)
-def test_bounds_hold_on_every_step(
-    ends: list[tuple[float, float]], speed: float, acceleration: float, brake_at: int
-) -> None:
+def test_bounds_hold_on_every_step(ends, speed, acceleration, brake_at):
     start, end = [a for a, _ in ends], [b for _, b in ends]
     targets = _run(start, end, speed, acceleration, brake_at)
     steps = np.diff(targets, axis=0) / PERIOD_S
@@ -60,7 +58,7 @@ def test_bounds_hold_on_every_step(
 
 @given(st.lists(st.tuples(angles, angles), min_size=1, max_size=7))
 @settings(max_examples=50, deadline=None, database=None)
-def test_it_is_straight_and_ends_exactly(ends: list[tuple[float, float]]) -> None:
+def test_it_is_straight_and_ends_exactly(ends):
     start, end = np.array([a for a, _ in ends]), np.array([b for _, b in ends])
     targets = _run(start.tolist(), end.tolist(), 0.5, 1.0)
     assert np.abs(targets[-1] - end).max() <= 4e-16 * 3.0
@@ -71,13 +69,13 @@ def test_it_is_straight_and_ends_exactly(ends: list[tuple[float, float]]) -> Non
         assert np.all(np.diff(share) >= -1e-15)
 
 
-def test_the_time_taken_is_that_of_the_trapezoid_and_the_smoothing() -> None:
+def test_the_time_taken_is_that_of_the_trapezoid_and_the_smoothing():
     targets = _run([0.0, 0.0], [1.0, -0.5], 0.5, 1.0)
     # 0.5 s up, 0.5 s down cover 0.25 rad; 0.75 rad at 0.5 rad/s take 1.5 s; the mean adds 9 periods.
     assert len(targets) - 1 == pytest.approx(2.5 / PERIOD_S + SMOOTHING - 1, abs=1)
 
 
-def test_braking_stops_within_the_braking_distance() -> None:
+def test_braking_stops_within_the_braking_distance():
     whole = _run([0.0], [2.0], 0.5, 1.0)
     braked = _run([0.0], [2.0], 0.5, 1.0, brake_at=120)
     np.testing.assert_array_equal(braked[:121], whole[:121])
@@ -88,21 +86,21 @@ def test_braking_stops_within_the_braking_distance() -> None:
     assert len(braked) - 121 <= speed_then / 1.0 / PERIOD_S + SMOOTHING + 1
 
 
-def test_braking_before_the_start_does_not_move() -> None:
+def test_braking_before_the_start_does_not_move():
     assert np.ptp(_run([0.3], [2.0], 0.5, 1.0, brake_at=0)) == 0.0
 
 
-def test_nothing_to_do_is_finished_at_once() -> None:
+def test_nothing_to_do_is_finished_at_once():
     assert len(_run([1.0, 2.0], [1.0, 2.0], 0.5, 1.0)) == 1
 
 
-def test_bounds_must_be_positive() -> None:
+def test_bounds_must_be_positive():
     with pytest.raises(ValueError, match="positive"):
         _run([0.0], [1.0], 0.0, 1.0)
 
 
 @pytest.mark.parametrize("speed", [0.05, 0.35, 1.0])
-def test_a_braked_move_comes_to_rest_as_far_ahead_as_foretold(speed: float) -> None:
+def test_a_braked_move_comes_to_rest_as_far_ahead_as_foretold(speed):
     move = StraightMove(
         np.zeros(1), np.array([4.0]), speed_rad_per_s=speed,
         acceleration_rad_per_s2=ACCELERATION_RAD_PER_S2, period_s=0.01,

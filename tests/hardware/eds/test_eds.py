@@ -3,7 +3,6 @@
 import configparser
 import os
 import shutil
-import struct
 import subprocess
 import sys
 import sysconfig
@@ -14,7 +13,6 @@ import pytest
 from canopen.objectdictionary import ODVariable, datatypes
 
 from hardware.canopen import objects
-from hardware.canopen.bus_profile import Pdo
 from hardware.eds import EDS_FILES, node_dictionary, product_dictionary, variables
 from hardware.virtual.drive_node import RPDO1, TPDO1
 from tests.oracles.profiles import sarcos
@@ -55,7 +53,7 @@ def _file(path: Path) -> configparser.RawConfigParser:
 
 
 @BY_FILE
-def test_dcfchk_finds_nothing(product: int, file: Path) -> None:
+def test_dcfchk_finds_nothing(product, file):
     here = shutil.which("dcfchk", path=f"{sysconfig.get_path('scripts')}{os.pathsep}{os.defpath}")
     if here is None:
         pytest.skip("dcfchk is not installed (pip install dcf-tools)")
@@ -69,7 +67,7 @@ def test_dcfchk_finds_nothing(product: int, file: Path) -> None:
 
 
 @BY_FILE
-def test_a_node_gets_what_canopen_reads_from_the_file(product: int, file: Path) -> None:
+def test_a_node_gets_what_canopen_reads_from_the_file(product, file):
     imported = variables(canopen.import_od(str(file), NODE))
     ours = variables(product_dictionary(product, NODE))
     assert ours.keys() == imported.keys()
@@ -78,7 +76,7 @@ def test_a_node_gets_what_canopen_reads_from_the_file(product: int, file: Path) 
             assert getattr(ours[key], name) == getattr(variable, name), (key, name)
 
 
-def test_every_index_the_code_names_is_in_a_file_and_the_other_way_round() -> None:
+def test_every_index_the_code_names_is_in_a_file_and_the_other_way_round():
     """An index constant that is in no EDS would be an object that no node has."""
     indices = {
         value
@@ -95,7 +93,7 @@ def test_every_index_the_code_names_is_in_a_file_and_the_other_way_round() -> No
 
 
 @BY_FILE
-def test_values_that_code_relies_on_are_those_of_the_file(product: int, file: Path) -> None:
+def test_values_that_code_relies_on_are_those_of_the_file(product, file):
     entries = variables(product_dictionary(product, NODE))
     identity = {
         objects.IDENTITY_VENDOR: objects.VENDOR_ID,
@@ -122,7 +120,7 @@ def test_values_that_code_relies_on_are_those_of_the_file(product: int, file: Pa
     assert info["ProductName"] == entries[objects.DEVICE_NAME, 0].default
 
 
-def test_ranges_are_those_of_the_codes() -> None:
+def test_ranges_are_those_of_the_codes():
     joint = variables(node_dictionary(NODE))
     period = (
         joint[objects.CONTROL_PERIOD, 1].default * 10.0 ** joint[objects.CONTROL_PERIOD, 2].default
@@ -137,7 +135,7 @@ def test_ranges_are_those_of_the_codes() -> None:
 
 
 @BY_FILE
-def test_every_section_is_listed_once_where_it_belongs(product: int, file: Path) -> None:
+def test_every_section_is_listed_once_where_it_belongs(product, file):
     read = _file(file)
     makers = range(0x2000, 0x6000)
     mandatory = {0x1000, 0x1001, 0x1018}
@@ -162,9 +160,7 @@ def test_every_section_is_listed_once_where_it_belongs(product: int, file: Path)
         (OWN.commands[0], objects.RPDO1_COMMUNICATION, objects.RPDO1_MAP, RPDO1),
     ],
 )
-def test_the_packaged_profile_is_what_our_drives_are(
-    pdo: Pdo, communication: int, index: int, layout: struct.Struct
-) -> None:
+def test_the_packaged_profile_is_what_our_drives_are(pdo, communication, index, layout):
     """Operator's side and device's side are stated apart, and agree."""
     entries = variables(node_dictionary(NODE))
     signed = {datatypes.INTEGER8: "b", datatypes.INTEGER16: "h", datatypes.INTEGER32: "l"}
@@ -184,7 +180,7 @@ def test_the_packaged_profile_is_what_our_drives_are(
         assert entries[index, number].default == object_index << 16 | sub << 8 | bits
 
 
-def test_nodes_do_not_share_what_they_are_given() -> None:
+def test_nodes_do_not_share_what_they_are_given():
     first = node_dictionary(NODE)
     entry = first[objects.MAX_TORQUE]
     assert isinstance(entry, ODVariable)

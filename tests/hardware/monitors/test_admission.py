@@ -11,7 +11,6 @@ from hardware.canopen.cyclic import Sample, Setpoint
 from hardware.command_limits import JointLimits
 from hardware.errors import CommandRefused, StopLatched
 from hardware.monitors.admission import admit, admit_move, not_enabled
-from tests.oracles.approved import Approve
 from tests.oracles.samples import sample
 
 LIMITS = (
@@ -45,7 +44,7 @@ def try_to_send(
 
 
 @pytest.mark.parametrize("step", [-10, -1, 0, 1, 10])
-def test_a_step_within_the_limit_passes(step: int) -> None:
+def test_a_step_within_the_limit_passes(step):
     try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 100 + step, CSP))
 
 
@@ -66,9 +65,7 @@ def test_a_step_within_the_limit_passes(step: int) -> None:
         ),
     ],
 )
-def test_a_larger_step_and_a_target_outside_are_refused(
-    before: Setpoint, command: Setpoint, situation: dict[str, Any], words: str
-) -> None:
+def test_a_larger_step_and_a_target_outside_are_refused(before, command, situation, words):
     with pytest.raises(CommandRefused, match=words):
         try_to_send(before, command, **situation)
 
@@ -82,32 +79,30 @@ def test_a_larger_step_and_a_target_outside_are_refused(
         {"mode": JointMode.FREE, "measured": 400},
     ],
 )
-def test_a_new_target_needs_the_right_situation(
-    situation: dict[str, Any], approve: Approve
-) -> None:
+def test_a_new_target_needs_the_right_situation(situation, approve):
     with pytest.raises(CommandRefused) as refused:
         try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), **situation)
     approve(str(refused.value))
 
 
-def test_stop_is_said_as_stop() -> None:
+def test_stop_is_said_as_stop():
     with pytest.raises(StopLatched):
         try_to_send(Setpoint(GO, 100, CSP), Setpoint(GO, 105, CSP), stopped=True)
 
 
 @pytest.mark.parametrize("before", [None, Setpoint(GO, -400, CST)])
-def test_entering_position_mode_is_only_allowed_where_the_joint_is(before: Setpoint | None) -> None:
+def test_entering_position_mode_is_only_allowed_where_the_joint_is(before):
     try_to_send(before, Setpoint(GO, 110, CSP), mode=JointMode.FREE)
     with pytest.raises(CommandRefused, match="step"):
         try_to_send(before, Setpoint(GO, 111, CSP), mode=JointMode.FREE)
 
 
-def test_what_cannot_move_a_drive_always_passes() -> None:
+def test_what_cannot_move_a_drive_always_passes():
     for command in (Setpoint(OFF, 9999, CSP), Setpoint(0x0002, 9999, CSP), Setpoint(GO, 9999, CST)):
         try_to_send(Setpoint(GO, 100, CSP), command)
 
 
-def test_modes_need_every_drive_enabled() -> None:
+def test_modes_need_every_drive_enabled():
     sample = Sample(
         sync_count=1, statuswords=(ENABLED, 0x0218), counts=(0, 0), torques_per_mille=(0, 0)
     )
@@ -126,8 +121,8 @@ def test_modes_need_every_drive_enabled() -> None:
     ],
 )
 def test_a_target_may_be_where_it_was_or_near_the_joint_wherever_that_is(
-    before: Setpoint | None, target: int, measured: int, mode: JointMode
-) -> None:
+    before, target, measured, mode
+):
     try_to_send(before, Setpoint(GO, target, CSP), measured=measured, mode=mode)
 
 
@@ -154,7 +149,7 @@ def try_to_send_both(before: tuple[Setpoint, ...] | None, *commands: Setpoint) -
 
 
 @pytest.mark.parametrize("harmless", [Setpoint(OFF, 0, CSP), Setpoint(GO, 0, CST)])
-def test_every_joint_is_looked_at(harmless: Setpoint) -> None:
+def test_every_joint_is_looked_at(harmless):
     with pytest.raises(CommandRefused, match="joint 2"):
         try_to_send_both(
             (Setpoint(GO, 0, CSP), Setpoint(GO, 0, CSP)), harmless, Setpoint(GO, 40, CSP)
@@ -182,7 +177,7 @@ def try_to_move(
     )
 
 
-def test_a_move_inside_all_limits_begins() -> None:
+def test_a_move_inside_all_limits_begins():
     try_to_move({})
     try_to_move({1: 5.0})
     try_to_move({2: -0.05})
@@ -203,15 +198,13 @@ def test_a_move_inside_all_limits_begins() -> None:
         ({2: 0.0}, {"modes": (JointMode.POSITION, JointMode.FREE)}),
     ],
 )
-def test_a_move_that_may_not_begin(
-    targets_rad: dict[int, float], situation: dict[str, Any], approve: Approve
-) -> None:
+def test_a_move_that_may_not_begin(targets_rad, situation, approve):
     with pytest.raises(CommandRefused) as refused:
         try_to_move(targets_rad, **situation)
     approve(str(refused.value))
 
 
-def test_every_joint_moves_within_its_own_limits() -> None:
+def test_every_joint_moves_within_its_own_limits():
     wide = replace(TWO[1], joint=3, lower_counts=-5000, upper_counts=5000)
     admit_move(
         (*TWO, wide),
@@ -225,12 +218,12 @@ def test_every_joint_moves_within_its_own_limits() -> None:
 
 
 @pytest.mark.parametrize("joint", [-1, 0, 3])
-def test_a_move_of_a_joint_that_is_not_there(joint: int) -> None:
+def test_a_move_of_a_joint_that_is_not_there(joint):
     with pytest.raises(ValueError, match=f"no joint {joint}"):
         try_to_move({joint: 0.0})
 
 
-def test_what_decides_is_named() -> None:
+def test_what_decides_is_named():
     with pytest.raises(TypeError, match="positional"):
         admit(TWO, BOTH, True, False, sample((ENABLED, ENABLED)), None, ())  # type: ignore[misc]
     with pytest.raises(TypeError, match="positional"):

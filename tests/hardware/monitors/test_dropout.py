@@ -27,7 +27,7 @@ def see(
 
 
 @pytest.fixture
-def staying() -> DropoutMonitor:
+def staying():
     """Three drives that have been enabled for a while."""
     made = DropoutMonitor()
     see(made, FOLLOWS, FOLLOWS, FOLLOWS, times=CONFIRMED_SYNCS)
@@ -47,17 +47,15 @@ def staying() -> DropoutMonitor:
 )
 @pytest.mark.parametrize("mode", [CSP, CST])
 def test_a_drive_that_is_enabled_no_more_is_named_at_once_and_all_are_stopped(
-    staying: DropoutMonitor, status: int, state: DriveState, kept_by: int, mode: int
-) -> None:
+    staying, status, state, kept_by, mode
+):
     see(staying, FOLLOWS, status, FOLLOWS, mode=mode)
     assert staying.dropouts == (Dropout(joint=2, state=state, sync_count=77),)
     words = [staying.command(j, Setpoint(ENABLE, 5, mode)).controlword for j in (1, 2, 3)]
     assert words == [QUICK_STOP, kept_by, QUICK_STOP]
 
 
-def test_one_that_comes_back_by_itself_has_left_all_the_same_until_it_is_reset(
-    staying: DropoutMonitor,
-) -> None:
+def test_one_that_comes_back_by_itself_has_left_all_the_same_until_it_is_reset(staying):
     see(staying, FOLLOWS, SWITCHED_ON, FOLLOWS)
     see(staying, FOLLOWS, FOLLOWS, FOLLOWS, times=100)
     assert [left.joint for left in staying.dropouts] == [2]
@@ -67,21 +65,19 @@ def test_one_that_comes_back_by_itself_has_left_all_the_same_until_it_is_reset(
     assert staying.command(2, Setpoint(ENABLE, 5, CSP)) == Setpoint(ENABLE, 5, CSP)
 
 
-def test_those_that_are_stopped_for_it_have_not_left(staying: DropoutMonitor) -> None:
+def test_those_that_are_stopped_for_it_have_not_left(staying):
     see(staying, FOLLOWS, SWITCHED_ON, FOLLOWS)
     see(staying, STOPPED, OFF, STOPPED, times=100)
     assert [left.joint for left in staying.dropouts] == [2]
 
 
-def test_of_several_the_one_is_named_first_that_may_be_why(staying: DropoutMonitor) -> None:
+def test_of_several_the_one_is_named_first_that_may_be_why(staying):
     see(staying, STOPPED, SWITCHED_ON, FAULT)
     assert [left.joint for left in staying.dropouts] == [3, 2, 1]
 
 
 @pytest.mark.parametrize("word", [SWITCH_ON, QUICK_STOP, DISABLE])
-def test_what_was_told_from_here_is_no_leaving_and_is_sent_as_it_is(
-    staying: DropoutMonitor, word: int
-) -> None:
+def test_what_was_told_from_here_is_no_leaving_and_is_sent_as_it_is(staying, word):
     see(staying, OFF, STOPPED, READY, word=word)
     assert staying.dropouts == ()
     see(staying, FOLLOWS, OFF, FOLLOWS)  # enabled again, seen on the way
@@ -92,19 +88,19 @@ def test_what_was_told_from_here_is_no_leaving_and_is_sent_as_it_is(
     assert staying.command(2, Setpoint(word, 5, CSP)).controlword == word
 
 
-def test_a_stop_is_no_leaving(staying: DropoutMonitor) -> None:
+def test_a_stop_is_no_leaving(staying):
     see(staying, STOPPED, STOPPED, STOPPED, stopped=True, times=100)
     assert staying.dropouts == ()
     staying.update(sample((OFF,) * 3), None, stopped=False)
     assert staying.dropouts == ()
 
 
-def test_one_that_does_not_answer_has_said_nothing(staying: DropoutMonitor) -> None:
+def test_one_that_does_not_answer_has_said_nothing(staying):
     see(staying, FOLLOWS, OFF, FOLLOWS, missing=(2,))
     assert staying.dropouts == ()
 
 
-def test_an_answer_from_before_it_was_enabled_may_still_come() -> None:
+def test_an_answer_from_before_it_was_enabled_may_still_come():
     """A drive that is switched off, for all that is known, is told nothing before it has answered once more."""
     staying, told = DropoutMonitor(), Setpoint(ENABLE, 5, CSP)
     see(staying, FOLLOWS)
@@ -117,7 +113,7 @@ def test_an_answer_from_before_it_was_enabled_may_still_come() -> None:
 
 
 @pytest.mark.parametrize("seen", range(1, CONFIRMED_SYNCS))
-def test_one_that_was_enabled_just_now_has_left_when_it_says_so_twice(seen: int) -> None:
+def test_one_that_was_enabled_just_now_has_left_when_it_says_so_twice(seen):
     staying = DropoutMonitor()
     see(staying, FOLLOWS, FOLLOWS, times=seen)
     see(staying, FOLLOWS, SWITCHED_ON, times=2)
@@ -126,14 +122,14 @@ def test_one_that_was_enabled_just_now_has_left_when_it_says_so_twice(seen: int)
     assert words == [Setpoint(QUICK_STOP, 5, CSP), Setpoint(DISABLE, 5, CSP)]
 
 
-def test_one_that_was_never_enabled_has_not_left() -> None:
+def test_one_that_was_never_enabled_has_not_left():
     staying = DropoutMonitor()
     see(staying, SWITCHED_ON, times=100)
     assert staying.dropouts == ()
     assert staying.command(1, Setpoint(ENABLE, 5, CSP)) == Setpoint(ENABLE, 5, CSP)
 
 
-def test_one_that_flickers_from_the_beginning_is_named_as_well() -> None:
+def test_one_that_flickers_from_the_beginning_is_named_as_well():
     staying = DropoutMonitor()
     for _ in range(CONFIRMED_SYNCS):
         assert staying.dropouts == ()
@@ -142,7 +138,7 @@ def test_one_that_flickers_from_the_beginning_is_named_as_well() -> None:
     assert [left.joint for left in staying.dropouts] == [1]
 
 
-def test_a_drive_that_follows_no_more_is_named_and_all_hold(staying: DropoutMonitor) -> None:
+def test_a_drive_that_follows_no_more_is_named_and_all_hold(staying):
     see(staying, FOLLOWS, DEAF, FOLLOWS, times=NOT_FOLLOWING_SYNCS - 1)
     assert staying.dropouts == ()
     see(staying, FOLLOWS, DEAF, FOLLOWS)
@@ -152,14 +148,12 @@ def test_a_drive_that_follows_no_more_is_named_and_all_hold(staying: DropoutMoni
 
 
 @pytest.mark.parametrize(("status", "mode"), [(LIMITED, CSP), (DEAF, CST)])
-def test_a_limit_and_another_mode_are_reasons_not_to(
-    staying: DropoutMonitor, status: int, mode: int
-) -> None:
+def test_a_limit_and_another_mode_are_reasons_not_to(staying, status, mode):
     see(staying, FOLLOWS, status, FOLLOWS, mode=mode, times=4 * NOT_FOLLOWING_SYNCS)
     assert staying.dropouts == ()
 
 
-def test_as_it_changes_modes_it_may_say_either_and_one_that_never_says_is_not_watched() -> None:
+def test_as_it_changes_modes_it_may_say_either_and_one_that_never_says_is_not_watched():
     staying = DropoutMonitor()
     see(staying, FOLLOWS, mode=CST, times=100)
     see(staying, FOLLOWS, times=2)  # of the torque still

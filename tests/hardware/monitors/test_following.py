@@ -31,17 +31,17 @@ def watched(
 
 
 @pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])
-def test_a_joint_that_stays_away_is_named_with_how_far_and_since_when(away: int) -> None:
+def test_a_joint_that_stays_away_is_named_with_how_far_and_since_when(away):
     said = watched(*[away] * (DIVERGED_SYNCS + 1))
     found = Divergence(joint=2, counts=away, sync_count=50)
     assert said == [*[None] * (DIVERGED_SYNCS - 1), found, found]
 
 
-def test_on_the_edge_of_its_window_it_is_where_it_should_be() -> None:
+def test_on_the_edge_of_its_window_it_is_where_it_should_be():
     assert set(watched(*[WINDOW, -WINDOW] * DIVERGED_SYNCS)) == {None}
 
 
-def test_once_back_in_its_window_it_begins_anew() -> None:
+def test_once_back_in_its_window_it_begins_anew():
     almost = [WINDOW + 50] * (DIVERGED_SYNCS - 1)
     assert set(watched(*almost, WINDOW, *almost)) == {None}
 
@@ -56,12 +56,12 @@ def test_once_back_in_its_window_it_begins_anew() -> None:
         {"missing": (1,)},
     ],
 )
-def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other: dict[str, int]) -> None:
+def test_only_a_drive_that_says_that_it_follows_is_taken_at_its_word(other):
     assert set(watched(*[5 * WINDOW] * 40, **other)) == {None}  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("shown", [1, 5])
-def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown: int) -> None:
+def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(shown):
     following = FollowingMonitor([WINDOW])
     told = (Setpoint(0x0F, 0, CSP),)
 
@@ -80,7 +80,7 @@ def test_a_drive_that_has_followed_and_says_so_no_more_is_held_to_its_target(sho
     assert {see(201 + k, NO_ANSWER_BIT, 5 * WINDOW) for k in range(3 * DIVERGED_SYNCS)} == {None}
 
 
-def test_nobody_is_astray_before_anything_was_commanded_or_without_windows() -> None:
+def test_nobody_is_astray_before_anything_was_commanded_or_without_windows():
     away = sample((FOLLOWS,), (9000,))
     for _ in range(3 * DIVERGED_SYNCS):
         assert FollowingMonitor([WINDOW]).update(away, None) is None
@@ -101,17 +101,17 @@ def moving(lag: int, *, astray: int = 0) -> list[Divergence | None]:
 
 
 @pytest.mark.parametrize("lag", [0, 1, 23, MAX_LATE_SYNCS])
-def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag: int) -> None:
+def test_a_joint_seen_late_on_a_busy_machine_is_not_astray(lag):
     assert set(moving(lag)) == {None}
 
 
 @pytest.mark.parametrize("lag", [0, 23])
-def test_a_joint_led_astray_while_it_moves_is_found_when_it_rests_at_the_latest(lag: int) -> None:
+def test_a_joint_led_astray_while_it_moves_is_found_when_it_rests_at_the_latest(lag):
     found = next(said for said in moving(lag, astray=-WINDOW - 1) if said is not None)
     assert found.sync_count <= 400 + 2 * MAX_LATE_SYNCS
 
 
-def test_a_joint_that_was_free_meanwhile_has_been_told_nothing() -> None:
+def test_a_joint_that_was_free_meanwhile_has_been_told_nothing():
     following = FollowingMonitor([WINDOW])
 
     def see(sync: int, target: int, mode: int) -> Divergence | None:
@@ -142,22 +142,20 @@ def watched_after_stop(
 
 
 @pytest.mark.parametrize("away", [WINDOW + 1, -WINDOW - 1])
-def test_a_joint_that_goes_on_is_named_with_how_far_and_since_when(away: int) -> None:
+def test_a_joint_that_goes_on_is_named_with_how_far_and_since_when(away):
     said = watched_after_stop(*AT_REST, *[500 + away] * DIVERGED_SYNCS)
     found = Divergence(joint=2, counts=away, sync_count=50 + MIN_BRAKING_SYNCS, stopped=True)
     assert said == [*[None] * (len(said) - 1), found]
 
 
-def test_coming_to_rest_is_no_motion() -> None:
+def test_coming_to_rest_is_no_motion():
     braking = [20_000 - 3 * k * k for k in range(MIN_BRAKING_SYNCS, 0, -1)]
     assert set(watched_after_stop(*braking, *[20_000] * 40)) == {None}
 
 
 @pytest.mark.parametrize("ramp_syncs", [50, 100, 190])
 @pytest.mark.parametrize("steepness", [1, 7])
-def test_a_drive_with_a_slow_quick_stop_is_let_come_to_rest(
-    ramp_syncs: int, steepness: int
-) -> None:
+def test_a_drive_with_a_slow_quick_stop_is_let_come_to_rest(ramp_syncs, steepness):
     """Its 6085h: with power taken away while it brakes, a joint without a brake would sink."""
     braking = [90_000 - steepness * k * k for k in range(ramp_syncs, 0, -1)]
     assert set(watched_after_stop(*braking, *[90_000] * 60)) == {None}
@@ -169,20 +167,20 @@ def test_a_drive_with_a_slow_quick_stop_is_let_come_to_rest(
 
 
 @pytest.mark.parametrize("speed", [1, 5, 40])
-def test_one_that_creeps_on_as_fast_as_before_is_not_waited_for(speed: int) -> None:
+def test_one_that_creeps_on_as_fast_as_before_is_not_waited_for(speed):
     creeping = [500 + speed * k for k in range(500)]
     said = watched_after_stop(*creeping)
     told = next(k for k, found in enumerate(said) if found)
     assert told <= MIN_BRAKING_SYNCS + WINDOW // speed + DIVERGED_SYNCS
 
 
-def test_one_that_seems_to_brake_for_ever_is_waited_for_2_s() -> None:
+def test_one_that_seems_to_brake_for_ever_is_waited_for_2_s():
     slowing = [round(-2e5 * 0.997**k) for k in range(600)]
     told = next(k for k, found in enumerate(watched_after_stop(*slowing)) if found)
     assert MAX_BRAKING_SYNCS < told < MAX_BRAKING_SYNCS + 20
 
 
-def test_on_the_edge_of_its_window_it_stands_and_once_back_it_begins_anew() -> None:
+def test_on_the_edge_of_its_window_it_stands_and_once_back_it_begins_anew():
     assert set(watched_after_stop(*AT_REST, *[600, 400] * DIVERGED_SYNCS)) == {None}
     almost = [700] * (DIVERGED_SYNCS - 1)
     assert set(watched_after_stop(*AT_REST, *almost, 500, *almost)) == {None}
@@ -192,20 +190,18 @@ def test_on_the_edge_of_its_window_it_stands_and_once_back_it_begins_anew() -> N
     "other",
     [{"status": ENABLED}, {"status": OFF}, {"status": FAULT}, {"mode": CST}, {"missing": (2,)}],
 )
-def test_only_a_led_joint_whose_drive_says_that_it_holds_is_held_to_it(
-    other: dict[str, int],
-) -> None:
+def test_only_a_led_joint_whose_drive_says_that_it_holds_is_held_to_it(other):
     assert set(watched_after_stop(*AT_REST, *[5000] * 40, **other)) == {None}  # type: ignore[arg-type]
 
 
-def test_a_joint_that_was_let_go_and_stopped_again_stands_where_it_is_now() -> None:
+def test_a_joint_that_was_let_go_and_stopped_again_stands_where_it_is_now():
     standing, told = StandstillMonitor([WINDOW]), (Setpoint(0x0F, 0, CSP),)
     way = [*[(STOPPED, 0)] * 40, (OFF, 500), *[(STOPPED, 9000)] * 80]
     for sync, (status, counts) in enumerate(way):
         assert standing.update(sample((status,), (counts,), sync=sync), told) is None
 
 
-def test_nothing_is_looked_at_before_anything_was_commanded() -> None:
+def test_nothing_is_looked_at_before_anything_was_commanded():
     stopped = sample((STOPPED,), (9,))
     assert StandstillMonitor([WINDOW]).update(stopped, None) is None
     assert StandstillMonitor().update(stopped, (Setpoint(0x0F, 0, CSP),)) is None

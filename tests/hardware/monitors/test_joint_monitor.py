@@ -52,7 +52,7 @@ MOTIONS: dict[str, Callable[[int], float]] = {
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("lost", [40, -50, 500, -1111])
-def test_lost_counts_are_named_with_their_size(motion: str, lost: int) -> None:
+def test_lost_counts_are_named_with_their_size(motion, lost):
     of = MOTIONS[motion]
     positions = [
         (of(k), 0.7 * of(k), of(k) + (lost if k >= AT else 0)) for k in range(1, SYNCS + 1)
@@ -63,45 +63,45 @@ def test_lost_counts_are_named_with_their_size(motion: str, lost: int) -> None:
 
 
 @pytest.mark.parametrize("lost", [5, -5])
-def test_at_rest_five_counts_are_enough(lost: int) -> None:
+def test_at_rest_five_counts_are_enough(lost):
     positions = [(7.0, 9.0 + (lost if k >= AT else 0)) for k in range(1, SYNCS + 1)]
     assert watch(positions) == [CountJump(joint=2, counts=lost, sync_count=AT)]
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_a_motion_alone_is_none(motion: str) -> None:
+def test_a_motion_alone_is_none(motion):
     of = MOTIONS[motion]
     assert watch([(of(k), -1.3 * of(k)) for k in range(1, SYNCS + 1)]) == []
 
 
-def test_starting_and_stopping_short_is_none() -> None:
+def test_starting_and_stopping_short_is_none():
     """A path with the corners of a trapezoid, as moves are: 6 counts a SYNC faster every SYNC."""
     speed = [min(6.0 * max(k - 50, 0), 120.0, 6.0 * max(150 - k, 0)) for k in range(SYNCS)]
     at = np.cumsum(speed)
     assert watch([(a, 2.1 * a, 0.0) for a in at.tolist()]) == []
 
 
-def test_what_jerks_the_chain_jerks_more_than_one() -> None:
+def test_what_jerks_the_chain_jerks_more_than_one():
     assert watch([(300.0 * (k >= AT), 45.0 * (k >= AT), 0.0) for k in range(1, SYNCS + 1)]) == []
 
 
-def test_noise_is_no_slip_however_large() -> None:
+def test_noise_is_no_slip_however_large():
     rng = np.random.default_rng(3)
     noise = rng.normal(0.0, 40.0, (SYNCS, 1)) * (np.arange(SYNCS) > 60)[:, None]
     assert watch([(0.0, float(n)) for (n,) in noise]) == []
 
 
-def test_a_stop_from_full_speed_is_none() -> None:
+def test_a_stop_from_full_speed_is_none():
     at = [min(k, AT) * 200.0 for k in range(1, SYNCS + 1)]
     assert watch([(a, -0.4 * a) for a in at]) == []
 
 
-def test_over_a_lost_frame_nothing_is_said() -> None:
+def test_over_a_lost_frame_nothing_is_said():
     positions = [(10.0 * k + (500 if k >= AT else 0), 0.0) for k in range(1, SYNCS + 1)]
     assert watch(positions, frozenset({AT})) == []
 
 
-def test_a_drive_that_takes_its_joint_up_may_jerk_it() -> None:
+def test_a_drive_that_takes_its_joint_up_may_jerk_it():
     later = AT + JERK_SYNCS + WINDOW_SAMPLES
     positions = [(8.0 * (k >= AT) + 40.0 * (k >= later), 0.0) for k in range(1, SYNCS + 1)]
     # Counts that are lost after it are seen as ever.
@@ -109,7 +109,7 @@ def test_a_drive_that_takes_its_joint_up_may_jerk_it() -> None:
     assert [(jump.joint, jump.counts) for jump in found] == [(1, 40)]
 
 
-def test_it_says_so_within_a_tenth_of_a_second() -> None:
+def test_it_says_so_within_a_tenth_of_a_second():
     positions = [(0.0, 500.0 * (k >= AT)) for k in range(1, AT + QUIET_SYNCS + 1)]
     assert len(watch(positions)) == 1
 
@@ -138,7 +138,7 @@ def seen_through_a_sampler(
     return jumped
 
 
-def test_a_joint_that_catches_up_with_its_answers_has_not_jumped() -> None:
+def test_a_joint_that_catches_up_with_its_answers_has_not_jumped():
     """It missed a SYNC, each answer then stood for the next, and one day two came: all samples look whole."""
 
     def answers(sync: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
@@ -151,5 +151,5 @@ def test_a_joint_that_catches_up_with_its_answers_has_not_jumped() -> None:
     assert not seen_through_a_sampler(answers)
 
 
-def test_counts_lost_between_answers_in_time_are_a_jump() -> None:
+def test_counts_lost_between_answers_in_time_are_a_jump():
     assert seen_through_a_sampler(lambda sync: ((300 * sync + 300 * (sync >= AT),), ()))

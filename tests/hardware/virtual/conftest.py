@@ -1,6 +1,6 @@
 """The packaged arm and what its files state, commands for its plant, and a controller on a bus."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 
 import pytest
 
@@ -10,7 +10,7 @@ from hardware.virtual.specimens import SpecimenFiles
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from solver.chain.arm_model import ArmModel
-from tests.oracles.virtual_rig import Rig, rig
+from tests.oracles.virtual_rig import rig
 
 Commands = Callable[[Mapping[int, float]], list[JointCommand]]
 
@@ -26,12 +26,12 @@ def stated(fixture: str, arm: ArmModel | None = None, **other: float) -> Specime
 
 
 @pytest.fixture(scope="session")
-def sarcos() -> ArmModel:
+def sarcos():
     return load_arm("sarcos_dextrous")
 
 
 @pytest.fixture(scope="session")
-def drive() -> Commands:
+def drive():
     """Position mode for the joints in a mapping to their targets (rad), free mode for the rest."""
 
     def commands(targets: Mapping[int, float]) -> list[JointCommand]:
@@ -46,7 +46,7 @@ def drive() -> Commands:
 
 
 @pytest.fixture
-def arm() -> Iterator[Rig]:
+def arm():
     """A controller with a plant that is simple enough to predict, and a raw peer on its bus."""
     with rig() as made:
         yield made

@@ -10,7 +10,7 @@ from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.virtual_rig import joint
 
 
-def test_an_encoder_axis() -> None:
+def test_an_encoder_axis():
     made = axis(3, joint())
     assert made.joint == 3
     assert (made.sensor_kind, made.converter_bits) == (SensorKind.ENCODER, 0)
@@ -22,7 +22,7 @@ def test_an_encoder_axis() -> None:
     assert (made.lowest_counts, made.highest_counts) == (None, None)
 
 
-def test_an_rvdt_axis() -> None:
+def test_an_rvdt_axis():
     made = axis(6, joint(rvdt=True))
     assert (made.sensor_kind, made.converter_bits) == (SensorKind.RVDT, 12)
     assert made.full_scale_microdeg == 144_000_000
@@ -31,7 +31,7 @@ def test_an_rvdt_axis() -> None:
     assert joint_scale(joint(rvdt=True)).to_counts(math.radians(144.0)) == 4096
 
 
-def test_a_full_scale_that_does_not_divide_a_turn() -> None:
+def test_a_full_scale_that_does_not_divide_a_turn():
     sensor = Rvdt(bits=12, full_scale_rad=math.radians(110.25), linearity=0.0, noise_lsb=0.0)
     made = axis(6, replace(joint(), sensor=sensor))
     per_rad = made.increments / made.revolutions / math.tau
@@ -39,7 +39,7 @@ def test_a_full_scale_that_does_not_divide_a_turn() -> None:
 
 
 @pytest.mark.parametrize("middle_deg", [0.0, -215.625, 45.0, 143.37])
-def test_the_converter_ends_where_the_sensor_saturates(middle_deg: float) -> None:
+def test_the_converter_ends_where_the_sensor_saturates(middle_deg):
     shifted = replace(
         joint(rvdt=True),
         lower_rad=math.radians(middle_deg - 60.0),
@@ -50,12 +50,12 @@ def test_the_converter_ends_where_the_sensor_saturates(middle_deg: float) -> Non
     assert made.highest_counts == sensor.counts(math.radians(middle_deg + 100.0), 0.0)
 
 
-def test_a_joint_without_a_sensor_has_no_drive() -> None:
+def test_a_joint_without_a_sensor_has_no_drive():
     with pytest.raises(ValueError, match="no sensor"):
         axis(1, replace(joint(), sensor=NoSensor()))
 
 
-def test_axes_of_an_arm_are_numbered_from_one(sarcos) -> None:  # type: ignore[no-untyped-def]
+def test_axes_of_an_arm_are_numbered_from_one(sarcos):  # type: ignore[no-untyped-def]
     made = arm_axes(sarcos)
     assert [a.joint for a in made] == [1, 2, 3, 4, 5, 6, 7]
     for settings, j in zip(made, sarcos.joints, strict=True):

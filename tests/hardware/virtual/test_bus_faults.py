@@ -12,7 +12,7 @@ from tests.oracles.virtual_rig import Rig
 STATE, FAULT, QUICK_STOPPED = 0x006F, 0x08, 0x07
 
 
-def test_a_silent_node_neither_sends_nor_hears(arm: Rig) -> None:
+def test_a_silent_node_neither_sends_nor_hears(arm):
     arm.operational()
     arm.broken("silence", 4)
     arm.peer.log.clear()
@@ -29,7 +29,7 @@ def test_a_silent_node_neither_sends_nor_hears(arm: Rig) -> None:
     assert arm.peer.sync()[3][0] & STATE == 0x27
 
 
-def test_a_cut_off_drive_holds_when_the_heartbeat_cannot_reach_it(arm: Rig) -> None:
+def test_a_cut_off_drive_holds_when_the_heartbeat_cannot_reach_it(arm):
     arm.operational([10] * 7)
     arm.broken("silence", 4)
     for _ in range(6):
@@ -47,7 +47,7 @@ def test_a_cut_off_drive_holds_when_the_heartbeat_cannot_reach_it(arm: Rig) -> N
     assert arm.peer.unsigned(4, 0x1003, 1) == 0x8130
 
 
-def test_lost_tpdos_are_lost_and_then_come_again(arm: Rig) -> None:
+def test_lost_tpdos_are_lost_and_then_come_again(arm):
     arm.peer.start()
     arm.broken("lose_tpdos", 3, 2)
     for _ in range(3):
@@ -57,7 +57,7 @@ def test_lost_tpdos_are_lost_and_then_come_again(arm: Rig) -> None:
     assert [len(arm.peer.seen(0x180 + j)) for j in range(1, 8)] == [3, 3, 1, 3, 3, 3, 3]
 
 
-def test_stopped_heartbeats_of_one_node(arm: Rig) -> None:
+def test_stopped_heartbeats_of_one_node(arm):
     arm.broken("stop_heartbeat", 2)
     arm.peer.log.clear()
     for _ in range(3):
@@ -70,7 +70,7 @@ def test_stopped_heartbeats_of_one_node(arm: Rig) -> None:
     arm.peer.wait_for(lambda number, _: number == 0x702)
 
 
-def test_another_map_is_in_the_frames_and_not_only_read_back(arm: Rig) -> None:
+def test_another_map_is_in_the_frames_and_not_only_read_back(arm):
     arm.peer.start()
     where = arm.peer.sync()[2][1]
     arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 0.5))
@@ -81,7 +81,7 @@ def test_another_map_is_in_the_frames_and_not_only_read_back(arm: Rig) -> None:
     assert arm.peer.unsigned(3, 0x1A00, 2) == 0x606C0020
 
 
-def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> None:
+def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm):
     arm.broken("slow_heartbeat", 3, 5.0)
     arm.peer.log.clear()
     for _ in range(100):
@@ -92,7 +92,7 @@ def test_another_heartbeat_is_on_the_bus_and_not_only_read_back(arm: Rig) -> Non
     assert arm.peer.unsigned(3, 0x1017) == 5000
 
 
-def test_a_drive_that_answers_as_the_next_one_leaves_its_own_number_silent(arm: Rig) -> None:
+def test_a_drive_that_answers_as_the_next_one_leaves_its_own_number_silent(arm):
     arm.peer.start()
     arm.broken("swap_tpdo_id", 7)
     arm.peer.log.clear()
@@ -131,7 +131,7 @@ def taken_in(arm: Rig) -> None:
         assert done.wait(5.0)
 
 
-def test_frames_to_the_arm_are_lost_as_well(arm: Rig) -> None:
+def test_frames_to_the_arm_are_lost_as_well(arm):
     arm.operational()
     bad_on_the_way_in(arm, lost=1.0)
     before, steps = arm.controller.sync_count, arm.plant.steps
@@ -145,7 +145,7 @@ def test_frames_to_the_arm_are_lost_as_well(arm: Rig) -> None:
     assert arm.controller.sync_count == before + 1
 
 
-def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(arm: Rig) -> None:
+def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(arm):
     """NMT's stop quick-stops every drive: what the wire does to it is seen in what the drives do."""
     arm.operational()
     bad_on_the_way_in(arm, lost=1.0)
@@ -163,7 +163,7 @@ def test_a_stop_that_comes_twice_or_late_is_obeyed_and_one_that_is_lost_is_not(a
     assert {node.drive.state for node in arm.controller.drives} == {DriveState.QUICK_STOP_ACTIVE}
 
 
-def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm: Rig) -> None:
+def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm):
     states = arm.operational()
     bad_on_the_way_in(arm, doubled=1.0)
     before = arm.controller.sync_count
@@ -187,9 +187,7 @@ def test_frames_to_the_arm_come_twice_and_are_flipped_as_well(arm: Rig) -> None:
     ("fault", "joints"),
     [("doubled", [k for j in range(1, 8) for k in (j, j)]), ("swapped", [2, 1, 4, 3, 6, 5])],
 )
-def test_frames_of_the_arm_come_twice_or_in_another_order(
-    arm: Rig, fault: str, joints: list[int]
-) -> None:
+def test_frames_of_the_arm_come_twice_or_in_another_order(arm, fault, joints):
     arm.peer.start()
     bad_on_the_way_out(arm, **{fault: 1.0})
     arm.peer.send(0x080)
@@ -198,7 +196,7 @@ def test_frames_of_the_arm_come_twice_or_in_another_order(
     assert [number - 0x180 for number, _ in arm.peer.log if 0x180 < number < 0x190] == joints
 
 
-def test_frames_of_the_arm_come_late_and_all_of_them(arm: Rig) -> None:
+def test_frames_of_the_arm_come_late_and_all_of_them(arm):
     arm.peer.start()
     bad_on_the_way_out(arm, late=1.0)
     arm.peer.send(0x080)

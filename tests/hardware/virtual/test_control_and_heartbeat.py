@@ -29,7 +29,7 @@ def words(arm: Rig) -> list[int]:
     return [word for word, _, _ in arm.peer.sync()]
 
 
-def test_the_token_is_free_taken_kept_and_given_back(arm: Rig) -> None:
+def test_the_token_is_free_taken_kept_and_given_back(arm):
     assert arm.peer.read(16, 0x2010) == FREE
     arm.peer.beat()
     assert take(arm, 127) is None
@@ -39,7 +39,7 @@ def test_the_token_is_free_taken_kept_and_given_back(arm: Rig) -> None:
     assert arm.peer.read(16, 0x2010) == FREE
 
 
-def test_nobody_takes_it_from_its_holder(arm: Rig) -> None:
+def test_nobody_takes_it_from_its_holder(arm):
     arm.peer.beat()
     arm.peer.beat(126)
     assert take(arm, 127) is None
@@ -49,27 +49,27 @@ def test_nobody_takes_it_from_its_holder(arm: Rig) -> None:
 
 
 @pytest.mark.parametrize("node", [127, 126, 1, 16])
-def test_a_node_that_is_not_heard_gets_no_token(arm: Rig, node: int) -> None:
+def test_a_node_that_is_not_heard_gets_no_token(arm, node):
     assert take(arm, node) == 0x08000022
     assert arm.peer.read(16, 0x2010) == FREE
 
 
 @pytest.mark.parametrize(("age_s", "code"), [(0.5, None), (0.501, 0x08000022)])
-def test_heard_means_within_the_timeout(arm: Rig, age_s: float, code: int | None) -> None:
+def test_heard_means_within_the_timeout(arm, age_s, code):
     arm.peer.beat()
     arm.settled()
     arm.passes(age_s)
     assert take(arm, 127) == code
 
 
-def test_without_the_token_no_drive_can_be_enabled(arm: Rig) -> None:
+def test_without_the_token_no_drive_can_be_enabled(arm):
     arm.peer.start()
     states = arm.peer.enable([8] * 7)
     assert [word & 0x4F for word, _, _ in states] == [0x40] * 7
     assert not states[0][0] & 1 << 9
 
 
-def test_giving_it_back_leaves_all_drives_holding_without_a_fault(arm: Rig) -> None:
+def test_giving_it_back_leaves_all_drives_holding_without_a_fault(arm):
     arm.operational([8, 10, 10, 10, 8, 10, 10])
     assert take(arm, 0) is None
     assert [word & STATE for word in words(arm)] == [0x07] * 7
@@ -87,7 +87,7 @@ def lose_operator(arm: Rig) -> None:
         arm.peer.wait_for(lambda number, _, joint=joint: number == 0x80 + joint)
 
 
-def test_heartbeats_in_time_keep_control(arm: Rig) -> None:
+def test_heartbeats_in_time_keep_control(arm):
     arm.operational()
     for _ in range(10):
         arm.passes(0.49)
@@ -95,7 +95,7 @@ def test_heartbeats_in_time_keep_control(arm: Rig) -> None:
         assert [word & STATE for word in words(arm)] == [0x27] * 7
 
 
-def test_a_lost_heartbeat_holds_all_joints_raises_8130h_and_frees_the_token(arm: Rig) -> None:
+def test_a_lost_heartbeat_holds_all_joints_raises_8130h_and_frees_the_token(arm):
     states = arm.operational([8, 10, 10, 10, 8, 10, 10])
     lose_operator(arm)
     for joint in range(1, 8):
@@ -110,7 +110,7 @@ def test_a_lost_heartbeat_holds_all_joints_raises_8130h_and_frees_the_token(arm:
     assert [counts for _, counts, _ in after] == [counts for _, counts, _ in states]
 
 
-def test_nothing_moves_after_a_lost_heartbeat_until_reset_and_enabled_again(arm: Rig) -> None:
+def test_nothing_moves_after_a_lost_heartbeat_until_reset_and_enabled_again(arm):
     states = arm.operational()
     here = states[0][1]
     lose_operator(arm)
@@ -134,7 +134,7 @@ def test_nothing_moves_after_a_lost_heartbeat_until_reset_and_enabled_again(arm:
 
 
 @pytest.mark.parametrize("waits", [200, 0], ids=["behind other frames", "not sent yet"])
-def test_a_heartbeat_that_waits_as_this_loop_is_late_is_not_lost(arm: Rig, waits: int) -> None:
+def test_a_heartbeat_that_waits_as_this_loop_is_late_is_not_lost(arm, waits):
     """Where nothing waits, who sends it shares the processor: it is given its time once more."""
     arm.operational()
     arm.controller.hang()
@@ -151,7 +151,7 @@ def test_a_heartbeat_that_waits_as_this_loop_is_late_is_not_lost(arm: Rig, waits
     assert arm.peer.read(16, 0x2010) == FREE
 
 
-def test_other_nodes_heartbeats_do_not_count_for_the_holder(arm: Rig) -> None:
+def test_other_nodes_heartbeats_do_not_count_for_the_holder(arm):
     arm.operational()
     for _ in range(4):
         arm.passes(0.2)
@@ -160,7 +160,7 @@ def test_other_nodes_heartbeats_do_not_count_for_the_holder(arm: Rig) -> None:
     assert arm.peer.read(16, 0x2010) == FREE
 
 
-def test_the_timeout_can_be_set() -> None:
+def test_the_timeout_can_be_set():
     with rig(heartbeat_timeout_s=2.0) as arm:
         arm.operational()
         assert arm.peer.unsigned(3, 0x1016, 1) == 127 << 16 | 2000
@@ -171,7 +171,7 @@ def test_the_timeout_can_be_set() -> None:
         assert arm.peer.read(16, 0x2010) == FREE
 
 
-def test_quick_stop_to_all_drives_stops_on_the_spot_and_stays(arm: Rig) -> None:
+def test_quick_stop_to_all_drives_stops_on_the_spot_and_stays(arm):
     states = arm.operational([8, 10, 10, 10, 8, 10, 10])
     here = states[0][1]
     arm.peer.command(1, 0x0F, here + 100, 8)
@@ -185,7 +185,7 @@ def test_quick_stop_to_all_drives_stops_on_the_spot_and_stays(arm: Rig) -> None:
     assert [arm.peer.signed(joint, 0x6061) for joint in range(1, 8)] == [8] * 7
 
 
-def test_history_1003h_is_newest_first_and_can_be_cleared(arm: Rig) -> None:
+def test_history_1003h_is_newest_first_and_can_be_cleared(arm):
     arm.operational()
     here = arm.peer.sync()[0][1]
     arm.peer.command(1, 0x0F, here + 5000, 8)

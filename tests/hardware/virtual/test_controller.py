@@ -1,7 +1,7 @@
 """The controller as a stranger on the bus sees it: hand-built frames against the standards' numbers."""
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import can
 import pytest
@@ -10,7 +10,7 @@ from hardware.arm import JointMode
 from hardware.virtual.axis import JointCommand, PlantReading
 from hardware.virtual.controller import VirtualController
 from tests.hardware.on_fake_bus import wait_for
-from tests.oracles.virtual_rig import ARM, Rig, TrivialPlant, axes, rig
+from tests.oracles.virtual_rig import ARM, TrivialPlant, axes, rig
 
 NODES = (*range(1, 8), 16)
 ENABLED, QUICK_STOPPED, DISABLED = 0x0237, 0x0217, 0x0250  # with remote and voltage bits
@@ -18,14 +18,14 @@ STATE = 0x006F
 
 
 @pytest.fixture
-def arm() -> Iterator[Rig]:
+def arm():
     with rig() as made:
         for node in NODES:
             made.peer.wait_for(lambda number, _, node=node: number == 0x700 + node)
         yield made
 
 
-def test_every_node_boots_once_then_waits_for_nmt() -> None:
+def test_every_node_boots_once_then_waits_for_nmt():
     with rig() as made:
         for node in NODES:
             assert made.peer.wait_for(lambda number, _: number > 0x700) == (0x700 + node, b"\0")
@@ -35,7 +35,7 @@ def test_every_node_boots_once_then_waits_for_nmt() -> None:
 
 
 @pytest.mark.parametrize(("command", "state"), [(1, 5), (2, 4), (128, 127)])
-def test_heartbeats_tell_the_nmt_state(arm: Rig, command: int, state: int) -> None:
+def test_heartbeats_tell_the_nmt_state(arm, command, state):
     arm.peer.nmt(command)
     arm.clock.time_s += 0.11
     for node in NODES:
@@ -44,7 +44,7 @@ def test_heartbeats_tell_the_nmt_state(arm: Rig, command: int, state: int) -> No
         )
 
 
-def test_heartbeats_come_every_100_ms_of_the_controllers_own_clock(arm: Rig) -> None:
+def test_heartbeats_come_every_100_ms_of_the_controllers_own_clock(arm):
     arm.peer.log.clear()
     for _ in range(3):
         arm.clock.time_s += 0.1
@@ -56,7 +56,7 @@ def test_heartbeats_come_every_100_ms_of_the_controllers_own_clock(arm: Rig) -> 
     assert [len(arm.peer.seen(0x700 + node)) for node in NODES] == [3] * 8
 
 
-def test_nmt_can_speak_to_one_node(arm: Rig) -> None:
+def test_nmt_can_speak_to_one_node(arm):
     arm.peer.nmt(1, 3)
     arm.peer.send(0x080)
     number, data = arm.peer.wait_for(lambda number, _: 0x180 < number < 0x190)
@@ -65,7 +65,7 @@ def test_nmt_can_speak_to_one_node(arm: Rig) -> None:
     assert len([n for n, _ in arm.peer.log if 0x180 < n < 0x190]) == 1
 
 
-def test_a_stopped_node_answers_neither_sdo_nor_sync(arm: Rig) -> None:
+def test_a_stopped_node_answers_neither_sdo_nor_sync(arm):
     arm.peer.start()
     arm.peer.nmt(2, 3)
     arm.peer.send(0x603, struct.pack("<BHB4x", 0x40, 0x1000, 0))
@@ -79,7 +79,7 @@ def test_a_stopped_node_answers_neither_sdo_nor_sync(arm: Rig) -> None:
 
 
 @pytest.mark.parametrize("command", [129, 130])
-def test_reset_boots_again(arm: Rig, command: int) -> None:
+def test_reset_boots_again(arm, command):
     arm.peer.start()
     arm.peer.log.clear()
     arm.peer.nmt(command, 5)
@@ -88,7 +88,7 @@ def test_reset_boots_again(arm: Rig, command: int) -> None:
     assert arm.peer.seen(0x704) == []
 
 
-def test_reset_node_takes_power_away_and_reset_communication_holds(arm: Rig) -> None:
+def test_reset_node_takes_power_away_and_reset_communication_holds(arm):
     arm.operational()
     arm.peer.nmt(130, 2)
     arm.peer.nmt(129, 3)
@@ -103,7 +103,7 @@ def test_reset_node_takes_power_away_and_reset_communication_holds(arm: Rig) -> 
 
 
 @pytest.mark.parametrize("command", [2, 128])
-def test_drives_that_pdos_cannot_reach_any_more_stop_and_hold(arm: Rig, command: int) -> None:
+def test_drives_that_pdos_cannot_reach_any_more_stop_and_hold(arm, command):
     arm.operational([10] * 7)
     arm.peer.nmt(command)
     arm.peer.send(0x080)
@@ -115,14 +115,14 @@ def test_drives_that_pdos_cannot_reach_any_more_stop_and_hold(arm: Rig, command:
 
 
 @pytest.mark.parametrize("data", [b"", b"\x01", b"\x01\x00\x00", b"\x63\x00"])
-def test_nmt_frames_that_are_none_change_nothing(arm: Rig, data: bytes) -> None:
+def test_nmt_frames_that_are_none_change_nothing(arm, data):
     arm.peer.send(0x000, data)
     arm.peer.send(0x080)
     arm.peer.read(1, 0x1000)
     assert arm.peer.seen(0x181) == []
 
 
-def test_one_sync_is_one_plant_step_and_one_tpdo1_of_every_joint(arm: Rig) -> None:
+def test_one_sync_is_one_plant_step_and_one_tpdo1_of_every_joint(arm):
     arm.peer.start()
     before = arm.settled(lambda: arm.plant.steps)
     for _ in range(20):
@@ -131,7 +131,7 @@ def test_one_sync_is_one_plant_step_and_one_tpdo1_of_every_joint(arm: Rig) -> No
     assert arm.settled(lambda: arm.controller.sync_count) == 20
 
 
-def test_tpdo1_carries_statusword_counts_and_torque(arm: Rig) -> None:
+def test_tpdo1_carries_statusword_counts_and_torque(arm):
     arm.peer.start()
 
     def dictate() -> None:
@@ -144,7 +144,7 @@ def test_tpdo1_carries_statusword_counts_and_torque(arm: Rig) -> None:
     assert states[1][2] == 32767
 
 
-def test_rpdo1_is_acted_on_without_waiting_for_a_sync(arm: Rig) -> None:
+def test_rpdo1_is_acted_on_without_waiting_for_a_sync(arm):
     arm.peer.start()
     arm.peer.take_control()
     for word, state in ((0x06, 0x21), (0x07, 0x23), (0x0F, 0x27), (0x02, 0x07)):
@@ -153,19 +153,19 @@ def test_rpdo1_is_acted_on_without_waiting_for_a_sync(arm: Rig) -> None:
 
 
 @pytest.mark.parametrize("data", [b"", bytes(6), bytes(8)])
-def test_rpdo1_of_a_wrong_length_is_not_obeyed(arm: Rig, data: bytes) -> None:
+def test_rpdo1_of_a_wrong_length_is_not_obeyed(arm, data):
     arm.operational()
     arm.peer.send(0x201, data)
     assert arm.peer.sync()[0][0] & STATE == 0x27
 
 
-def test_rpdo1_before_operational_is_not_obeyed(arm: Rig) -> None:
+def test_rpdo1_before_operational_is_not_obeyed(arm):
     arm.peer.take_control()
     arm.peer.command(1, 0x06, 0, 8)
     assert arm.peer.unsigned(1, 0x6041) & STATE == 0x40
 
 
-def test_frames_of_other_kinds_are_left_alone(arm: Rig) -> None:
+def test_frames_of_other_kinds_are_left_alone(arm):
     arm.operational()
     for message in (
         can.Message(arbitration_id=0x201, data=bytes(7), is_extended_id=True),
@@ -180,7 +180,7 @@ def test_frames_of_other_kinds_are_left_alone(arm: Rig) -> None:
     assert arm.settled(lambda: arm.controller.sync_count) == count + 1
 
 
-def test_a_target_beyond_a_limit_raises_8612h_until_a_good_one_comes(arm: Rig) -> None:
+def test_a_target_beyond_a_limit_raises_8612h_until_a_good_one_comes(arm):
     states = arm.operational()
     here = states[2][1]
     arm.peer.command(3, 0x0F, here + 1000, 8)
@@ -196,14 +196,14 @@ def test_a_target_beyond_a_limit_raises_8612h_until_a_good_one_comes(arm: Rig) -
     assert arm.peer.unsigned(3, 0x1001) == 0
 
 
-def test_close_twice_leaves_the_bus_to_its_owner(arm: Rig) -> None:
+def test_close_twice_leaves_the_bus_to_its_owner(arm):
     arm.controller.close()
     arm.controller.close()
     arm.peer.send(0x080)
     assert arm.controller.failure is None
 
 
-def test_axes_and_plant_have_to_agree() -> None:
+def test_axes_and_plant_have_to_agree():
     with (
         can.Bus("axes-and-plant", interface="virtual") as bus,
         pytest.raises(ValueError, match="6 axes for a plant of 7"),
@@ -211,7 +211,7 @@ def test_axes_and_plant_have_to_agree() -> None:
         VirtualController(bus, TrivialPlant([1.0] * 7), axes=axes()[:6], arm=ARM)
 
 
-def test_a_bus_that_goes_away_is_remembered_as_the_failure() -> None:
+def test_a_bus_that_goes_away_is_remembered_as_the_failure():
     bus = can.Bus("goes-away", interface="virtual")
     plant = TrivialPlant([a.scale.counts_per_rad for a in axes()])
     controller = VirtualController(bus, plant, axes=axes(), arm=ARM)
@@ -243,6 +243,6 @@ def break_the_plant() -> None:
         assert isinstance(made.controller.failure, ArithmeticError)
 
 
-def test_a_plant_that_breaks_ends_the_heartbeats_and_is_not_kept_quiet() -> None:
+def test_a_plant_that_breaks_ends_the_heartbeats_and_is_not_kept_quiet():
     with pytest.raises(ArithmeticError, match="does not close"):
         break_the_plant()

@@ -4,7 +4,6 @@ import pytest
 
 from hardware.arm import JointMode
 from hardware.canopen.cia402 import StatusBit
-from hardware.virtual.drive import Drive
 from tests.hardware.virtual.drive_bench import (
     CSP,
     CST,
@@ -26,17 +25,17 @@ RVDT = axes()[6]
 
 
 @pytest.fixture
-def bench() -> Bench:
+def bench():
     return Bench()
 
 
 @pytest.fixture
-def enabled(bench: Bench) -> Drive:
+def enabled(bench):
     """The bench's drive, enabled in position mode."""
     return bench.enabled()
 
 
-def test_enabling_needs_the_token_and_disabling_does_not(bench: Bench) -> None:
+def test_enabling_needs_the_token_and_disabling_does_not(bench):
     bench.drive.in_control = False
     for word in (SHUTDOWN, SWITCH_ON, ENABLE):
         bench.drive.obey(word, bench.counts, CSP)
@@ -49,19 +48,19 @@ def test_enabling_needs_the_token_and_disabling_does_not(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("word", [QUICK_STOP, DISABLE, SHUTDOWN, SWITCH_ON])
-def test_stopping_never_needs_the_token(enabled: Drive, word: int) -> None:
+def test_stopping_never_needs_the_token(enabled, word):
     enabled.in_control = False
     enabled.obey(word, 100, CSP)
     assert enabled.state is not S.OPERATION_ENABLED
 
 
-def test_targets_are_refused_without_the_token(enabled: Drive) -> None:
+def test_targets_are_refused_without_the_token(enabled):
     enabled.in_control = False
     enabled.obey(ENABLE, 101, CSP)
     assert enabled.target_counts == 100
 
 
-def test_a_mode_is_reached_after_its_cycles_and_not_before(bench: Bench, enabled: Drive) -> None:
+def test_a_mode_is_reached_after_its_cycles_and_not_before(bench, enabled):
     enabled.obey(ENABLE, 100, CST)
     bench.run(ENCODER.mode_switch_cycles - 1)
     assert enabled.mode is JointMode.POSITION
@@ -71,7 +70,7 @@ def test_a_mode_is_reached_after_its_cycles_and_not_before(bench: Bench, enabled
     assert enabled.command().mode is JointMode.FREE
 
 
-def test_a_change_of_mind_starts_the_switch_again(bench: Bench, enabled: Drive) -> None:
+def test_a_change_of_mind_starts_the_switch_again(bench, enabled):
     enabled.obey(ENABLE, 100, CST)
     bench.run(ENCODER.mode_switch_cycles - 1)
     enabled.obey(ENABLE, 100, CSP)
@@ -81,13 +80,13 @@ def test_a_change_of_mind_starts_the_switch_again(bench: Bench, enabled: Drive) 
 
 
 @pytest.mark.parametrize("code", [0, 1, 3, 9, -1])
-def test_a_mode_the_drive_has_not_is_never_reached(bench: Bench, enabled: Drive, code: int) -> None:
+def test_a_mode_the_drive_has_not_is_never_reached(bench, enabled, code):
     enabled.obey(ENABLE, 100, code)
     bench.run(50)
     assert enabled.mode is JointMode.POSITION
 
 
-def test_entering_position_mode_starts_where_the_joint_is(bench: Bench) -> None:
+def test_entering_position_mode_starts_where_the_joint_is(bench):
     drive = bench.enabled(CST)
     bench.counts = 900
     bench.run()
@@ -97,7 +96,7 @@ def test_entering_position_mode_starts_where_the_joint_is(bench: Bench) -> None:
     assert drive.target_counts == 900
 
 
-def test_enabling_starts_where_the_joint_is(bench: Bench) -> None:
+def test_enabling_starts_where_the_joint_is(bench):
     bench.enabled()
     bench.drive.obey(DISABLE, 100, CSP)
     bench.counts = 700
@@ -109,7 +108,7 @@ def test_enabling_starts_where_the_joint_is(bench: Bench) -> None:
     assert bench.said == [E.REFERENCE_LIMIT]
 
 
-def test_targets_up_to_the_largest_step_are_taken(bench: Bench, enabled: Drive) -> None:
+def test_targets_up_to_the_largest_step_are_taken(bench, enabled):
     enabled.obey(ENABLE, 100 + STEP, CSP)
     assert enabled.target_counts == 100 + STEP
     assert enabled.command().target_rad == pytest.approx((100 + STEP) / 36000 * math.tau)
@@ -125,9 +124,7 @@ def test_targets_up_to_the_largest_step_are_taken(bench: Bench, enabled: Drive) 
 
 
 @pytest.mark.parametrize(("word", "target"), [(ENABLE, 100), (DISABLE, 9000), (SWITCH_ON, 9000)])
-def test_a_refused_target_is_forgiven_when_taken_back(
-    bench: Bench, enabled: Drive, word: int, target: int
-) -> None:
+def test_a_refused_target_is_forgiven_when_taken_back(bench, enabled, word, target):
     enabled.obey(ENABLE, 9000, CSP)
     assert bench.said == [E.REFERENCE_LIMIT]
     enabled.obey(word, target, CSP)
@@ -135,7 +132,7 @@ def test_a_refused_target_is_forgiven_when_taken_back(
     assert enabled.errors == []
 
 
-def test_the_range_ends_where_607dh_says() -> None:
+def test_the_range_ends_where_607dh_says():
     bench = Bench(counts=5999)
     drive = bench.enabled()
     drive.obey(ENABLE, 6000, CSP)
@@ -145,9 +142,7 @@ def test_the_range_ends_where_607dh_says() -> None:
 
 
 @pytest.mark.parametrize("tripped", [False, True], ids=["off", "tripped"])
-def test_a_lost_heartbeat_powers_no_drive_that_was_off_or_tripped(
-    bench: Bench, tripped: bool
-) -> None:
+def test_a_lost_heartbeat_powers_no_drive_that_was_off_or_tripped(bench, tripped):
     if tripped:
         bench.enabled().trip(E.EXCESS_TORQUE)
     bench.drive.lose_heartbeat()
@@ -157,9 +152,7 @@ def test_a_lost_heartbeat_powers_no_drive_that_was_off_or_tripped(
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_excess_torque_trips_after_its_cycles_just_above_the_limit(
-    bench: Bench, enabled: Drive, sign: int
-) -> None:
+def test_excess_torque_trips_after_its_cycles_just_above_the_limit(bench, enabled, sign):
     bench.torque_nm = sign * 100.0
     bench.run(20)
     assert enabled.state is S.OPERATION_ENABLED
@@ -174,7 +167,7 @@ def test_excess_torque_trips_after_its_cycles_just_above_the_limit(
     assert bench.said == [E.EXCESS_TORQUE]
 
 
-def test_torque_that_comes_and_goes_does_not_trip(bench: Bench, enabled: Drive) -> None:
+def test_torque_that_comes_and_goes_does_not_trip(bench, enabled):
     for _ in range(10):
         bench.torque_nm = 150.0
         bench.run(ENCODER.trip_cycles - 1)
@@ -183,7 +176,7 @@ def test_torque_that_comes_and_goes_does_not_trip(bench: Bench, enabled: Drive) 
     assert enabled.state is S.OPERATION_ENABLED
 
 
-def test_following_error_trips_just_outside_its_window(bench: Bench, enabled: Drive) -> None:
+def test_following_error_trips_just_outside_its_window(bench, enabled):
     bench.counts = 100 + ENCODER.following_window_counts
     bench.run(20)
     assert enabled.state is S.OPERATION_ENABLED
@@ -193,7 +186,7 @@ def test_following_error_trips_just_outside_its_window(bench: Bench, enabled: Dr
     assert enabled.flags & StatusBit.FOLLOWING_ERROR
 
 
-def test_a_free_joint_has_no_following_error(bench: Bench) -> None:
+def test_a_free_joint_has_no_following_error(bench):
     drive = bench.enabled(CST)
     for _ in range(50):
         bench.counts += 100
@@ -202,7 +195,7 @@ def test_a_free_joint_has_no_following_error(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("mode", [CSP, CST])
-def test_overspeed_trips_at_once_in_either_mode(bench: Bench, mode: int) -> None:
+def test_overspeed_trips_at_once_in_either_mode(bench, mode):
     drive = bench.enabled(mode)
     limit = ENCODER.limits.max_speed_rad_per_s
     bench.speed = -limit
@@ -213,14 +206,14 @@ def test_overspeed_trips_at_once_in_either_mode(bench: Bench, mode: int) -> None
     assert bench.said == [E.OVERSPEED]
 
 
-def test_a_drive_that_is_off_minds_neither_torque_nor_speed(bench: Bench) -> None:
+def test_a_drive_that_is_off_minds_neither_torque_nor_speed(bench):
     bench.torque_nm, bench.speed = 1e4, 1e4
     bench.run(10)
     assert bench.drive.state is S.SWITCH_ON_DISABLED
 
 
 @pytest.mark.parametrize("end", [RVDT.lowest_counts, RVDT.highest_counts])
-def test_a_converter_at_its_end_is_a_failed_sensor(end: int) -> None:
+def test_a_converter_at_its_end_is_a_failed_sensor(end):
     bench = Bench(RVDT)
     inside = end + (1 if end == RVDT.lowest_counts else -1)
     bench.counts = inside
@@ -231,7 +224,7 @@ def test_a_converter_at_its_end_is_a_failed_sensor(end: int) -> None:
     assert bench.said == [E.SENSOR]
 
 
-def test_a_reset_word_that_stays_set_resets_once(bench: Bench) -> None:
+def test_a_reset_word_that_stays_set_resets_once(bench):
     drive = bench.drive
     drive.trip(E.EXCESS_TORQUE)
     drive.obey(RESET, 0, CSP)

@@ -3,7 +3,7 @@
 import queue
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import can
 import pytest
@@ -34,17 +34,17 @@ class CountingPlant(TrivialPlant):
 
 
 @pytest.fixture
-def plant() -> CountingPlant:
+def plant():
     return CountingPlant()
 
 
 @pytest.fixture
-def settings(request: pytest.FixtureRequest) -> BusSettings:
+def settings(request):
     return BusSettings(channel=f"attended_openers-{request.node.name}")
 
 
 @pytest.fixture
-def controller(plant: CountingPlant, settings: BusSettings) -> Iterator[VirtualController]:
+def controller(plant, settings):
     bus = open_bus(settings)
     made = VirtualController(bus, plant, axes=axes(), arm=ARM, attended=True)
     made.start()
@@ -54,7 +54,7 @@ def controller(plant: CountingPlant, settings: BusSettings) -> Iterator[VirtualC
 
 
 @pytest.fixture
-def bus(controller: VirtualController, settings: BusSettings) -> Iterator[can.BusABC]:
+def bus(controller, settings):
     made = attended_openers(controller).main(settings)
     start_all(made)
     yield made
@@ -77,7 +77,7 @@ def answers(bus: can.BusABC, wait_s: float) -> int:
     return count
 
 
-def test_who_waits_for_the_answer_steps_the_plant(bus: can.BusABC, plant: CountingPlant) -> None:
+def test_who_waits_for_the_answer_steps_the_plant(bus, plant):
     plant.threads.clear()
     mine = 0
     for _ in range(50):
@@ -88,9 +88,7 @@ def test_who_waits_for_the_answer_steps_the_plant(bus: can.BusABC, plant: Counti
     assert mine >= 45, "the arm's own thread looks now and then as well"
 
 
-def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(
-    bus: can.BusABC, plant: CountingPlant
-) -> None:
+def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(bus, plant):
     """As an object is read: one thread asks, the other one waits for whatever comes."""
     heard: queue.Queue[int] = queue.Queue()
     ended = threading.Event()
@@ -113,9 +111,7 @@ def test_a_reader_that_sleeps_is_woken_by_what_another_thread_sends(
     )
 
 
-def test_what_others_send_is_answered_while_nobody_waits(
-    bus: can.BusABC, controller: VirtualController
-) -> None:
+def test_what_others_send_is_answered_while_nobody_waits(bus, controller):
     """STOP goes out from another thread, whatever the operator's loop does."""
     before = controller.sync_count
     sync(bus)
@@ -125,9 +121,7 @@ def test_what_others_send_is_answered_while_nobody_waits(
     assert controller.sync_count == before + 1
 
 
-def test_an_arm_that_hangs_does_not_hang_its_operator(
-    bus: can.BusABC, controller: VirtualController
-) -> None:
+def test_an_arm_that_hangs_does_not_hang_its_operator(bus, controller):
     controller.hang()
     sync(bus)
     assert answers(bus, 0.05) == 0
@@ -138,9 +132,7 @@ def test_an_arm_that_hangs_does_not_hang_its_operator(
     assert found == JOINTS
 
 
-def test_an_arm_that_breaks_is_silent_and_its_operator_lives(
-    bus: can.BusABC, controller: VirtualController, plant: CountingPlant
-) -> None:
+def test_an_arm_that_breaks_is_silent_and_its_operator_lives(bus, controller, plant):
     plant.broken = True
     sync(bus)
     assert answers(bus, 0.05) == 0
@@ -150,7 +142,7 @@ def test_an_arm_that_breaks_is_silent_and_its_operator_lives(
     assert answers(bus, 0.05) == 0
 
 
-def test_frames_pass_between_embedded_and_stock_buses_and_filters_hold() -> None:
+def test_frames_pass_between_embedded_and_stock_buses_and_filters_hold():
     channel = "embedded-and-stock"
     with (
         EmbeddedBus(channel) as embedded,

@@ -39,9 +39,7 @@ def expect_trip(arm: Rig, joint: int, code: int) -> None:
     ],
     ids=["excess torque", "a runaway free joint", "an RVDT at the end of its converter"],
 )
-def test_a_trip_has_its_code_and_stops_the_neighbours(
-    arm: Rig, quantity: str, joint: int, value: float, code: int, register: int
-) -> None:
+def test_a_trip_has_its_code_and_stops_the_neighbours(arm, quantity, joint, value, code, register):
     arm.operational([8, 10, 10, 10, 8, 10, 10])
     arm.settled(lambda: getattr(arm.plant, quantity).__setitem__(joint - 1, value))
     expect_trip(arm, joint, code)
@@ -49,7 +47,7 @@ def test_a_trip_has_its_code_and_stops_the_neighbours(
     assert arm.peer.unsigned(joint, 0x603F) == code
 
 
-def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm: Rig) -> None:
+def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm):
     states = arm.operational()
     arm.broken("lose_enable", 3)
     words = [word for word, _, _ in arm.peer.sync()]
@@ -61,7 +59,7 @@ def test_a_drive_whose_enable_is_taken_away_says_so_in_its_statusword_only(arm: 
     assert arm.peer.sync()[2][0] & STATE == 0x27
 
 
-def test_a_drive_that_ignores_its_target_stays_and_says_so(arm: Rig) -> None:
+def test_a_drive_that_ignores_its_target_stays_and_says_so(arm):
     states = arm.operational()
     assert arm.peer.sync()[0][0] & 0x1000
     arm.broken("ignore_targets", 1)
@@ -75,7 +73,7 @@ def test_a_drive_that_ignores_its_target_stays_and_says_so(arm: Rig) -> None:
     assert arm.peer.sync()[1][0] & 0x1000
 
 
-def test_a_frozen_sensor_is_found_by_the_following_error(arm: Rig) -> None:
+def test_a_frozen_sensor_is_found_by_the_following_error(arm):
     states = arm.operational()
     arm.controller.faults.freeze_sensor(2)
     target = states[1][1]
@@ -88,7 +86,7 @@ def test_a_frozen_sensor_is_found_by_the_following_error(arm: Rig) -> None:
     assert arm.peer.sync()[1][1] != states[1][1]
 
 
-def test_a_broken_sensor_trips_7305h_and_cannot_be_reset_while_broken(arm: Rig) -> None:
+def test_a_broken_sensor_trips_7305h_and_cannot_be_reset_while_broken(arm):
     arm.operational()
     arm.broken("break_sensor", 7)
     expect_trip(arm, 7, 0x7305)
@@ -101,7 +99,7 @@ def test_a_broken_sensor_trips_7305h_and_cannot_be_reset_while_broken(arm: Rig) 
     assert codes(arm, 7) == [0x7305, 0]
 
 
-def test_no_drive_moves_while_one_is_in_a_fault(arm: Rig) -> None:
+def test_no_drive_moves_while_one_is_in_a_fault(arm):
     arm.operational()
     arm.settled(lambda: arm.plant.speed_rad_per_s.__setitem__(2, 9.9))
     arm.peer.sync()
@@ -111,7 +109,7 @@ def test_no_drive_moves_while_one_is_in_a_fault(arm: Rig) -> None:
     assert all(word & STATE != 0x27 for word, _, _ in states)
 
 
-def test_external_stop_trips_all_and_stays_while_pressed(arm: Rig) -> None:
+def test_external_stop_trips_all_and_stays_while_pressed(arm):
     arm.operational()
     arm.broken("external_stop")
     states = arm.peer.sync()
@@ -129,7 +127,7 @@ def test_external_stop_trips_all_and_stays_while_pressed(arm: Rig) -> None:
     assert codes(arm, 16) == [0x5441, 0]
 
 
-def test_a_refused_mode_switch_never_shows_in_6061h(arm: Rig) -> None:
+def test_a_refused_mode_switch_never_shows_in_6061h(arm):
     arm.operational()
     arm.broken("refuse_modes", 3)
     for joint in (2, 3):
@@ -142,7 +140,7 @@ def test_a_refused_mode_switch_never_shows_in_6061h(arm: Rig) -> None:
     assert arm.peer.signed(3, 0x6061) == 10
 
 
-def test_a_restart_forgets_everything_but_the_slots(arm: Rig) -> None:
+def test_a_restart_forgets_everything_but_the_slots(arm):
     arm.operational()
     arm.peer.log.clear()
     arm.controller.faults.restart()
@@ -157,7 +155,7 @@ def test_a_restart_forgets_everything_but_the_slots(arm: Rig) -> None:
     assert {command.mode for command in arm.plant.commands} == {None}
 
 
-def test_a_hanging_loop_is_heard_to_hang(arm: Rig) -> None:
+def test_a_hanging_loop_is_heard_to_hang(arm):
     arm.peer.start()
     arm.settled()
     arm.controller.faults.hang()
@@ -168,7 +166,7 @@ def test_a_hanging_loop_is_heard_to_hang(arm: Rig) -> None:
     arm.peer.wait_for(lambda number, _: number == 0x710)
 
 
-def test_scripted_faults_happen_at_their_sync() -> None:
+def test_scripted_faults_happen_at_their_sync():
     def script() -> list[ScriptedFault]:
         return [
             ScriptedFault(at_sync=12, happen=lambda faults: faults.break_sensor(2)),
@@ -191,7 +189,7 @@ def test_scripted_faults_happen_at_their_sync() -> None:
     assert len([n for n, _ in first[:trip] if n == 0x181]) == 11
 
 
-def test_a_plant_without_a_fixture_cannot_slip() -> None:
+def test_a_plant_without_a_fixture_cannot_slip():
     with rig() as made:
         made.controller.faults.bind_hinge()
         wait_for(lambda: made.controller.failure is not None)
@@ -199,6 +197,6 @@ def test_a_plant_without_a_fixture_cannot_slip() -> None:
         made.controller.failure = None
 
 
-def test_there_is_no_joint_8(arm: Rig) -> None:
+def test_there_is_no_joint_8(arm):
     with pytest.raises(ValueError, match="joint 8"):
         arm.controller.faults.break_sensor(8)

@@ -32,7 +32,7 @@ def closed(truth: LoopTruth) -> FloatArray:
 @pytest.mark.sample(6)
 @pytest.mark.parametrize("truth", [paper_loop(), general_loop()], ids=["paper", "general"])
 @pytest.mark.parametrize("spread_rad", [0.0, 1e-12, 1e-8, 2e-5, 1e-4, 1e-2, 0.3])
-def test_agrees_with_the_solver_at_and_off_closure(truth: LoopTruth, spread_rad: float) -> None:
+def test_agrees_with_the_solver_at_and_off_closure(truth, spread_rad):
     rng = np.random.default_rng(1)
     point, loop, offsets = LoopPoint(truth.table), truth.loop(), truth.offsets_rad
     for _ in range(20):
@@ -48,7 +48,7 @@ def test_agrees_with_the_solver_at_and_off_closure(truth: LoopTruth, spread_rad:
         )
 
 
-def test_jacobian_is_the_derivative_of_the_error() -> None:
+def test_jacobian_is_the_derivative_of_the_error():
     truth = general_loop()
     point, angles, h = LoopPoint(truth.table), closed(truth) + 0.05, 1e-6
     point.at(angles)
@@ -63,7 +63,7 @@ def test_jacobian_is_the_derivative_of_the_error() -> None:
         )
 
 
-def test_a_loop_open_by_half_a_turn_is_refused() -> None:
+def test_a_loop_open_by_half_a_turn_is_refused():
     flat = DhTable(
         theta_off_rad=np.zeros(2), s_m=np.zeros(2), a_m=np.ones(2), alpha_rad=np.zeros(2)
     )
@@ -72,7 +72,7 @@ def test_a_loop_open_by_half_a_turn_is_refused() -> None:
 
 
 @pytest.mark.parametrize("kind", ["rigid", "ball"])
-def test_what_has_no_hinge_agrees_with_the_solver_too(kind: str) -> None:
+def test_what_has_no_hinge_agrees_with_the_solver_too(kind):
     rng = np.random.default_rng(5)
     table = general_loop().table
     tip, ground = rng.normal(size=3), rng.normal(size=3)

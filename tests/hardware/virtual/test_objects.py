@@ -5,10 +5,9 @@ import struct
 import pytest
 
 from tests.oracles.raw_can import RawAbort
-from tests.oracles.virtual_rig import Rig
 
 
-def test_identity_of_every_node(arm: Rig) -> None:
+def test_identity_of_every_node(arm):
     for node in range(1, 8):
         assert arm.peer.unsigned(node, 0x1000) == 0x00020192
         assert arm.peer.unsigned(node, 0x1018, 4) == 700 + node
@@ -20,7 +19,7 @@ def test_identity_of_every_node(arm: Rig) -> None:
     assert arm.peer.unsigned(16, 0x2020, 3) == 7
 
 
-def test_what_a_joint_says_about_itself(arm: Rig) -> None:
+def test_what_a_joint_says_about_itself(arm):
     peer = arm.peer
     assert (peer.unsigned(1, 0x608F, 1), peer.unsigned(1, 0x608F, 2)) == (36_000, 1)
     assert (peer.signed(1, 0x607D, 1), peer.signed(1, 0x607D, 2)) == (-6000, 6000)
@@ -64,16 +63,14 @@ def test_what_a_joint_says_about_itself(arm: Rig) -> None:
         (16, 0x2004, 0, None, 0x08000024),
     ],
 )
-def test_writes_and_reads_that_are_refused(
-    arm: Rig, node: int, index: int, sub: int, data: bytes | None, code: int
-) -> None:
+def test_writes_and_reads_that_are_refused(arm, node, index, sub, data, code):
     place = node, index, sub
     with pytest.raises(RawAbort) as refused:
         arm.peer.read(*place) if data is None else arm.peer.write(*place, data)
     assert refused.value.code == code
 
 
-def test_the_arm_can_be_driven_by_sdo_too(arm: Rig) -> None:
+def test_the_arm_can_be_driven_by_sdo_too(arm):
     arm.peer.start()
     arm.peer.take_control()
     arm.peer.write(2, 0x6060, 0, b"\x08")

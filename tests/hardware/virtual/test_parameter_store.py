@@ -2,7 +2,6 @@
 
 import itertools
 import os
-from pathlib import Path
 
 import pytest
 
@@ -67,7 +66,7 @@ def committed(*documents: bytes) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("before", [(), (FIRST,), (FIRST, SECOND)])
-def test_a_commit_cut_at_any_point_leaves_old_or_new_whole(before: tuple[bytes, ...]) -> None:
+def test_a_commit_cut_at_any_point_leaves_old_or_new_whole(before):
     counting = CutDisk(committed(*before), 10**6, 0)
     ParameterStore(counting).commit(THIRD)
     old = before[-1] if before else None
@@ -86,7 +85,7 @@ def test_a_commit_cut_at_any_point_leaves_old_or_new_whole(before: tuple[bytes, 
     assert seen == {old, THIRD}
 
 
-def test_a_roll_back_cut_at_any_point_leaves_one_of_the_two() -> None:
+def test_a_roll_back_cut_at_any_point_leaves_one_of_the_two():
     for cut_at, outcome in itertools.product(range(2), OUTCOMES):
         disk = CutDisk(committed(FIRST, SECOND), cut_at, outcome)
         with pytest.raises(PowerCut):
@@ -95,7 +94,7 @@ def test_a_roll_back_cut_at_any_point_leaves_one_of_the_two() -> None:
         assert after.document(after.active) in (FIRST, SECOND)
 
 
-def test_slots_take_turns() -> None:
+def test_slots_take_turns():
     store = ParameterStore(MemoryDisk())
     assert (store.active, store.state(Slot.A), store.document(store.active)) == (
         Slot.NONE,
@@ -109,7 +108,7 @@ def test_slots_take_turns() -> None:
     assert store.roll_back() is Slot.A
 
 
-def test_nothing_to_roll_back_to() -> None:
+def test_nothing_to_roll_back_to():
     store = ParameterStore()
     with pytest.raises(ValueError, match="no whole document"):
         store.roll_back()
@@ -120,7 +119,7 @@ def test_nothing_to_roll_back_to() -> None:
 
 
 @pytest.mark.parametrize("document", [b"", b"\n", b"\x00\xff" * 100, b"no line end"])
-def test_any_bytes_survive_a_real_folder(tmp_path: Path, document: bytes) -> None:
+def test_any_bytes_survive_a_real_folder(tmp_path, document):
     folder = tmp_path / "slots"
     ParameterStore(FolderDisk(folder)).commit(document)
     again = ParameterStore(FolderDisk(folder))
@@ -128,7 +127,7 @@ def test_any_bytes_survive_a_real_folder(tmp_path: Path, document: bytes) -> Non
     assert sorted(file.name for file in folder.iterdir()) == ["active", "slot_a"]
 
 
-def test_every_flipped_bit_in_a_slot_is_noticed(tmp_path: Path) -> None:
+def test_every_flipped_bit_in_a_slot_is_noticed(tmp_path):
     store = ParameterStore(FolderDisk(tmp_path))
     store.commit(FIRST)
     store.commit(SECOND[:20])
@@ -142,7 +141,7 @@ def test_every_flipped_bit_in_a_slot_is_noticed(tmp_path: Path) -> None:
         assert store.document(Slot.A) == FIRST
 
 
-def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(tmp_path: Path) -> None:
+def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(tmp_path):
     os.mkfifo(tmp_path / "slot_a")
     store = ParameterStore(FolderDisk(tmp_path))
     with pytest.raises(OSError, match="not a file"):
@@ -155,7 +154,7 @@ def test_a_pipe_in_the_place_of_a_slot_is_an_error_and_keeps_nobody_waiting(tmp_
     assert store.document(store.active) == b"first"
 
 
-def test_an_unknown_pointer_names_no_slot(tmp_path: Path) -> None:
+def test_an_unknown_pointer_names_no_slot(tmp_path):
     store = ParameterStore(FolderDisk(tmp_path))
     store.commit(FIRST)
     (tmp_path / "active").write_bytes(b"C")

@@ -58,7 +58,7 @@ def there_and_back_deg(amplitude: float, settle: int = 150) -> FloatArray:
     return np.concatenate((quarter, quarter[::-1], -quarter, -quarter[::-1], np.zeros(settle)))
 
 
-def test_two_drives_move_the_chain_and_bring_it_back(drive: Commands) -> None:
+def test_two_drives_move_the_chain_and_bring_it_back(drive):
     plant = make_plant()
     start, h1, h5 = plant.true_angles_rad, home(plant, 1), home(plant, 5)
     farthest, open_by = np.zeros(8), 0.0
@@ -72,7 +72,7 @@ def test_two_drives_move_the_chain_and_bring_it_back(drive: Commands) -> None:
     assert np.rad2deg(np.abs(plant.true_angles_rad - start).max()) < 1e-9
 
 
-def test_a_stiff_fixture_keeps_the_loop_closed_while_moving(drive: Commands) -> None:
+def test_a_stiff_fixture_keeps_the_loop_closed_while_moving(drive):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8, payload_kg=ELBOW_AND_WRIST_KG)
     h1, h5 = home(plant, 1), home(plant, 5)
     for x in np.deg2rad(np.linspace(0.0, 20.0, 100)).tolist():
@@ -85,7 +85,7 @@ def test_a_stiff_fixture_keeps_the_loop_closed_while_moving(drive: Commands) -> 
 
 
 @pytest.mark.parametrize("third", [2, 3, 4, 6, 7])
-def test_a_third_drive_that_disagrees_builds_up_torque(drive: Commands, third: int) -> None:
+def test_a_third_drive_that_disagrees_builds_up_torque(drive, third):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
     targets = {j: home(plant, j) for j in (1, 5, third)}
     quiet = follow(plant, drive, [targets] * 20)[-1]
@@ -95,7 +95,7 @@ def test_a_third_drive_that_disagrees_builds_up_torque(drive: Commands, third: i
     assert max(map(abs, loud.torque_nm)) > 100.0
 
 
-def test_one_drive_too_few_sags_and_two_do_not(drive: Commands) -> None:
+def test_one_drive_too_few_sags_and_two_do_not(drive):
     def drop_deg(joints: tuple[int, ...]) -> float:
         plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
         start = plant.true_angles_rad
@@ -108,7 +108,7 @@ def test_one_drive_too_few_sags_and_two_do_not(drive: Commands) -> None:
     assert drop_deg((1, 5)) < 0.5
 
 
-def test_friction_above_the_load_holds_without_creep(drive: Commands) -> None:
+def test_friction_above_the_load_holds_without_creep(drive):
     plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG, friction_nm=30.0)
     start = plant.true_angles_rad
     targets = {1: home(plant, 1)}
@@ -119,7 +119,7 @@ def test_friction_above_the_load_holds_without_creep(drive: Commands) -> None:
     assert np.abs(plant.true_angles_rad - settled).max() < 1e-8
 
 
-def test_friction_leaves_the_fixture_bent_when_the_arm_has_come_to_rest(drive: Commands) -> None:
+def test_friction_leaves_the_fixture_bent_when_the_arm_has_come_to_rest(drive):
     def bend_m(friction_nm: float) -> float:
         plant = make_plant(n_per_m=1e5, nm_per_rad=3e3, friction_nm=friction_nm)
         h1, h5 = home(plant, 1), home(plant, 5)
@@ -131,7 +131,7 @@ def test_friction_leaves_the_fixture_bent_when_the_arm_has_come_to_rest(drive: C
     assert 1e-4 < bend_m(5.0) < 3e-3
 
 
-def test_gravity_is_the_slope_of_the_potential() -> None:
+def test_gravity_is_the_slope_of_the_potential():
     """Held joints in a fixture that gives way carry the weight alone: torque = dV/dtheta."""
     payload = np.array([0.3, 0.0, 1.0, 0.2, 1.5, 0.0, 0.7])
     plant = make_plant(n_per_m=1e-9, nm_per_rad=1e-9, payload_kg=payload)
@@ -160,7 +160,7 @@ def potential(truth: LoopTruth, joints: FloatArray, payload_kg: FloatArray) -> f
     )
 
 
-def test_a_blocked_valve_holds_where_the_joint_was(drive: Commands) -> None:
+def test_a_blocked_valve_holds_where_the_joint_was(drive):
     plant = make_plant(payload_kg=ELBOW_AND_WRIST_KG)
     h1, h5 = home(plant, 1), home(plant, 5)
     follow(plant, drive, [{1: h1 + 0.002 * k, 5: h5} for k in range(100)])
@@ -172,7 +172,7 @@ def test_a_blocked_valve_holds_where_the_joint_was(drive: Commands) -> None:
     assert max(map(abs, reading.speed_rad_per_s)) < 1e-6
 
 
-def test_the_reading_is_of_the_state_after_the_step(drive: Commands) -> None:
+def test_the_reading_is_of_the_state_after_the_step(drive):
     plant = make_plant()
     before = plant.true_angles_rad
     h1, h5 = home(plant, 1), home(plant, 5)
@@ -185,7 +185,7 @@ def test_the_reading_is_of_the_state_after_the_step(drive: Commands) -> None:
     assert reading.torque_nm[1] == 0.0
 
 
-def test_at_a_fold_the_free_joints_run_ahead_and_the_drive_is_stopped(drive: Commands) -> None:
+def test_at_a_fold_the_free_joints_run_ahead_and_the_drive_is_stopped(drive):
     """With joint 2 held, the chain is stretched out before joint 4 has moved by 30 deg."""
     plant = make_plant()
     h2, h4 = home(plant, 2), home(plant, 4)
@@ -201,7 +201,7 @@ def test_at_a_fold_the_free_joints_run_ahead_and_the_drive_is_stopped(drive: Com
     assert hardest > 100.0
 
 
-def test_wrong_calls_are_refused(drive: Commands) -> None:
+def test_wrong_calls_are_refused(drive):
     plant = make_plant()
     with pytest.raises(ValueError, match="7 joints"):
         plant.step([])
@@ -217,7 +217,7 @@ def test_wrong_calls_are_refused(drive: Commands) -> None:
         )
 
 
-def test_a_fixture_that_slips_takes_the_hand_along_by_as_much(drive: Commands) -> None:
+def test_a_fixture_that_slips_takes_the_hand_along_by_as_much(drive):
     plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)
     there = {1: home(plant, 1), 5: home(plant, 5)}
     plant.slip(1e-3)
@@ -229,7 +229,7 @@ def test_a_fixture_that_slips_takes_the_hand_along_by_as_much(drive: Commands) -
     assert np.abs(plant.closure_error).max() < 2e-6
 
 
-def test_a_hinge_that_binds_lets_two_drives_move_no_more(drive: Commands) -> None:
+def test_a_hinge_that_binds_lets_two_drives_move_no_more(drive):
     moved_rad, torque_nm = [], []
     for binds in (False, True):
         plant = make_plant(n_per_m=2e9, nm_per_rad=1e8)

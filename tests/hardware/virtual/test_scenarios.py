@@ -16,7 +16,6 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import wrap_angle
 from solver.chain.sensors import Encoder
-from tests.hardware.virtual.conftest import Commands
 
 
 def reading_rad(plant: Plant, commands: list[JointCommand]) -> FloatArray:
@@ -24,7 +23,7 @@ def reading_rad(plant: Plant, commands: list[JointCommand]) -> FloatArray:
     return counts * [sensor.resolution_rad for sensor in plant.sensors.sensors]
 
 
-def test_the_paper_loop_closes_at_the_published_home() -> None:
+def test_the_paper_loop_closes_at_the_published_home():
     joints, hinge = paper_loop().closed_near(PAPER_HOME_RAD)
     np.testing.assert_allclose(
         np.rad2deg(joints - paper_loop().offsets_rad), np.rad2deg(PAPER_HOME_RAD), atol=1e-4
@@ -32,14 +31,14 @@ def test_the_paper_loop_closes_at_the_published_home() -> None:
     assert np.rad2deg(hinge) == pytest.approx(-118.936, abs=1e-3)
 
 
-def test_a_loop_that_cannot_close_is_refused() -> None:
+def test_a_loop_that_cannot_close_is_refused():
     table = paper_loop().table
     far = LoopTruth(table=replace(table, a_m=table.a_m + 2.0 * (np.arange(8) == 0)))
     with pytest.raises(ValueError, match="does not close"):
         far.closed_near(PAPER_HOME_RAD)
 
 
-def test_exact_carries_fine_encoders_everywhere_and_says_so(sarcos: ArmModel) -> None:
+def test_exact_carries_fine_encoders_everywhere_and_says_so(sarcos):
     carried = scenario("exact").arm(sarcos)
     assert [j.sensor for j in carried.joints] == [Encoder(counts_per_rev=400_000)] * 7
     assert [j.name for j in carried.joints] == [j.name for j in sarcos.joints]
@@ -48,7 +47,7 @@ def test_exact_carries_fine_encoders_everywhere_and_says_so(sarcos: ArmModel) ->
     assert {s.noise_counts for s in plant.sensors.sensors} == {0.0}
 
 
-def test_as_reported_has_plausible_errors(sarcos: ArmModel) -> None:
+def test_as_reported_has_plausible_errors(sarcos):
     reported = scenario("as_reported", 5)
     off = reported.true_loop().table.stacked() - paper_loop().table.stacked()
     changed = np.abs(off[off != 0.0])
@@ -62,7 +61,7 @@ def test_as_reported_has_plausible_errors(sarcos: ArmModel) -> None:
         assert curve.peak_rad() == pytest.approx(np.deg2rad(0.019 * 120.0))
 
 
-def test_each_error_source_switches_alone(sarcos: ArmModel) -> None:
+def test_each_error_source_switches_alone(sarcos):
     reported = scenario("as_reported", 2)
     straight = replace(reported, linearity_of_full_scale=0.0)
     assert straight.curves(sarcos) == (None,) * 7
@@ -78,7 +77,7 @@ def test_each_error_source_switches_alone(sarcos: ArmModel) -> None:
     assert np.all((np.abs(difference) >= 0.004) & (np.abs(difference) <= 0.005))
 
 
-def test_only_the_yielding_fixture_gives(sarcos: ArmModel, drive: Commands) -> None:
+def test_only_the_yielding_fixture_gives(sarcos, drive):
     def bend_m(what: Scenario) -> float:
         plant = what.build(sarcos)
         start = sarcos.home_rad
@@ -94,7 +93,7 @@ def test_only_the_yielding_fixture_gives(sarcos: ArmModel, drive: Commands) -> N
     assert bend_m(scenario("datasheet")) < 1e-6
 
 
-def test_a_truth_may_be_given_in_code(sarcos: ArmModel) -> None:
+def test_a_truth_may_be_given_in_code(sarcos):
     table = paper_loop().table
     mine = LoopTruth(table=replace(table, s_m=table.s_m + 0.01 * (np.arange(8) == 1)))
     plant = replace(scenario("exact"), truth=mine).build(sarcos)
@@ -102,7 +101,7 @@ def test_a_truth_may_be_given_in_code(sarcos: ArmModel) -> None:
     assert np.abs(plant.closure_error).max() < 1e-9
 
 
-def test_a_seed_is_one_arm_and_one_history(sarcos: ArmModel, drive: Commands) -> None:
+def test_a_seed_is_one_arm_and_one_history(sarcos, drive):
     def history(seed: int) -> list[tuple[int, ...]]:
         plant = scenario("datasheet", seed).build(sarcos)
         start = sarcos.home_rad
@@ -115,7 +114,7 @@ def test_a_seed_is_one_arm_and_one_history(sarcos: ArmModel, drive: Commands) ->
     assert history(4) != history(5)
 
 
-def test_as_reported_is_one_specimen_and_the_seed_its_noise(sarcos: ArmModel) -> None:
+def test_as_reported_is_one_specimen_and_the_seed_its_noise(sarcos):
     one, other = scenario("as_reported", 1), scenario("as_reported", 2)
     np.testing.assert_array_equal(one.true_loop().table.s_m, other.true_loop().table.s_m)
     hold = [JointCommand(mode=None, target_rad=0.0)] * 7
@@ -124,7 +123,7 @@ def test_as_reported_is_one_specimen_and_the_seed_its_noise(sarcos: ArmModel) ->
     assert first != second
 
 
-def test_holding_at_the_measured_position_pulls_on_nothing(sarcos: ArmModel) -> None:
+def test_holding_at_the_measured_position_pulls_on_nothing(sarcos):
     """The drive closes its loop on its sensor: an RVDT's curve of 2 deg is not 2 deg of error."""
     plant = replace(scenario("datasheet", 1), noise=False).build(sarcos)
     hold = [JointCommand(mode=None, target_rad=0.0)] * 7
@@ -140,9 +139,7 @@ def test_holding_at_the_measured_position_pulls_on_nothing(sarcos: ArmModel) -> 
 
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("seed", range(20))
-def test_every_wild_arm_starts_closed_inside_its_ranges_and_moves(
-    sarcos: ArmModel, drive: Commands, seed: int
-) -> None:
+def test_every_wild_arm_starts_closed_inside_its_ranges_and_moves(sarcos, drive, seed):
     plant = scenario("wild", seed).build(sarcos)
     assert np.abs(plant.closure_error).max() < 1e-9
     # RVDT noise would hide nothing here, but true angles say more.
@@ -165,14 +162,14 @@ def test_every_wild_arm_starts_closed_inside_its_ranges_and_moves(
 
 
 @pytest.mark.campaign
-def test_wild_arms_differ_from_the_paper_and_from_each_other() -> None:
+def test_wild_arms_differ_from_the_paper_and_from_each_other():
     found = [paper_loop().offsets_rad, *(scenario("wild", k).truth.offsets_rad for k in range(6))]
     for k, x in enumerate(found):
         for y in found[:k]:
             assert np.abs(wrap_angle(x - y)).max() > np.deg2rad(3.0)
 
 
-def test_wrong_calls_are_refused(sarcos: ArmModel) -> None:
+def test_wrong_calls_are_refused(sarcos):
     with pytest.raises(ValueError, match=", ".join(SCENARIOS)):
         scenario("nominal")
     with pytest.raises(ValueError, match="seed"):

@@ -2,7 +2,6 @@
 
 import binascii
 import struct
-from collections.abc import Iterator
 from pathlib import Path
 
 import can
@@ -21,7 +20,7 @@ WRITE_2000 = struct.Struct("<BHBI")
 
 
 @pytest.fixture
-def arm() -> Iterator[Rig]:
+def arm():
     with rig() as made:
         made.peer.take_control()
         yield made
@@ -37,27 +36,27 @@ def abort_code(answer: bytes) -> int | None:
 
 
 @pytest.mark.parametrize("size", [1, 4, 5, 6, 7, 8, 13, 14, 15, 4096])
-def test_documents_of_every_length_come_back(arm: Rig, size: int) -> None:
+def test_documents_of_every_length_come_back(arm, size):
     data = bytes(k * 7 % 256 for k in range(size))
     arm.peer.write(16, 0x2000, 0, data)
     assert arm.peer.read(16, 0x2000) == data
 
 
-def test_an_unannounced_length_is_taken_as_it_comes(arm: Rig) -> None:
+def test_an_unannounced_length_is_taken_as_it_comes(arm):
     assert ask(arm, WRITE_2000.pack(0x20, 0x2000, 0, 0))[0] == 0x60
     assert ask(arm, b"\x00" + b"abcdefg")[0] == 0x20
     assert ask(arm, b"\x1b" + b"hi" + bytes(5))[0] == 0x30
     assert arm.peer.read(16, 0x2000) == b"abcdefghi"
 
 
-def test_a_length_that_was_announced_differently_is_refused(arm: Rig) -> None:
+def test_a_length_that_was_announced_differently_is_refused(arm):
     ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 8))
     assert abort_code(ask(arm, b"\x01" + b"abcdefg")) == 0x06070010
     with pytest.raises(RawAbort):
         arm.peer.read(16, 0x2000)
 
 
-def test_a_toggle_that_does_not_alternate_ends_the_transfer(arm: Rig) -> None:
+def test_a_toggle_that_does_not_alternate_ends_the_transfer(arm):
     ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 20))
     ask(arm, b"\x00" + b"abcdefg")
     answer = ask(arm, b"\x00" + b"abcdefg")
@@ -71,18 +70,16 @@ def test_a_toggle_that_does_not_alternate_ends_the_transfer(arm: Rig) -> None:
     [(0x2000, LONGEST_DOCUMENT + 1, 0x06070012), (0x2004, 100, 0x06010002)],
     ids=["too long", "read only"],
 )
-def test_what_cannot_be_written_is_refused_before_it_is_sent(
-    arm: Rig, index: int, length: int, code: int
-) -> None:
+def test_what_cannot_be_written_is_refused_before_it_is_sent(arm, index, length, code):
     assert abort_code(ask(arm, WRITE_2000.pack(0x21, index, 0, length))) == code
 
 
 @pytest.mark.parametrize("head", [0x00, 0x60, 0x70, 0x11, 0xA1, 0xA2, 0xA3, 0xC1, 0xE0])
-def test_answers_without_a_question_are_refused(arm: Rig, head: int) -> None:
+def test_answers_without_a_question_are_refused(arm, head):
     assert abort_code(ask(arm, bytes([head]) + bytes(7))) == 0x05040001
 
 
-def test_few_bytes_come_as_a_normal_upload_where_the_client_lets_them(arm: Rig) -> None:
+def test_few_bytes_come_as_a_normal_upload_where_the_client_lets_them(arm):
     request = struct.Struct("<BHBBB2x")
     answer = ask(arm, request.pack(0xA4, 0x1000, 0, 127, 4), node=1)
     assert answer == struct.pack("<BHBI", 0x43, 0x1000, 0, 0x00020192)
@@ -106,7 +103,7 @@ def send_blocks(arm: Rig, numbers: list[int], first: int = 1) -> bytes:
     return arm.peer.wait_for(lambda n, _: n == 0x590)[1]
 
 
-def test_a_segment_that_was_lost_is_asked_for_again(arm: Rig) -> None:
+def test_a_segment_that_was_lost_is_asked_for_again(arm):
     begin_blocks(arm)
     assert send_blocks(arm, [1, 3])[:3] == bytes([0xA2, 1, 127])
     assert send_blocks(arm, [2, 3], first=2)[:3] == bytes([0xA2, 2, 127])
@@ -123,9 +120,7 @@ def test_a_segment_that_was_lost_is_asked_for_again(arm: Rig) -> None:
         (LONGEST_DOCUMENT + 1, 0, 0, 0x06070012),
     ],
 )
-def test_blocks_that_are_not_what_was_announced_are_refused(
-    arm: Rig, size: int, crc: int, last: int, code: int
-) -> None:
+def test_blocks_that_are_not_what_was_announced_are_refused(arm, size, crc, last, code):
     if size > LONGEST_DOCUMENT:
         answer = ask(arm, WRITE_2000.pack(0xC6, 0x2000, 0, size))
     else:
@@ -138,7 +133,7 @@ def test_blocks_that_are_not_what_was_announced_are_refused(
         arm.peer.read(16, 0x2000)
 
 
-def test_blocks_are_read_as_the_client_asks_and_again_from_what_it_has(arm: Rig) -> None:
+def test_blocks_are_read_as_the_client_asks_and_again_from_what_it_has(arm):
     arm.peer.write(16, 0x2000, 0, BLOCK)
     request = struct.Struct("<BHBBB2x")
     answer = ask(arm, request.pack(0xA4, 0x2000, 0, 2, 0))
@@ -168,9 +163,7 @@ def test_blocks_are_read_as_the_client_asks_and_again_from_what_it_has(arm: Rig)
         (2, b"\xa3", 0x05040001),
     ],
 )
-def test_what_no_block_can_be_is_refused_by_its_own_code(
-    arm: Rig, size: int, frame: bytes, code: int
-) -> None:
+def test_what_no_block_can_be_is_refused_by_its_own_code(arm, size, frame, code):
     arm.peer.write(16, 0x2000, 0, BLOCK)
     answer = ask(arm, struct.pack("<BHBBB2x", 0xA4, 0x2000, 0, size, 0))
     if frame:
@@ -180,7 +173,7 @@ def test_what_no_block_can_be_is_refused_by_its_own_code(
     assert abort_code(answer) == code
 
 
-def test_a_command_that_comes_in_a_block_is_answered_when_it_is_done(arm: Rig) -> None:
+def test_a_command_that_comes_in_a_block_is_answered_when_it_is_done(arm):
     arm.peer.write(16, 0x2000, 0, b"SDA-0007 1 2 3 4 5 6 7")
     ask(arm, struct.pack("<BHBI", 0xC2, 0x2002, 0, 1))
     assert ask(arm, bytes([0x81, 1, *bytes(6)]))[:2] == b"\xa2\x01"
@@ -189,9 +182,7 @@ def test_a_command_that_comes_in_a_block_is_answered_when_it_is_done(arm: Rig) -
 
 
 @pytest.mark.parametrize("aborts", [False, True])
-def test_a_new_question_or_an_abort_without_an_answer_ends_the_transfer_before_it(
-    arm: Rig, aborts: bool
-) -> None:
+def test_a_new_question_or_an_abort_without_an_answer_ends_the_transfer_before_it(arm, aborts):
     ask(arm, WRITE_2000.pack(0x21, 0x2000, 0, 20))
     if aborts:
         arm.peer.send(0x610, WRITE_2000.pack(0x80, 0x2000, 0, 0x05040000))
@@ -200,7 +191,7 @@ def test_a_new_question_or_an_abort_without_an_answer_ends_the_transfer_before_i
     assert abort_code(ask(arm, b"\x00" + b"abcdefg")) == 0x05040001
 
 
-def test_a_command_given_up_by_its_client_is_not_answered_later(arm: Rig) -> None:
+def test_a_command_given_up_by_its_client_is_not_answered_later(arm):
     arm.peer.write(16, 0x2000, 0, b"SDA-0007 1 2 3 4 5 6 7")
     arm.controller.hang()  # so that both frames are taken in before the work is done
     arm.peer.send(0x610, b"\x2f\x02\x20\x00\x01\x00\x00\x00")
@@ -212,7 +203,7 @@ def test_a_command_given_up_by_its_client_is_not_answered_later(arm: Rig) -> Non
 
 
 @pytest.mark.parametrize("length", range(8))
-def test_short_frames_get_no_answer(arm: Rig, length: int) -> None:
+def test_short_frames_get_no_answer(arm, length):
     arm.peer.quiet()
     arm.peer.log.clear()
     arm.peer.send(0x601, bytes([0x40, 0, 0x10, 0, 0, 0, 0])[:length])
@@ -241,7 +232,7 @@ FRAMES = st.lists(
 
 
 @pytest.mark.parametrize("examples", [15, pytest.param(300, marks=pytest.mark.campaign)])
-def test_whatever_was_sent_every_node_answers_and_a_quick_stop_is_obeyed(examples: int) -> None:
+def test_whatever_was_sent_every_node_answers_and_a_quick_stop_is_obeyed(examples):
     settings(max_examples=examples, deadline=None)(given(FRAMES)(answer_and_stop_after))()
 
 
@@ -278,7 +269,7 @@ def answer_and_stop_after(frames: list[tuple[int, bytes, bool]]) -> None:
         assert arm.controller.failure is None
 
 
-def test_the_canopen_package_reads_and_writes_through_the_eds(arm: Rig) -> None:
+def test_the_canopen_package_reads_and_writes_through_the_eds(arm):
     """Its client, its EDS reader and its PDO decoding against our server and our packing."""
     network = canopen.Network(arm.peer.bus)
     arm.peer.start()

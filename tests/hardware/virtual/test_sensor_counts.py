@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import legendre
 
 from hardware.virtual.sensor_counts import LinearityDeviation, SensorBank, joint_sensor
-from solver.chain.arm_model import ArmModel, Joint
+from solver.chain.arm_model import Joint
 from solver.chain.sensors import NoSensor
 
 FULL_SCALE_RAD = math.radians(120.0)
@@ -20,7 +20,7 @@ def drawn(seed: int, peak: float = 0.02) -> LinearityDeviation:
 
 
 @pytest.mark.parametrize("joint", [1, 5, 6, 7])
-def test_a_count_is_the_nearest_point_of_the_grid(sarcos: ArmModel, joint: int) -> None:
+def test_a_count_is_the_nearest_point_of_the_grid(sarcos, joint):
     description = sarcos.joints[joint - 1]
     sensor = joint_sensor(description, with_noise=False, curve=None)
     lsb = 2.0 * math.pi / 400_000 if joint <= 5 else math.radians(120.0) / 4096
@@ -35,7 +35,7 @@ def test_a_count_is_the_nearest_point_of_the_grid(sarcos: ArmModel, joint: int) 
 
 
 @pytest.mark.parametrize("joint", [6, 7])
-def test_an_rvdt_has_4096_codes_about_the_middle_of_the_range(sarcos: ArmModel, joint: int) -> None:
+def test_an_rvdt_has_4096_codes_about_the_middle_of_the_range(sarcos, joint):
     description = sarcos.joints[joint - 1]
     sensor = joint_sensor(description, with_noise=False, curve=None)
     lsb = math.radians(120.0) / 4096
@@ -48,13 +48,13 @@ def test_an_rvdt_has_4096_codes_about_the_middle_of_the_range(sarcos: ArmModel, 
     assert noisy.counts(description.upper_rad - 2.5 * lsb, 100.0) == above
 
 
-def test_an_encoder_does_not_saturate(sarcos: ArmModel) -> None:
+def test_an_encoder_does_not_saturate(sarcos):
     sensor = joint_sensor(sarcos.joints[0], with_noise=False, curve=None)
     assert sensor.counts(20.0 * math.pi, 0.0) == 4_000_000
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_a_curve_stays_within_its_specification_and_reaches_it(seed: int) -> None:
+def test_a_curve_stays_within_its_specification_and_reaches_it(seed):
     curve = drawn(seed)
     angles = np.linspace(-0.5, 0.5, 20_001) * FULL_SCALE_RAD
     deviation = np.array([curve.deviation_rad(a) for a in angles.tolist()])
@@ -67,7 +67,7 @@ def test_a_curve_stays_within_its_specification_and_reaches_it(seed: int) -> Non
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_curve_is_smooth(seed: int) -> None:
+def test_a_curve_is_smooth(seed):
     curve = drawn(seed)
     step = FULL_SCALE_RAD / 4096
     angles = np.arange(-2048, 2048) * step
@@ -76,7 +76,7 @@ def test_a_curve_is_smooth(seed: int) -> None:
     assert np.abs(np.diff(deviation, 2)).max() < 1e-3 * step
 
 
-def test_a_curve_is_its_legendre_series() -> None:
+def test_a_curve_is_its_legendre_series():
     curve = LinearityDeviation(
         coefficients_rad=np.array([0.3, -0.2, 0.1, 0.05]), half_scale_rad=2.0
     )
@@ -88,7 +88,7 @@ def test_a_curve_is_its_legendre_series() -> None:
     assert curve.deviation_rad(5.0) == curve.deviation_rad(2.0)
 
 
-def test_a_curve_moves_the_reading_by_its_deviation(sarcos: ArmModel) -> None:
+def test_a_curve_moves_the_reading_by_its_deviation(sarcos):
     curve = drawn(5)
     joint = sarcos.joints[5]
     sensor = joint_sensor(joint, with_noise=False, curve=curve)
@@ -100,7 +100,7 @@ def test_a_curve_moves_the_reading_by_its_deviation(sarcos: ArmModel) -> None:
         )
 
 
-def test_noise_has_its_stated_size_and_belongs_to_the_seed(sarcos: ArmModel) -> None:
+def test_noise_has_its_stated_size_and_belongs_to_the_seed(sarcos):
     wrist = [joint_sensor(j, with_noise=True, curve=None) for j in sarcos.joints[5:]]
     middle = [j.middle_rad for j in sarcos.joints[5:]]
 
@@ -115,7 +115,7 @@ def test_noise_has_its_stated_size_and_belongs_to_the_seed(sarcos: ArmModel) -> 
     assert not np.array_equal(first, readings(8))
 
 
-def test_an_encoder_with_a_curve_or_no_sensor_at_all_is_a_wrong_call(sarcos: ArmModel) -> None:
+def test_an_encoder_with_a_curve_or_no_sensor_at_all_is_a_wrong_call(sarcos):
     with pytest.raises(ValueError, match="encoder"):
         joint_sensor(sarcos.joints[0], with_noise=False, curve=drawn(0))
     blind = Joint(

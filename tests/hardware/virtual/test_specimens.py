@@ -24,7 +24,7 @@ def closes(truth: Truth, theta_rad: np.ndarray, theta_0_rad: float) -> float:
 
 
 @pytest.mark.parametrize("fixture", ["hinge", "rigid", "sarcos_ball"])
-def test_a_specimen_closes_and_is_the_same_for_a_seed(fixture: str) -> None:
+def test_a_specimen_closes_and_is_the_same_for_a_seed(fixture):
     what = stated(fixture)
     one, same, other = (
         draw_truth(what, np.random.default_rng(seed), maker_errors=True) for seed in (3, 3, 4)
@@ -36,7 +36,7 @@ def test_a_specimen_closes_and_is_the_same_for_a_seed(fixture: str) -> None:
 
 
 @pytest.mark.parametrize("fixture", ["hinge", "rigid", "sarcos_ball"])
-def test_mounted_anew_the_arm_is_the_same_and_its_fixture_is_not(fixture: str) -> None:
+def test_mounted_anew_the_arm_is_the_same_and_its_fixture_is_not(fixture):
     what = stated(fixture)
     one, two, same, three = (scenario_of("datasheet", 3, what, k).true_loop() for k in (1, 2, 2, 3))
     pose, hinge = two.closed_near(what.arm.home_rad)
@@ -59,7 +59,7 @@ def test_mounted_anew_the_arm_is_the_same_and_its_fixture_is_not(fixture: str) -
         assert np.abs(off[DhKind.S]).max() > 1e-4
 
 
-def test_everything_is_off_within_what_is_stated_and_nothing_else_is() -> None:
+def test_everything_is_off_within_what_is_stated_and_nothing_else_is():
     what = stated("rigid")
     nominal = what.fixture.model(what.arm).table.stacked()  # type: ignore[attr-defined]
     off = np.array(
@@ -84,7 +84,7 @@ def test_everything_is_off_within_what_is_stated_and_nothing_else_is() -> None:
     assert 0.08 < np.rad2deg(off[:, DhKind.ALPHA, 1:].std()) < 0.12
 
 
-def test_without_makers_errors_the_table_is_the_files() -> None:
+def test_without_makers_errors_the_table_is_the_files():
     what = stated("sarcos_ball")
     truth = draw_truth(what, np.random.default_rng(0), maker_errors=False)
     own = np.zeros((5, 8))
@@ -95,7 +95,7 @@ def test_without_makers_errors_the_table_is_the_files() -> None:
     assert same[DhKind.THETA_OFF].tolist() == [True, True] + [False] * 5 + [True]
 
 
-def test_the_papers_own_arm_stands_in_only_for_files_that_may_mean_it() -> None:
+def test_the_papers_own_arm_stands_in_only_for_files_that_may_mean_it():
     def paper(what: SpecimenFiles) -> bool:
         return files_allow(what, paper_loop(), PAPER_HOME_RAD)
 
@@ -114,7 +114,7 @@ def test_the_papers_own_arm_stands_in_only_for_files_that_may_mean_it() -> None:
 
 
 @pytest.mark.parametrize("scenario", ["exact", "datasheet", "as_reported"])
-def test_for_one_seed_it_is_one_arm_whatever_holds_or_sees_its_hand(scenario: str) -> None:
+def test_for_one_seed_it_is_one_arm_whatever_holds_or_sees_its_hand(scenario):
     """But for what the mounting decides (joint 1's zero, the last row) and an elbow that does not move."""
     sarcos = load_arm("sarcos_dextrous")
     more = np.array([0.0, 0.0, 0.02, 0.0, 0.0, 0.0, 0.0])
@@ -133,7 +133,7 @@ def test_for_one_seed_it_is_one_arm_whatever_holds_or_sees_its_hand(scenario: st
     assert not np.isclose(hinge[DhKind.THETA_OFF], other[DhKind.THETA_OFF]).any()
 
 
-def test_the_load_of_a_foreign_arm_is_one_that_its_drives_can_hold() -> None:
+def test_the_load_of_a_foreign_arm_is_one_that_its_drives_can_hold():
     """What bends the fixture of an arm of 100 Nm took 7 of the 12 Nm of a Panda's wrist, and tripped it on the way."""
     panda = load_arm("franka_panda")
     ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
@@ -153,13 +153,13 @@ def test_the_load_of_a_foreign_arm_is_one_that_its_drives_can_hold() -> None:
             assert abs(torque) < 0.25 * joint.max_torque_nm
 
 
-def test_a_fixture_out_of_reach_is_refused_in_words() -> None:
+def test_a_fixture_out_of_reach_is_refused_in_words():
     far = replace(stated("hinge"), fixture=replace(load_fixture("hinge").fixture, a_0_m=2.5))
     with pytest.raises(ValueError, match="no pose near the arm's home_deg"):
         draw_truth(far, np.random.default_rng(0), maker_errors=False)
 
 
-def test_between_parallel_axes_a_twist_about_y_is_drawn_and_no_slide() -> None:
+def test_between_parallel_axes_a_twist_about_y_is_drawn_and_no_slide():
     sarcos = load_arm("sarcos_dextrous")
     arm = replace(sarcos, hayati_rows=(3,))
     both = [

@@ -2,8 +2,7 @@
 
 import hashlib
 import threading
-from collections.abc import Callable, Iterator
-from pathlib import Path
+from collections.abc import Callable
 
 import pytest
 
@@ -15,7 +14,6 @@ from hardware.virtual.parameter_store import (
     refuse_documents,
 )
 from hardware.virtual.supervisor_node import ArmLabel
-from tests.oracles.approved import Approve
 from tests.oracles.raw_can import RawAbort
 from tests.oracles.virtual_rig import Rig, parse, rig
 
@@ -29,7 +27,7 @@ def document(offsets: tuple[int, ...] = OFFSETS, serial: str = "SDA-0007") -> by
 
 
 @pytest.fixture
-def arm() -> Iterator[Rig]:
+def arm():
     with rig() as made:
         made.peer.take_control()
         yield made
@@ -74,7 +72,7 @@ def refused_by(validate: Callable[[bytes], ValidatedParameters]) -> bytes:
         return arm.peer.read(16, 0x2004)
 
 
-def test_stage_read_back_commit(arm: Rig) -> None:
+def test_stage_read_back_commit(arm):
     data = document() + b"\n" * 4000
     arm.peer.write(16, 0x2000, 0, data)
     assert slots(arm) == [0, 0, 0, 0]
@@ -90,7 +88,7 @@ def test_stage_read_back_commit(arm: Rig) -> None:
     assert held(arm) == data
 
 
-def test_the_second_document_goes_to_the_other_slot_and_back(arm: Rig) -> None:
+def test_the_second_document_goes_to_the_other_slot_and_back(arm):
     upload(arm, document())
     upload(arm, document(OTHER))
     assert slots(arm) == [2, 1, 1, 0]
@@ -101,7 +99,7 @@ def test_the_second_document_goes_to_the_other_slot_and_back(arm: Rig) -> None:
     assert held(arm) == document()
 
 
-def test_roll_back_drops_what_was_staged_first(arm: Rig) -> None:
+def test_roll_back_drops_what_was_staged_first(arm):
     upload(arm, document())
     arm.peer.write(16, 0x2000, 0, document(OTHER))
     assert order(arm, STAGE) is None
@@ -123,9 +121,7 @@ def test_roll_back_drops_what_was_staged_first(arm: Rig) -> None:
         document((*OFFSETS[:6], 5121)),
     ],
 )
-def test_a_wrong_document_is_refused_in_words_and_nothing_changes(
-    arm: Rig, data: bytes, approve: Approve
-) -> None:
+def test_a_wrong_document_is_refused_in_words_and_nothing_changes(arm, data, approve):
     upload(arm, document(OTHER))
     arm.peer.write(16, 0x2000, 0, data)
     assert order(arm, STAGE) == 0x08000020
@@ -137,7 +133,7 @@ def test_a_wrong_document_is_refused_in_words_and_nothing_changes(
 
 
 @pytest.mark.parametrize("angle", [float("nan"), float("inf"), 2.1 / 5729.578])
-def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, approve: Approve) -> None:
+def test_angles_must_be_finite_and_agree_with_the_counts(angle, approve):
     def validate(data: bytes) -> ValidatedParameters:
         return ValidatedParameters(
             arm_serial="SDA-0007",
@@ -148,14 +144,14 @@ def test_angles_must_be_finite_and_agree_with_the_counts(angle: float, approve: 
     approve(refused_by(validate).decode())
 
 
-def test_words_that_are_no_ascii_are_escaped() -> None:
+def test_words_that_are_no_ascii_are_escaped():
     def validate(data: bytes) -> ValidatedParameters:
         raise ValueError("Straße")
 
     assert refused_by(validate) == b"Stra\\xdfe"
 
 
-def test_without_the_token_nothing_is_taken(arm: Rig) -> None:
+def test_without_the_token_nothing_is_taken(arm):
     arm.peer.write(16, 0x2010, 0, bytes(4))
     with pytest.raises(RawAbort) as refused:
         arm.peer.write(16, 0x2000, 0, document())
@@ -165,7 +161,7 @@ def test_without_the_token_nothing_is_taken(arm: Rig) -> None:
 
 
 @pytest.mark.parametrize("staged", [False, True])
-def test_what_was_not_committed_goes_with_the_token(arm: Rig, staged: bool) -> None:
+def test_what_was_not_committed_goes_with_the_token(arm, staged):
     arm.peer.write(16, 0x2000, 0, document())
     if staged:
         assert order(arm, STAGE) is None
@@ -176,7 +172,7 @@ def test_what_was_not_committed_goes_with_the_token(arm: Rig, staged: bool) -> N
     assert slots(arm) == [0, 0, 0, 0]
 
 
-def test_commands_out_of_order(arm: Rig) -> None:
+def test_commands_out_of_order(arm):
     assert order(arm, STAGE) == 0x08000022
     assert order(arm, COMMIT) == 0x08000022
     assert order(arm, ROLL_BACK) == 0x08000022
@@ -185,7 +181,7 @@ def test_commands_out_of_order(arm: Rig) -> None:
     assert b"nothing is staged" in arm.peer.read(16, 0x2004)
 
 
-def test_a_new_document_takes_the_place_of_a_staged_one(arm: Rig) -> None:
+def test_a_new_document_takes_the_place_of_a_staged_one(arm):
     arm.peer.write(16, 0x2000, 0, document())
     assert order(arm, STAGE) is None
     arm.peer.write(16, 0x2000, 0, document(OTHER))
@@ -193,11 +189,11 @@ def test_a_new_document_takes_the_place_of_a_staged_one(arm: Rig) -> None:
     assert order(arm, COMMIT) == 0x08000022
 
 
-def test_a_controller_without_a_schema_refuses_every_document() -> None:
+def test_a_controller_without_a_schema_refuses_every_document():
     assert b"without a parameter schema" in refused_by(refuse_documents)
 
 
-def test_restarting_brings_the_committed_offsets_back(tmp_path: Path) -> None:
+def test_restarting_brings_the_committed_offsets_back(tmp_path):
     for first in (True, False):
         with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
             if first:
@@ -213,7 +209,7 @@ def test_restarting_brings_the_committed_offsets_back(tmp_path: Path) -> None:
         assert slots(arm) == [1, 1, 0, 0]
 
 
-def test_another_arms_controller_does_not_use_the_document(tmp_path: Path) -> None:
+def test_another_arms_controller_does_not_use_the_document(tmp_path):
     with rig(store=ParameterStore(FolderDisk(tmp_path))) as arm:
         arm.peer.take_control()
         upload(arm, document())
@@ -238,7 +234,7 @@ def break_the_schema() -> None:
         assert slots(arm)[0] == 0
 
 
-def test_a_mistake_in_the_schema_is_answered_and_not_kept_quiet() -> None:
+def test_a_mistake_in_the_schema_is_answered_and_not_kept_quiet():
     with pytest.raises(KeyError, match="mistake"):
         break_the_schema()
 
@@ -248,7 +244,7 @@ class FullDisk(MemoryDisk):
         raise OSError(28, "No space left on device")
 
 
-def test_a_full_disk_is_said_and_changes_nothing() -> None:
+def test_a_full_disk_is_said_and_changes_nothing():
     with rig(store=ParameterStore(FullDisk())) as arm:
         arm.peer.take_control()
         arm.peer.write(16, 0x2000, 0, document())
@@ -259,7 +255,7 @@ def test_a_full_disk_is_said_and_changes_nothing() -> None:
         assert offsets(arm) == (0,) * 7
 
 
-def test_the_arm_goes_on_while_a_document_is_checked_and_no_second_command_is_taken() -> None:
+def test_the_arm_goes_on_while_a_document_is_checked_and_no_second_command_is_taken():
     checking, go_on = threading.Event(), threading.Event()
 
     def slow(data: bytes) -> ValidatedParameters:

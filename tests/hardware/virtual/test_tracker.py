@@ -24,7 +24,7 @@ INSTRUMENT = load_fixture("tracker").fixture
 assert isinstance(INSTRUMENT, Measured)
 
 
-def test_it_is_the_arm_of_the_hinge_taken_out_of_it() -> None:
+def test_it_is_the_arm_of_the_hinge_taken_out_of_it():
     chosen = scenario_of("datasheet", 3, stated("tracker"))
     truth, held = chosen.true_loop(), scenario("datasheet", 3).true_loop()
     assert isinstance(truth, OpenTruth)
@@ -39,7 +39,7 @@ def test_it_is_the_arm_of_the_hinge_taken_out_of_it() -> None:
     assert np.abs(open_errors - paper_loop().table.s_m[2:7]).min() > 5e-4
 
 
-def test_another_arm_is_drawn_with_its_instrument() -> None:
+def test_another_arm_is_drawn_with_its_instrument():
     rows = replace(ARM.table, s_m=ARM.table.s_m * 1.2)
     arm = replace(ARM, table=rows)
     one, same, other = (
@@ -50,7 +50,7 @@ def test_another_arm_is_drawn_with_its_instrument() -> None:
     assert np.allclose(one.table.s_m[2:7], rows.s_m[1:6])
 
 
-def test_the_tracker_sees_the_target_where_the_matrices_have_it() -> None:
+def test_the_tracker_sees_the_target_where_the_matrices_have_it():
     chosen = scenario_of("exact", 1, stated("tracker"))
     plant, truth = chosen.build(ARM), chosen.true_loop()
     tracker = chosen.tracker(plant, INSTRUMENT)
@@ -69,7 +69,7 @@ def test_the_tracker_sees_the_target_where_the_matrices_have_it() -> None:
         assert "measure" in json.loads(tracker.answer(odd))["error"]
 
 
-def test_its_noise_is_what_the_fixture_file_states() -> None:
+def test_its_noise_is_what_the_fixture_file_states():
     chosen = scenario_of("datasheet", 1, stated("tracker"))
     tracker = chosen.tracker(chosen.build(ARM), INSTRUMENT)
     assert tracker is not None
@@ -82,7 +82,7 @@ def test_its_noise_is_what_the_fixture_file_states() -> None:
     assert turn == pytest.approx(INSTRUMENT.sigma_rad, rel=0.2)
 
 
-def test_nothing_holds_the_hand_so_what_is_not_driven_sags() -> None:
+def test_nothing_holds_the_hand_so_what_is_not_driven_sags():
     plant = scenario_of("exact", 1, stated("tracker")).build(ARM)
     start = plant.true_angles_rad[1:]
     held = [

@@ -2,11 +2,10 @@
 
 import pytest
 
-from operator_app.calibration.result import Solution
 from tests.oracles.as_shipped import SEED, solved
 from tests.oracles.shop_floor import session
 
 
 @pytest.fixture(scope="session")
-def sound() -> Solution:
+def sound():
     return solved(session(SEED))

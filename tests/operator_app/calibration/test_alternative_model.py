@@ -20,12 +20,12 @@ POSES = 40
 
 
 @pytest.fixture(scope="module")
-def angle() -> np.ndarray:
+def angle():
     return np.random.default_rng(3).uniform(2.0, 3.5, POSES)
 
 
 @pytest.mark.parametrize(("first", "size"), [(3, 0.02), (20, -0.5), (POSES - 3, 0.02)])
-def test_a_shift_is_found_beside_offset_and_bow(angle: np.ndarray, first: int, size: float) -> None:
+def test_a_shift_is_found_beside_offset_and_bow(angle, first, size):
     reading = angle - 3.1 + 0.01 * np.cos(2.0 * angle)
     reading[first:] += size
     found = shift_of(reading, angle)
@@ -34,7 +34,7 @@ def test_a_shift_is_found_beside_offset_and_bow(angle: np.ndarray, first: int, s
     assert found.size_rad == pytest.approx(size, abs=2e-3)
 
 
-def test_angles_are_turns_of_a_circle(angle: np.ndarray) -> None:
+def test_angles_are_turns_of_a_circle(angle):
     reading = angle + np.pi - 1e-3
     reading[25:] += 0.1
     found = shift_of(reading - 2.0 * np.pi * (np.arange(POSES) % 2), angle)
@@ -43,14 +43,14 @@ def test_angles_are_turns_of_a_circle(angle: np.ndarray) -> None:
     assert found.size_rad == pytest.approx(0.1)
 
 
-def test_a_bent_sensor_noise_and_a_handful_of_poses_are_no_shift(angle: np.ndarray) -> None:
+def test_a_bent_sensor_noise_and_a_handful_of_poses_are_no_shift(angle):
     assert shift_of(angle + 0.05 * np.sin(3.0 * angle), angle) is None
     noise = np.random.default_rng(4).normal(size=POSES)
     assert shift_of(angle + 0.1 * noise, angle) is None
     assert shift_of(angle[:8], angle[:8]) is None
 
 
-def test_a_large_shift_of_an_analogue_sensor_is_named_as_one() -> None:
+def test_a_large_shift_of_an_analogue_sensor_is_named_as_one():
     """50 LSB are 1.5 deg: the fit goes astray, and the reading seems to have nothing to do with the joint."""
     case = CASES["joint slips 50 counts"](3015)
     assert case.causes == ("STEP_JOINT_7",)

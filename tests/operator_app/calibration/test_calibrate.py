@@ -1,7 +1,6 @@
 """A judged calibration: what it names, what it warns of, what it refuses."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +20,7 @@ from tests.oracles.as_shipped import ARM, HINGE
 
 
 @pytest.fixture
-def poses(reference_data: Path) -> PoseSet:
+def poses(reference_data):
     return load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
 
 
@@ -29,7 +28,7 @@ def codes(solution: object) -> list[str]:
     return [n.code for n in solution.warnings]  # type: ignore[attr-defined]
 
 
-def test_a_disturbed_pose_is_named_and_still_counts(poses: PoseSet) -> None:
+def test_a_disturbed_pose_is_named_and_still_counts(poses):
     assert calibrate(ARM, HINGE, poses).outliers == ()
     q = np.array(poses.q_rad)
     q[16, 2] += np.deg2rad(0.2)
@@ -40,7 +39,7 @@ def test_a_disturbed_pose_is_named_and_still_counts(poses: PoseSet) -> None:
 
 
 @pytest.mark.campaign
-def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses: PoseSet) -> None:
+def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses):
     clean = calibrate(ARM, HINGE, poses, estimator="paper")
     upside_down = clean.estimate.x.copy()
     names = [p.name for p in clean.estimate.parameters]
@@ -63,9 +62,7 @@ def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses: Pos
 
 
 @pytest.mark.parametrize(("degrees", "verdict"), [(5.0, "warned"), (0.5, "refused")])
-def test_near_parallel_axes_warn_and_then_refuse(
-    poses: PoseSet, degrees: float, verdict: str
-) -> None:
+def test_near_parallel_axes_warn_and_then_refuse(poses, degrees, verdict):
     tilted = replace(HINGE, alpha_n_rad=np.deg2rad(degrees))
     checks = tilted.setup_checks(ARM, ARM.home_rad)
     (check,) = (c for c in checks if c.code == "AXIS_ANGLE_7")
@@ -97,7 +94,7 @@ def stated_exact() -> tuple[ArmModel, Hinge]:
     return replace(ARM, joints=joints, tolerances=()), replace(HINGE, compliance=Compliance())
 
 
-def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses: PoseSet) -> None:
+def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses):
     exact = calibrate(*stated_exact(), poses)
     found = calibrate(ARM, HINGE, poses)
     assert exact.tolerated == ()
@@ -115,7 +112,7 @@ def test_what_the_files_state_is_corrected_and_in_the_sigmas(poses: PoseSet) -> 
     assert np.all(repeatability[:14] < sd)
 
 
-def test_a_length_tolerance_replaces_that_of_the_file(poses: PoseSet) -> None:
+def test_a_length_tolerance_replaces_that_of_the_file(poses):
     exact_arm, exact_hinge = stated_exact()
     tolerant = calibrate(exact_arm, exact_hinge, poses, length_tolerance_m=1.5e-3)
     assert set(tolerant.tolerated) == LENGTHS
@@ -127,7 +124,7 @@ def test_a_length_tolerance_replaces_that_of_the_file(poses: PoseSet) -> None:
         assert error < 4.0 * tolerant.estimate.standard_deviation[k] < 8e-3
 
 
-def test_readings_pasted_again_know_nothing_more(poses: PoseSet) -> None:
+def test_readings_pasted_again_know_nothing_more(poses):
     m = len(poses)
     pasted = PoseSet(
         placement=np.tile(poses.placement, 4),
@@ -142,7 +139,7 @@ def test_readings_pasted_again_know_nothing_more(poses: PoseSet) -> None:
     )
 
 
-def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(poses: PoseSet) -> None:
+def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(poses):
     narrow = replace(
         ARM,
         joints=tuple(
@@ -159,7 +156,7 @@ def test_readings_outside_the_ranges_are_named_with_joint_pose_and_unit(poses: P
         calibrate(ARM, HINGE, replace(poses, q_rad=np.deg2rad(poses.q_rad)), search=True)
 
 
-def test_of_many_poses_that_do_not_fit_five_are_named_and_the_rest_counted() -> None:
+def test_of_many_poses_that_do_not_fit_five_are_named_and_the_rest_counted():
     """A log of thousands of rows was a list of numbers over hundreds of lines; JSON has them all."""
     (notice,) = outliers_still_used(tuple(str(k) for k in range(1, 513)))
     assert "poses 1, 2, 3, 4, 5 and 507 more" in notice.text

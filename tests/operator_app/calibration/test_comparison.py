@@ -9,7 +9,6 @@ import pytest
 from operator_app.calibration.comparison import IncomparableError, Side, compare
 from operator_app.config.parameter_records import CalibratedEntry, DocumentWarning, WhichFixture
 from operator_app.report.results.comparison import comparison_json, comparison_text
-from tests.oracles.approved import Approve
 from tests.oracles.parameter_documents import VALUES, make_document
 
 ARM_SIDE = {f"theta_off_{j}" for j in range(2, 7)}
@@ -17,7 +16,7 @@ GROUND_SIDE = {"theta_off_1", "a_0", "s_0", "alpha_0", "s_1"}
 HAND_SIDE = {"theta_off_7", "a_7", "s_7", "alpha_7"}
 
 
-def test_a_calibration_has_not_drifted_from_itself() -> None:
+def test_a_calibration_has_not_drifted_from_itself():
     found = compare(make_document(), make_document())
     assert len(found.drifts) == 14
     assert found.drifted == ()
@@ -26,7 +25,7 @@ def test_a_calibration_has_not_drifted_from_itself() -> None:
     assert comparison_text(found).startswith("SAME POSES: nothing follows for the arm.")
 
 
-def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm() -> None:
+def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm():
     other = replace(make_document({"theta_off_3": 0.02, "s_7": -0.0004}), estimator="paper")
     found = compare(make_document(), other)
     assert found.drifted == ()
@@ -45,7 +44,7 @@ def test_two_estimates_from_the_same_poses_say_nothing_of_the_arm() -> None:
     assert compare(make_document(), replace(other, pose_set_sha256="b" * 64)).drifted
 
 
-def test_a_planted_drift_is_found_and_nothing_else() -> None:
+def test_a_planted_drift_is_found_and_nothing_else():
     later = make_document({"theta_off_3": 0.02, "s_7": -0.0004}, poses="b")
     found = compare(make_document(), later)
     assert {d.name for d in found.drifted} == {"theta_off_3", "s_7"}
@@ -58,7 +57,7 @@ def test_a_planted_drift_is_found_and_nothing_else() -> None:
     assert found.drifted[0].name == "s_7"
 
 
-def test_the_threshold_is_corrected_for_how_many_are_compared() -> None:
+def test_the_threshold_is_corrected_for_how_many_are_compared():
     from scipy.stats import norm
 
     found = compare(make_document(), make_document(), level=0.05)
@@ -69,7 +68,7 @@ def test_the_threshold_is_corrected_for_how_many_are_compared() -> None:
         assert len(compare(make_document(), later, level=0.05).drifted) == drifts
 
 
-def test_false_alarms_come_as_often_as_stated() -> None:
+def test_false_alarms_come_as_often_as_stated():
     random = np.random.default_rng(5)
     names = sorted(ARM_SIDE | GROUND_SIDE | HAND_SIDE)
     alarms = 0
@@ -105,7 +104,7 @@ def equal_descriptions(values: dict[str, float]) -> list[dict[str, float]]:
 
 
 @pytest.mark.parametrize("description", range(8))
-def test_the_same_loop_written_otherwise_has_not_drifted(description: int) -> None:
+def test_the_same_loop_written_otherwise_has_not_drifted(description):
     values = equal_descriptions(dict(VALUES))[description]
     written = make_document(values=values, poses="b")
     found = compare(make_document(), written)
@@ -116,7 +115,7 @@ def test_the_same_loop_written_otherwise_has_not_drifted(description: int) -> No
 
 
 @pytest.mark.parametrize("description", range(8))
-def test_descriptions_of_an_unsensed_wrist_are_aligned_too(description: int) -> None:
+def test_descriptions_of_an_unsensed_wrist_are_aligned_too(description):
     values = equal_descriptions(dict(VALUES))[description]
     wrist = ("theta_off_6", "theta_off_7")
     # The offset of an unsensed joint stays at its nominal value, whatever the description.
@@ -127,7 +126,7 @@ def test_descriptions_of_an_unsensed_wrist_are_aligned_too(description: int) -> 
     assert found.drifted == ()
 
 
-def test_angles_go_the_short_way_round() -> None:
+def test_angles_go_the_short_way_round():
     one = make_document(values={"theta_off_2": 179.995})
     other = make_document(values={"theta_off_2": -179.995}, poses="b")
     (drift,) = compare(one, other).drifted
@@ -136,13 +135,13 @@ def test_angles_go_the_short_way_round() -> None:
     assert math.degrees(back.change) == pytest.approx(-0.01)
 
 
-def test_whose_parameters_they_are() -> None:
+def test_whose_parameters_they_are():
     found = compare(make_document(), make_document())
     sides = {side: {d.name for d in found.drifts if d.side is side} for side in Side}
     assert sides == {Side.ARM: ARM_SIDE, Side.GROUND: GROUND_SIDE, Side.HAND: HAND_SIDE}
 
 
-def test_a_fixture_mounted_anew_moves_its_own_parameters_only() -> None:
+def test_a_fixture_mounted_anew_moves_its_own_parameters_only():
     later = make_document({"a_0": 0.05, "theta_off_7": 12.0, "theta_off_1": -4.0}, poses="b")
     found = compare(make_document(), later)
     assert len(found.drifted) == 3
@@ -153,7 +152,7 @@ def test_a_fixture_mounted_anew_moves_its_own_parameters_only() -> None:
     assert {name for name, _ in again.left_out} == GROUND_SIDE | HAND_SIDE
 
 
-def test_another_fixture_leaves_the_arms_own() -> None:
+def test_another_fixture_leaves_the_arms_own():
     later = replace(
         make_document({"theta_off_4": 1.0}, poses="b"),
         fixture=WhichFixture(name="hinge_b", kind="hinge"),
@@ -165,7 +164,7 @@ def test_another_fixture_leaves_the_arms_own() -> None:
     assert {why for _, why in found.left_out} == {"another fixture"}
 
 
-def test_residuals_larger_than_the_noise_widen_the_sigmas() -> None:
+def test_residuals_larger_than_the_noise_widen_the_sigmas():
     loud = make_document({"theta_off_3": 0.02}, poses="b", chi2_per_dof=100.0)
     found = compare(make_document(), loud)
     assert found.drifted == ()
@@ -177,7 +176,7 @@ def test_residuals_larger_than_the_noise_widen_the_sigmas() -> None:
     assert compare(make_document(), quiet).scale_after == 1.0
 
 
-def test_differences_are_said() -> None:
+def test_differences_are_said():
     later = make_document(without=("theta_off_6",), nominal={"s_3": 0.356}, poses="b")
     later = replace(later, estimator="paper", utc=later.utc.replace(year=2020))
     found = compare(make_document(), later)
@@ -190,7 +189,7 @@ def test_differences_are_said() -> None:
     assert all(len(line) <= 80 for line in text.splitlines())
 
 
-def test_the_arm_is_not_blamed_for_what_was_made_otherwise() -> None:
+def test_the_arm_is_not_blamed_for_what_was_made_otherwise():
     moved = {"theta_off_3": 1.0}
     indistinguishable_placements = make_document(moved, poses="b")
     assert "The arm itself changed." in comparison_text(
@@ -206,7 +205,7 @@ def test_the_arm_is_not_blamed_for_what_was_made_otherwise() -> None:
         assert "A and B were made in different ways (see below)" in said
 
 
-def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:
+def test_a_calibration_that_was_not_accepted_is_said_to_be_one():
     later = make_document(poses="b")
     text = "not accepted (too few); exported because: a demo"
     later = replace(later, warnings=(DocumentWarning(code="FORCED", text=text),))
@@ -215,7 +214,7 @@ def test_a_calibration_that_was_not_accepted_is_said_to_be_one() -> None:
 
 
 @pytest.mark.parametrize("changes", [{"serial": "SDA-0002"}, {"model": "franka_panda"}])
-def test_other_arms_are_not_compared(changes: dict[str, str], approve: Approve) -> None:
+def test_other_arms_are_not_compared(changes, approve):
     document = make_document()
     other = replace(document, arm=replace(document.arm, **changes))
     with pytest.raises(IncomparableError) as refused:
@@ -223,7 +222,7 @@ def test_other_arms_are_not_compared(changes: dict[str, str], approve: Approve) 
     approve(str(refused.value))
 
 
-def test_nothing_in_common_is_not_compared() -> None:
+def test_nothing_in_common_is_not_compared():
     names = ARM_SIDE | GROUND_SIDE | HAND_SIDE
     one = make_document(without=tuple(names - {"theta_off_2"}))
     other = make_document(without=tuple(names - {"theta_off_3"}))
@@ -231,13 +230,13 @@ def test_nothing_in_common_is_not_compared() -> None:
         compare(one, other)
 
 
-def test_a_level_is_a_probability() -> None:
+def test_a_level_is_a_probability():
     for level in (0.0, 1.0, math.nan):
         with pytest.raises(ValueError, match="between 0 and 1"):
             compare(make_document(), make_document(), level=level)
 
 
-def test_without_any_sigma_a_real_change_counts_and_rounding_does_not() -> None:
+def test_without_any_sigma_a_real_change_counts_and_rounding_does_not():
     one = make_document(sigma=0.0)
     other = make_document({"theta_off_3": 0.001, "theta_off_4": 1e-13}, sigma=0.0, poses="b")
     found = compare(one, other)
@@ -246,7 +245,7 @@ def test_without_any_sigma_a_real_change_counts_and_rounding_does_not() -> None:
     assert "no sigma" in comparison_text(found)
 
 
-def test_what_is_only_known_within_a_tolerance_does_not_raise_the_threshold() -> None:
+def test_what_is_only_known_within_a_tolerance_does_not_raise_the_threshold():
     from scipy.stats import norm
 
     def with_lengths(document, changes):

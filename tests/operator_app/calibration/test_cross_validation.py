@@ -12,7 +12,7 @@ from tests.oracles.as_shipped import ARM, HINGE
 EXACT = Path(__file__).parents[2] / "data" / "hinge" / "hinge_exact.csv"
 
 
-def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found() -> None:
+def test_parts_are_fitted_with_the_sign_of_gravity_that_the_whole_found():
     """The arm's file states sag that these readings have not: expected in a part, it would be the error."""
     poses = load_poses(str(EXACT), joint_count=7).poses
     found = check(calibrate(ARM, HINGE, poses), ARM, HINGE, poses)

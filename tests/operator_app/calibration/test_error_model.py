@@ -15,7 +15,7 @@ from tests.oracles.shop_floor import session
 
 
 @pytest.fixture(scope="module")
-def poses() -> PoseSet:
+def poses():
     return poses_of(session(1))
 
 

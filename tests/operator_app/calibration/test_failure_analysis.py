@@ -54,7 +54,7 @@ def moved(
         ("hinge", {1: 25.0, 5: 0.0}),
     ],
 )
-def test_a_drive_that_stood_is_not_said_to_have_turned(kind: str, drives: dict[int, float]) -> None:
+def test_a_drive_that_stood_is_not_said_to_have_turned(kind, drives):
     """Whatever the placement is nominally off by: here 25 mm, as a tape measure leaves it."""
     arm, fixture = set_up(kind)
     before, after = moved(arm, fixture, drives)
@@ -83,9 +83,7 @@ def test_a_drive_that_stood_is_not_said_to_have_turned(kind: str, drives: dict[i
         ("ball", {1: 20.0, 5: -20.0, 6: 25.0, 7: 0.0}, 4),
     ],
 )
-def test_a_joint_that_turned_unread_is_told_with_its_angle(
-    kind: str, drives: dict[int, float], stuck: int
-) -> None:
+def test_a_joint_that_turned_unread_is_told_with_its_angle(kind, drives, stuck):
     arm, fixture = set_up(kind)
     before, after = moved(arm, fixture, drives)
     true = after[stuck - 1] - before[stuck - 1]
@@ -101,7 +99,7 @@ def test_a_joint_that_turned_unread_is_told_with_its_angle(
     assert found[1] == pytest.approx(true, rel=0.3), np.rad2deg((found[1], true))
 
 
-def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck() -> None:
+def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck():
     """Readings of a virtual Panda in a ball: joints 1, 5 and 7 were held while joint 6 went by 12 deg."""
     arm = load_arm("franka_panda")
     ball = Ball(tip_m=(0.06, -0.03, 0.08), ground_m=(0.37053, -0.02121, 0.51028))
@@ -113,7 +111,7 @@ def test_a_drive_between_two_explored_poses_of_a_ball_is_not_stuck() -> None:
     assert found is None or abs(found[1]) < np.deg2rad(2.0), found
 
 
-def test_what_to_do_about_a_stuck_sensor_is_not_more_poses() -> None:
+def test_what_to_do_about_a_stuck_sensor_is_not_more_poses():
     said = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
     assert "Repair that sensor" in said.remedy
     assert "differ" in words(UnidentifiableError(())).remedy

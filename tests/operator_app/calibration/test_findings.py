@@ -32,7 +32,7 @@ def test_a_spread_as_of_its_sensor_is_nothing():
 @pytest.mark.parametrize(
     ("rows", "code"), [(slice(7, 8), "RANGE_RADIANS"), (slice(20, 40), "RADIANS_POSES")]
 )
-def test_rows_in_radians_are_named_as_such(rows: slice, code: str) -> None:
+def test_rows_in_radians_are_named_as_such(rows, code):
     found = session(21)
     read = found.readings.copy()
     read[rows] = np.deg2rad(read[rows])
@@ -41,7 +41,7 @@ def test_rows_in_radians_are_named_as_such(rows: slice, code: str) -> None:
     assert not {"FLIPPED_BRANCH", "RANGE"} & set(said.warnings)
 
 
-def test_each_pose_that_was_left_out_says_why() -> None:
+def test_each_pose_that_was_left_out_says_why():
     poses = poses_of(session(21))
     q = np.array(poses.q_rad)
     q[3, 1:4] -= 3.0

@@ -31,7 +31,7 @@ def experiment(poses: PoseSet) -> Experiment:
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0])
-def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times: float) -> None:
+def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times):
     taken = session(3, Sizes.everything(times=times), poses=13)
     found = innovation(experiment(poses(taken, 0, 12)), poses(taken, 12, 13))
     assert found is not None
@@ -41,7 +41,7 @@ def test_a_sound_reading_is_as_far_off_as_the_poses_are_from_each_other(times: f
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [5, 6, 7])
-def test_a_shift_of_two_degrees_is_named_with_its_size(joint: int) -> None:
+def test_a_shift_of_two_degrees_is_named_with_its_size(joint):
     taken = session(3, poses=13)
     reading = poses(taken, 12, 13)
     before = poses(taken, 0, 12)
@@ -61,6 +61,6 @@ def test_a_shift_of_two_degrees_is_named_with_its_size(joint: int) -> None:
     assert np.rad2deg(found.shifts[joint].size_rad) == pytest.approx(-2.0, abs=0.3)
 
 
-def test_two_poses_say_nothing() -> None:
+def test_two_poses_say_nothing():
     taken = session(3, poses=3)
     assert innovation(experiment(poses(taken, 0, 2)), poses(taken, 2, 3)) is None

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.prediction import FIXTURE, MadeFrom
-from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import (
     VerificationResult,
     fixed_calibration,
@@ -16,9 +15,7 @@ from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
 
 
-def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(
-    sound: Solution,
-) -> None:
+def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(sound):
     fixed = fixed_calibration(sound)
     assert verify_poses(ARM, HINGE, poses_of(session(SEED, walk=1, poses=12)), fixed).holds
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
@@ -31,7 +28,7 @@ def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_f
 
 
 @pytest.fixture(scope="module")
-def retaken(sound: Solution) -> tuple[MadeFrom, Session]:
+def retaken(sound):
     """A sound calibration with its poses, and poses of the same arm taken later."""
     poses = poses_of(session(SEED))
     return MadeFrom(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
@@ -43,9 +40,7 @@ def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> Verifica
     return verify_poses(ARM, HINGE, poses, fixed_calibration(made.solution), made=made)
 
 
-def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(
-    retaken: tuple[MadeFrom, Session],
-) -> None:
+def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_poses(retaken):
     found = _judged(retaken, retaken[1].readings)
     assert found.holds
     assert (found.shift, found.odd_poses) == (None, ())
@@ -53,8 +48,8 @@ def test_what_a_calibration_has_seen_of_sensors_and_sag_is_no_trouble_in_later_p
 
 @pytest.mark.parametrize(("joint", "deg"), [(2, 0.2), (4, -0.1), (6, 0.5), (7, 0.5)])
 def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
-    retaken: tuple[MadeFrom, Session], joint: int, deg: float
-) -> None:
+    retaken, joint, deg
+):
     """Though an RVDT may bend by 2.4 deg: how it bends is known from the calibration."""
     readings = retaken[1].readings.copy()
     readings[:, joint - 1] += np.deg2rad(deg)
@@ -69,9 +64,7 @@ def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
     assert found.odd_poses == ()
 
 
-def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(
-    retaken: tuple[MadeFrom, Session],
-) -> None:
+def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(retaken):
     readings = retaken[1].readings.copy()
     readings[4, 1] += np.deg2rad(0.3)
     found = _judged(retaken, readings)
@@ -79,7 +72,7 @@ def test_one_pose_that_is_off_makes_a_calibration_not_hold_and_is_named_alone(
     assert (found.shift, found.odd_poses) == (None, (4,))
 
 
-def test_a_fixture_that_stands_elsewhere_is_named_as_such(sound: Solution) -> None:
+def test_a_fixture_that_stands_elsewhere_is_named_as_such(sound):
     specimen = Specimen.drawn(SEED, session(SEED).specimen.sizes)
     slip = np.array([0.0, 0.0, 0.0, 2e-3, 1e-3, 1e-3])
     moved = taken(specimen, *closed_walk(specimen, 20, walk=1, slipped=(0, slip, np.zeros(6))))

@@ -13,7 +13,6 @@ from operator_app.calibration.error_model import error_model, free_within_tolera
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
-from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
@@ -33,7 +32,7 @@ NOWHERE = np.full(len(NOMINAL), np.nan)
 
 
 @pytest.fixture(scope="module")
-def readings() -> np.ndarray:
+def readings():
     """More poses than tell which start is best, of an arm of which nothing but its encoders' noise is stated."""
     taken = session(1).readings
     times = 2 * SCREENING_POSES // len(taken) + 1
@@ -44,7 +43,7 @@ def readings() -> np.ndarray:
 @pytest.mark.parametrize(
     "starts", [(NOMINAL, NOWHERE), (NOWHERE, NOMINAL)], ids=["first", "second"]
 )
-def test_the_start_that_leads_somewhere_counts(readings, starts) -> None:
+def test_the_start_that_leads_somewhere_counts(readings, starts):
     """Where the second led nowhere the answer was that these poses do not fit this arm at all."""
     errors = ErrorModel(joint_variance=np.full(readings.shape, np.deg2rad(0.02) ** 2))
     group = np.ones(len(readings), dtype=np.int64)
@@ -64,16 +63,14 @@ def hysteresis(found: Session, joint: int, deg: float) -> Session:
 
 
 @pytest.fixture(scope="module")
-def diverged_solution() -> Solution:
+def diverged_solution():
     return solved(hysteresis(session(7), 6, 4.0))
 
 
 @pytest.mark.parametrize(
     "advice", ["Use implicit", "remount the hinge", "poses that differ more", "To halve it"]
 )
-def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
-    diverged_solution: Solution, advice: str
-) -> None:
+def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(diverged_solution, advice):
     assert diverged_solution.adjudication.diverged
     assert diverged_solution.causes[0].code == "RVDT_6"
     assert diverged_solution.causes[0].blocking
@@ -83,13 +80,13 @@ def test_no_advice_is_drawn_from_a_solution_that_was_led_astray(
     assert facts_of(diverged_solution).json["halved"] == {}
 
 
-def test_a_sound_solution_is_not_astray() -> None:
+def test_a_sound_solution_is_not_astray():
     found = solved(session(7))
     assert not found.adjudication.diverged
     assert "Use implicit" in facts_text(facts_of(found))
 
 
-def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -> None:
+def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart():
     """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
     poses = poses_of(hysteresis(session(41), 6, 4.0))
     blind = UnidentifiableError(
@@ -102,7 +99,7 @@ def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart() -
     assert "the reading of joint 6 does not follow" in str(why)
 
 
-def test_poses_that_tell_little_are_said_to_once() -> None:
+def test_poses_that_tell_little_are_said_to_once():
     found = solved(CASES["motion 5 deg"](3).taken)
     assert Counter(cause.code for cause in found.causes)["LITTLE_MOTION"] == 1
 
@@ -117,8 +114,8 @@ def test_poses_that_tell_little_are_said_to_once() -> None:
     ids=["as stated", "a bent RVDT"],
 )
 def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_poses(
-    name: str, found: Session, remedy: str
-) -> None:
+    name, found, remedy
+):
     """Of a parameter, were it one that its file states better than any pose can tell."""
     poses = poses_of(found)
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
@@ -131,7 +128,7 @@ def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_p
 
 
 @pytest.mark.parametrize("sockets", [(1,), (1, 2)])
-def test_a_socket_that_stands_elsewhere_is_a_note(sockets: tuple[int, ...]) -> None:
+def test_a_socket_that_stands_elsewhere_is_a_note(sockets):
     """Real poses of a Panda; the packaged ball's socket is a metre from where theirs is."""
     elsewhere = replace(BALL, ground_m=(0.9, 0.0, 0.1))
     solution = calibrate(PANDA, elsewhere, panda_poses(*sockets))

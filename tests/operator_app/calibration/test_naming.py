@@ -8,7 +8,6 @@ import pytest
 from operator_app.calibration.acceptance import causes_of, each_once
 from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.result import Solution
 from operator_app.messages.finding import Finding, FindingKind
 from solver.diagnostics.diagnosis import CauseRanking, Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
@@ -20,7 +19,7 @@ from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Session, session
 
 
-def test_what_is_named_again_is_said_once_and_goes_on_refusing() -> None:
+def test_what_is_named_again_is_said_once_and_goes_on_refusing():
     first = Finding(kind=FindingKind.ENCODER_CYCLIC_ERROR, joint=1, sensor="ENCODER", size=0.064)
     other = Finding(kind=FindingKind.OUTLIERS, poses=("3",))
     again = replace(first, size=0.058, blocking=True)
@@ -37,7 +36,7 @@ def tried(found: Session) -> tuple[Diagnosis, Estimate]:
     return diagnose(made.linear, ARM, taken=made.order), made.estimate
 
 
-def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not() -> None:
+def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_not():
     trial, estimate = tried(session(SEED))
     labels = tuple(str(k) for k in range(40))
     by_chance = replace(trial, tests=(HypothesisTest(code="STEP", statistic=9.0, threshold=8.0),))
@@ -49,7 +48,7 @@ def test_what_has_no_name_is_not_said_to_scatter_more_than_stated_where_it_does_
     assert causes_of(trial, estimate, ("theta_off_2",), labels) == ()
 
 
-def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Solution) -> None:
+def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound):
     """Five that move nothing compete in the first round; what is found in the second one moves joint 6 far."""
     trial = tried(session(SEED))[0]
     some = [c for c in trial.scene.persistent_faults() if c.cause in (Cause.DRIFT, Cause.SCALE)]
@@ -102,8 +101,8 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound: Soluti
     ],
 )
 def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
-    sound: Solution, kind: Cause, subject: str, may: str, does: str, denied: str
-) -> None:
+    sound, kind, subject, may, does, denied
+):
     trial = tried(session(SEED))[0]
     chosen = next(
         c

@@ -21,7 +21,7 @@ CODE = "SAME_PLACEMENT"
 
 
 @pytest.fixture(scope="module")
-def two_sockets() -> Solution:
+def two_sockets():
     """A real arm: its ball in two sockets, but every third pose in the first is said to be of another."""
     poses = panda_poses(1, 2)
     said = np.where(poses.placement == 1, np.arange(len(poses.label)) % 3 + 1, 4)
@@ -52,9 +52,7 @@ def codes(solution: Solution) -> list[str]:
     return [n.code for n in solution.warnings if n.code == CODE]
 
 
-def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(
-    two_sockets: Solution,
-) -> None:
+def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(two_sockets):
     (said,) = [n for n in two_sockets.warnings if n.code == CODE]
     assert said.joints == (1, 2, 3)
     assert two_sockets.accepted
@@ -69,14 +67,14 @@ def test_a_socket_that_is_said_to_be_three_is_noticed_and_refused_for_nothing(
     ("turned_deg", "shifted_m", "warned"), [(0.0, 0.0, True), (0.5, 1e-3, False)]
 )
 def test_a_hinge_is_mounted_anew_from_a_millimetre_on(
-    tmp_path: Path, seed: int, turned_deg: float, shifted_m: float, warned: bool
-) -> None:
+    tmp_path, seed, turned_deg, shifted_m, warned
+):
     found = mounted(seed, turned_deg=turned_deg, shifted_m=shifted_m, folder=tmp_path)
     assert codes(found) == [CODE] * warned
     assert found.accepted
 
 
-def test_without_uncertainty_the_smallest_difference_is_one(two_sockets: Solution) -> None:
+def test_without_uncertainty_the_smallest_difference_is_one(two_sockets):
     model, estimate = two_sockets.model, two_sockets.estimate
     exact = np.zeros_like(estimate.covariance)
     assert indistinguishable_placements(model, replace(estimate, covariance=exact)) == ()
@@ -87,7 +85,7 @@ def test_without_uncertainty_the_smallest_difference_is_one(two_sockets: Solutio
     assert (found.numbers, found.difference, found.sigmas) == ((1, 2), 0.0, 0.0)
 
 
-def test_one_placement_is_compared_with_none(two_sockets: Solution) -> None:
+def test_one_placement_is_compared_with_none(two_sockets):
     model, _ = two_sockets.model.of(1)
     assert indistinguishable_placements(model, two_sockets.estimate) == ()
 
@@ -100,11 +98,11 @@ def found(*measured: KnownDistance) -> Solution:
 
 
 @pytest.fixture(scope="module")
-def unmeasured() -> Solution:
+def unmeasured():
     return found()
 
 
-def test_the_poses_alone_find_it(unmeasured: Solution) -> None:
+def test_the_poses_alone_find_it(unmeasured):
     (distance,) = unmeasured.distances
     assert distance.between == (3, 4)
     assert distance.measured is None
@@ -112,7 +110,7 @@ def test_the_poses_alone_find_it(unmeasured: Solution) -> None:
     assert 5e-5 < distance.sigma_m < 5e-4
 
 
-def test_a_measured_one_counts_like_one_observation_more(unmeasured: Solution) -> None:
+def test_a_measured_one_counts_like_one_observation_more(unmeasured):
     known = KnownDistance(between=(4, 3), value_m=BLOCK_M, sigma_m=1e-4)
     solution = found(known, KnownDistance(between=(1, 2), value_m=0.9, sigma_m=1e-5))
     (alone,), (distance,) = unmeasured.distances, solution.distances
@@ -128,7 +126,7 @@ def test_a_measured_one_counts_like_one_observation_more(unmeasured: Solution) -
     assert solution.components.budget["distances"].max() > 0.0
 
 
-def test_one_that_the_poses_contradict_is_reported() -> None:
+def test_one_that_the_poses_contradict_is_reported():
     solution = found(KnownDistance(between=(3, 4), value_m=BLOCK_M + 2e-3, sigma_m=1e-4))
     assert "DISTANCE" in {n.code for n in solution.warnings}
     assert solution.distances[0].deviation > 4.0

@@ -4,7 +4,6 @@ import json
 import re
 from dataclasses import replace
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,13 +34,11 @@ def of(*placements: int, arm: ArmModel = PANDA) -> Solution:
 
 
 @pytest.fixture(scope="module")
-def of_pairs() -> tuple[Solution, ...]:
+def of_pairs():
     return tuple(of(*pair) for pair in PAIRS)
 
 
-def test_sockets_that_nobody_measured_are_no_reason_against_it(
-    of_pairs: tuple[Solution, ...],
-) -> None:
+def test_sockets_that_nobody_measured_are_no_reason_against_it(of_pairs):
     """The fixture's file states where one socket is: the block stood up to 0.9 m from there."""
     for solution in of_pairs:
         assert solution.verdict is Verdict.ACCEPTED
@@ -51,9 +48,7 @@ def test_sockets_that_nobody_measured_are_no_reason_against_it(
         assert "SAME_PLACEMENT" not in {n.code for n in solution.warnings}
 
 
-def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(
-    of_pairs: tuple[Solution, ...],
-) -> None:
+def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(of_pairs):
     """Without a word of the operator: the sockets' sigmas then hold that joint 1's zero is not known."""
     assert PANDA.offset_tolerance_rad == pytest.approx(np.deg2rad(1.0))
     for pair, dropped in zip(PAIRS, of_pairs, strict=True):
@@ -84,16 +79,14 @@ def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(
                 assert sigma[name] == pytest.approx(both, rel=0.05)
 
 
-def test_without_such_a_statement_it_is_an_error_that_names_them() -> None:
+def test_without_such_a_statement_it_is_an_error_that_names_them():
     arm = replace(PANDA, offset_tolerance_rad=None)
     with pytest.raises(UnidentifiableError) as error:
         calibrate(arm, BALL, panda_poses(1, 2))
     assert any("theta_off_1" in d.parameters for d in error.value.directions)
 
 
-def test_offsets_of_separate_pairs_agree_within_what_they_claim(
-    of_pairs: tuple[Solution, ...],
-) -> None:
+def test_offsets_of_separate_pairs_agree_within_what_they_claim(of_pairs):
     parameter_shift = []
     for one, two in combinations((s.estimate for s in of_pairs), 2):
         a, b = ([[p.name for p in e.parameters].index(n) for n in SEEN] for e in (one, two))
@@ -103,7 +96,7 @@ def test_offsets_of_separate_pairs_agree_within_what_they_claim(
 
 
 @pytest.mark.campaign
-def test_one_arm_serves_all_six_sockets_when_gravity_bends_it() -> None:
+def test_one_arm_serves_all_six_sockets_when_gravity_bends_it():
     """Joint 4 carries 11 N m in the first two and 2 in the next: rigid, it seemed to slip by 0.17 deg."""
     assert of(*range(1, 7)).verdict is Verdict.ACCEPTED
     stiff = tuple(replace(joint, sag_rad=np.deg2rad(0.01)) for joint in PANDA.joints)
@@ -111,7 +104,7 @@ def test_one_arm_serves_all_six_sockets_when_gravity_bends_it() -> None:
     assert "STEP_JOINT_4" in {c.code for c in rigid.causes}
 
 
-def test_a_cause_names_the_placement_of_a_pose() -> None:
+def test_a_cause_names_the_placement_of_a_pose():
     """A joint that slipped between two placements is said of placements, not of 'pose 1'."""
     chosen = panda_poses(2, 6)
     q = chosen.q_rad.copy()
@@ -124,9 +117,7 @@ def test_a_cause_names_the_placement_of_a_pose() -> None:
 
 
 @pytest.mark.campaign
-def test_a_calibration_is_judged_by_sockets_it_has_never_seen(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_calibration_is_judged_by_sockets_it_has_never_seen(tmp_path, capsys):
     """Arm and ball as calibrated, each socket found from its own poses; another arm's do not hold."""
     whole = FOLDER / "panda_1.csv"
     head, *rows = whole.read_text().splitlines()
@@ -143,9 +134,7 @@ def test_a_calibration_is_judged_by_sockets_it_has_never_seen(
     assert json.loads(capsys.readouterr().out)["test"]["verdict"] == "does not hold"
 
 
-def test_the_papers_estimate_is_judged_by_sockets_it_has_never_seen(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_papers_estimate_is_judged_by_sockets_it_has_never_seen(capsys):
     """Where those stand no estimate has a column for, and where its own stood has a number beside them."""
     whole = str(FOLDER / "panda_1.csv")
     options = ["--arm", "franka_panda", "--fixture", "ball", "--drop-unidentifiable", "--json"]
@@ -156,7 +145,7 @@ def test_the_papers_estimate_is_judged_by_sockets_it_has_never_seen(
     assert (test["verdict"], test["poses"]) == ("does not hold", 152)
 
 
-def test_what_the_papers_estimate_claims_is_what_it_is_judged_by() -> None:
+def test_what_the_papers_estimate_claims_is_what_it_is_judged_by():
     own, new = panda_poses(3), panda_poses(1, 6)
     by_paper = calibrate(PANDA, BALL, own, estimator="paper", drop=True)
 

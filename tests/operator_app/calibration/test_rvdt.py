@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import (
     corrected_poses,
     measured_offsets,
@@ -28,13 +27,13 @@ RVDTS = (6, 7)
 
 
 @pytest.fixture(scope="module")
-def curved() -> Solution:
+def curved():
     """Readings bent by 1 % of full scale, solved as they are."""
     poses = load_poses(CURVED).poses
     return calibrate(ARM, HINGE, poses)
 
 
-def test_corrected_readings_are_the_exact_ones(curved: Solution) -> None:
+def test_corrected_readings_are_the_exact_ones(curved):
     read, exact = load_poses(CURVED).poses, load_poses(EXACT).poses
     tables = reading_tables(curved)
     assert tuple(t.joint for t in tables) == RVDTS
@@ -53,7 +52,7 @@ def test_corrected_readings_are_the_exact_ones(curved: Solution) -> None:
     np.testing.assert_array_equal(better.q_rad[:, others], read.q_rad[:, others])
 
 
-def test_beyond_the_table_its_end_counts_and_is_counted(curved: Solution) -> None:
+def test_beyond_the_table_its_end_counts_and_is_counted(curved):
     (table, _) = reading_tables(curved)
     low, high = table.reading_rad[[0, -1]]
     asked = np.array([low - 0.2, low, high, high + 0.1])
@@ -63,7 +62,7 @@ def test_beyond_the_table_its_end_counts_and_is_counted(curved: Solution) -> Non
     assert table.beyond(asked) == 2
 
 
-def test_unsensed_joints_have_the_offsets_that_the_loop_measured() -> None:
+def test_unsensed_joints_have_the_offsets_that_the_loop_measured():
     poses = load_poses(DATA / "hinge_quantised.csv").poses
     solution = calibrate(ARM, HINGE, poses, unsensed_joints=RVDTS)
     assert not {"theta_off_6", "theta_off_7"} & {p.name for p in solution.estimate.parameters}
@@ -74,9 +73,7 @@ def test_unsensed_joints_have_the_offsets_that_the_loop_measured() -> None:
         assert np.rad2deg(offset) == pytest.approx(VALUES[f"theta_off_{joint}"], abs=0.2)
 
 
-def test_a_table_is_applied_to_readings_from_the_command_line(
-    curved: Solution, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, capsys):
     file = tmp_path / "p.yaml"
     remedies = tuple(
         RvdtRemedy(
@@ -116,9 +113,7 @@ def test_a_table_is_applied_to_readings_from_the_command_line(
     assert "was made from these same poses" in circular["text"]
 
 
-def test_a_file_without_a_table_or_of_another_arm_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_without_a_table_or_of_another_arm_is_refused(tmp_path, capsys):
     file = tmp_path / "p.yaml"
     save_parameters(file, make_document())
     assert main(["solve", str(CURVED), "--rvdt-table", str(file)]) == 2

@@ -17,9 +17,7 @@ from tests.oracles.shop_floor_faults import ball_for_hinge
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (8.0, 32), (4.0, 8), (2.0, 8)])
-def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(
-    lsb: float, samples: int
-) -> None:
+def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(lsb, samples):
     taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
     for verdict in solved(taken).rvdt:
         assert verdict.noise is not None
@@ -30,7 +28,7 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(
 
 
 @pytest.mark.campaign
-def test_single_readings_are_told_by_the_loops() -> None:
+def test_single_readings_are_told_by_the_loops():
     taken = session(7003, Sizes(noise_lsb=8.0), samples=1)
     for verdict in solved(taken).rvdt:
         assert verdict.noise is not None
@@ -38,7 +36,7 @@ def test_single_readings_are_told_by_the_loops() -> None:
         assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
 
 
-def test_means_without_their_spread_say_that_they_cannot_tell() -> None:
+def test_means_without_their_spread_say_that_they_cannot_tell():
     taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
     for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
         assert verdict.noise is not None
@@ -59,7 +57,7 @@ def hand_seen(taken: Session) -> np.ndarray:
 
 
 @pytest.mark.campaign
-def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
+def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve():
     taken = session(7003, Sizes.only())
     at_base = {"base_m": (0.0,) * 3, "base_turn_rad": (0.0,) * 3}
     seen = replace(Measured.example(ARM), full_pose=False, **at_base)
@@ -76,7 +74,7 @@ def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve() -> None:
         assert "mrad" not in verdict.text
 
 
-def test_several_placements_tell_the_noise() -> None:
+def test_several_placements_tell_the_noise():
     poses = poses_of(session(7003, Sizes.only()))
     found = calibrate(ARM, HINGE, replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
     for verdict in found:
@@ -103,7 +101,7 @@ def on_a_ball(seed: int, *, lsb: float, samples: int) -> tuple[Session, Ball]:
 
 
 @pytest.mark.parametrize(("lsb", "samples"), [(1.0, 32), (2.0, 8), (8.0, 32), (2.0, 1), (8.0, 1)])
-def test_poses_on_a_ball_tell_the_noise(lsb: float, samples: int) -> None:
+def test_poses_on_a_ball_tell_the_noise(lsb, samples):
     taken, ball = on_a_ball(7003, lsb=lsb, samples=samples)
     found = calibrate(ARM, ball, poses_of(taken), drop=True).rvdt
     assert [v.joint for v in found] == [6, 7]
@@ -118,7 +116,7 @@ def test_poses_on_a_ball_tell_the_noise(lsb: float, samples: int) -> None:
 
 
 @pytest.mark.campaign
-def test_one_reading_of_one_lsb_is_found_though_floors_take_part_of_it() -> None:
+def test_one_reading_of_one_lsb_is_found_though_floors_take_part_of_it():
     """Fixture and joints are quieter than stated: what their floors claim is the sensor's."""
     found = [
         verdict.noise

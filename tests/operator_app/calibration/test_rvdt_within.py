@@ -21,7 +21,7 @@ def said(solution: Solution) -> str:
 
 
 @pytest.mark.parametrize("seed", [103, 105])
-def test_a_sine_within_its_linearity_is_accepted(seed: int) -> None:
+def test_a_sine_within_its_linearity_is_accepted(seed):
     """NOT ACCEPTED for an RVDT that the same text called within specification."""
     solution = solved(rippled(seed).taken)
     assert all(v.verdict is Soundness.CURVED for v in solution.rvdt)
@@ -29,7 +29,7 @@ def test_a_sine_within_its_linearity_is_accepted(seed: int) -> None:
     assert not [c for c in solution.causes if c.code.startswith("RVDT")]
 
 
-def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure() -> None:
+def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
     """The cause had the amplitude as the readings bend it, its notice what the loop measures: 3.2 and 2.7 %."""
     case = CASES["RVDT 3 %"](3001)
     solution = solved(case.taken)
@@ -40,7 +40,7 @@ def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure() -> None:
     assert f"({100.0 * verdict.figures.linearity:.1f} % of full scale" in first.text
 
 
-def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it() -> None:
+def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it():
     found = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
     assert found.figures is not None
     assert found.figures.linearity > 0.02
@@ -50,7 +50,7 @@ def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it() -> No
     assert f"(sigma {100.0 * found.figures.linearity_sd:.2f} %, specification 2 %)" in found.text
 
 
-def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose() -> None:
+def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
     """An RVDT "out of specification" whose noise "cannot be told", and no pose."""
     found = session(61)
     spread = found.spread.copy()
@@ -64,7 +64,7 @@ def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose() -> None:
     assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
 
 
-def test_what_keeps_the_iteration_from_settling_is_said_before_that_it_did_not() -> None:
+def test_what_keeps_the_iteration_from_settling_is_said_before_that_it_did_not():
     """The text had only "the iteration did not settle": the spread was in the JSON."""
     found = session(61)
     spread = found.spread.copy()

@@ -3,14 +3,13 @@
 from dataclasses import replace
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.result import Solution
 from operator_app.calibration.sensitivity import WORST, source_sensitivities
 from operator_app.messages.calibration import SOURCE_REMEDIES, source_remedy
 from tests.oracles.as_shipped import ARM, HINGE, poses_of
 from tests.oracles.shop_floor import Sizes, session
 
 
-def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound: Solution) -> None:
+def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound):
     said = source_sensitivities(sound)
     assert len(said) == WORST
     give = HINGE.compliance
@@ -32,9 +31,9 @@ def test_a_fixture_twice_as_stiff_brings_at_least_what_is_said(sound: Solution) 
             assert sigma[h.parameter.name] < 1.05 * h.then
 
 
-def test_every_source_has_a_remedy_of_its_own() -> None:
+def test_every_source_has_a_remedy_of_its_own():
     assert len({source_remedy(source) for source in SOURCE_REMEDIES}) == len(SOURCE_REMEDIES)
 
 
-def test_a_joint_beyond_nine_keeps_its_number() -> None:
+def test_a_joint_beyond_nine_keeps_its_number():
     assert "joint 10 " in source_remedy("rvdt_curve_10")

@@ -4,7 +4,6 @@ import dataclasses
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,7 +62,7 @@ def first(poses: PoseSet, count: int) -> PoseSet:
 
 
 @pytest.fixture(scope="module")
-def hinge_poses(reference_data: Path) -> PoseSet:
+def hinge_poses(reference_data):
     return first(load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses, 24)
 
 
@@ -77,7 +76,7 @@ def hinge_poses(reference_data: Path) -> PoseSet:
         {"search": True},
     ],
 )
-def test_a_solution_is_read_back_exactly(hinge_poses: PoseSet, options: dict[str, object]) -> None:
+def test_a_solution_is_read_back_exactly(hinge_poses, options):
     found = calibrate(ARM, HINGE, hinge_poses, **options)  # type: ignore[arg-type]
     again = there_and_back(found)
     assert isinstance(again, Solution)
@@ -85,16 +84,14 @@ def test_a_solution_is_read_back_exactly(hinge_poses: PoseSet, options: dict[str
     assert not again.estimate.x.flags.writeable
 
 
-def test_second_opinions_are_read_back_exactly(hinge_poses: PoseSet) -> None:
+def test_second_opinions_are_read_back_exactly(hinge_poses):
     found = check(calibrate(ARM, HINGE, hinge_poses), ARM, HINGE, hinge_poses)
     assert found.held_out is not None
     assert same(found, there_and_back(found))
     assert same(Checks(), there_and_back(Checks()))
 
 
-def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(
-    hinge_poses: PoseSet,
-) -> None:
+def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(hinge_poses):
     three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
     measured = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
     for model in (
@@ -117,13 +114,13 @@ class Figure:
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
-def test_any_double_is_read_back(value: float) -> None:
+def test_any_double_is_read_back(value):
     assert np.float64(there_and_back(Figure(value)).value).tobytes() == np.float64(  # type: ignore[attr-defined]
         value
     ).tobytes() or np.isnan(value)
 
 
-def test_a_field_more_or_one_with_a_default_less_does_no_harm() -> None:
+def test_a_field_more_or_one_with_a_default_less_does_no_harm():
     data = to_dict(Figure(1.5, "some"))
     assert from_dict(Figure, {**data, "later": 3}) == Figure(1.5, "some")
     del data["note"]
@@ -133,6 +130,6 @@ def test_a_field_more_or_one_with_a_default_less_does_no_harm() -> None:
 @pytest.mark.parametrize(
     "data", [{}, {"version": 0, "value": 1.0}, {"version": 1}, {"version": 1, "value": [1.0]}]
 )
-def test_what_is_no_record_is_refused_as_one(data: dict[str, object]) -> None:
+def test_what_is_no_record_is_refused_as_one(data):
     with pytest.raises(RecordError, match="not a Figure"):
         from_dict(Figure, data)

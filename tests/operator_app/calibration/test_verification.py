@@ -17,7 +17,7 @@ SIGMA_M = 5e-5
 
 
 @pytest.fixture(scope="module")
-def measured(tmp_path_factory: pytest.TempPathFactory) -> PoseSet:
+def measured(tmp_path_factory):
     path = measured_csv(tmp_path_factory.mktemp("open") / "open.csv", sigma_m=SIGMA_M)
     return load_poses(str(path), joint_count=7).poses
 
@@ -30,7 +30,7 @@ def again(poses: PoseSet, rows: slice = slice(None)) -> PoseSet:
     return replace(poses, endpoint=endpoint)
 
 
-def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured: PoseSet) -> None:
+def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured):
     arm, tracker = load_arm("sarcos_dextrous"), load_fixture("tracker").fixture
     made = calibrate(arm, tracker, measured, drop=True)
     found = verify_new_poses(arm, tracker, made, made_from=measured, new=again(measured))
@@ -41,9 +41,7 @@ def test_a_pose_that_an_instrument_measured_again_is_new_and_judges(measured: Po
     assert not verify_new_poses(arm, tracker, made, made_from=measured, new=moved).holds
 
 
-def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_with(
-    measured: PoseSet,
-) -> None:
+def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_with(measured):
     tracker = load_fixture("tracker").fixture
     require_new(again(measured), measured, tracker)
     written = replace(
@@ -60,12 +58,12 @@ def test_what_was_measured_once_is_not_new_however_many_decimals_it_is_written_w
         require_new(replace(measured, endpoint=None), measured, tracker)
 
 
-def test_in_metal_a_pose_is_its_readings_whatever_was_measured_beside_it(measured: PoseSet) -> None:
+def test_in_metal_a_pose_is_its_readings_whatever_was_measured_beside_it(measured):
     with pytest.raises(NoTestError, match="these are poses"):
         require_new(again(measured), measured, load_fixture("hinge").fixture)
 
 
-def test_full_poses_and_points_are_compared_by_the_points(measured: PoseSet) -> None:
+def test_full_poses_and_points_are_compared_by_the_points(measured):
     turned = np.hstack((measured.endpoint, np.zeros((len(measured), 3))))
     full = replace(measured, endpoint=turned)
     tracker = load_fixture("tracker").fixture
@@ -74,9 +72,7 @@ def test_full_poses_and_points_are_compared_by_the_points(measured: PoseSet) -> 
     require_new(again(measured), full, tracker)
 
 
-def test_poses_written_with_two_decimals_are_not_new_and_those_a_little_elsewhere_are(
-    measured: PoseSet,
-) -> None:
+def test_poses_written_with_two_decimals_are_not_new_and_those_a_little_elsewhere_are(measured):
     """Own poses, rounded to 0.01 deg, passed as poses that took no part."""
     own = replace(measured, endpoint=None)
     hinge = load_fixture("hinge").fixture

@@ -1,6 +1,5 @@
 """Input that no command can use: one clear error, exit 2, and nothing written."""
 
-import argparse
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +8,6 @@ import pytest
 
 from operator_app.commands.table import APP, COMMANDS, parser_of
 from operator_app.config.resources import resolve
-from tests.oracles.answers import EndsWith
 
 PROCEDURE = resolve("procedure", "hinge").data.decode()
 SPEED = next(line for line in PROCEDURE.splitlines() if "speed_deg_per_s" in line)
@@ -64,9 +62,7 @@ CASES: dict[str, tuple[Callable[[Path], list[str]], str]] = {
 
 @pytest.mark.timeout(20)
 @pytest.mark.parametrize("case", CASES)
-def test_bad_input_is_one_error_and_nothing_is_written(
-    tmp_path: Path, case: str, ends_with: EndsWith, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_bad_input_is_one_error_and_nothing_is_written(tmp_path, case, ends_with, monkeypatch):
     words, expected = CASES[case]
     argv = words(tmp_path)
     monkeypatch.chdir(tmp_path)
@@ -92,13 +88,8 @@ VALUES = [
     ("command", "action"), VALUES, ids=[f"{c} {a.option_strings or a.dest}" for c, a in VALUES]
 )
 def test_an_empty_value_is_refused_before_anything_is_opened(
-    command: str,
-    action: argparse.Action,
-    blank: str,
-    tmp_path: Path,
-    ends_with: EndsWith,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    command, action, blank, tmp_path, ends_with, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     first = {"session name": ["list"], "verify csv": ["x"], "compare b": ["x"]}
     before = first.get(f"{command} {action.dest}", [])

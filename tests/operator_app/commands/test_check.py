@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from tests.oracles import lbr_iiwa
-from tests.oracles.answers import EndsWith
 
 POSES = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 ARM = (files("operator_app") / "data/arms/sarcos_dextrous.yaml").read_text()
@@ -17,7 +16,7 @@ PROFILE = (files("operator_app") / "data/profiles/sarcos.yaml").read_text()
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -33,9 +32,7 @@ def broken(text: str, **changes: str) -> str:
     return text
 
 
-def test_everything_wrong_with_every_file_is_said_at_once(
-    ends_with: EndsWith,
-) -> None:
+def test_everything_wrong_with_every_file_is_said_at_once(ends_with):
     arm = broken(
         ARM, old="row: 2, theta_off_deg|free: [theta_off_1,", new="row: 2, theta_of_deg|free: ["
     )
@@ -67,7 +64,7 @@ def test_everything_wrong_with_every_file_is_said_at_once(
     assert lines[0] == f"{len(lines) - 1} problems in 6 files:"
 
 
-def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(ends_with: EndsWith) -> None:
+def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(ends_with):
     Path("one").write_text(ARM.replace("schema: sarcal/arm/1\n", "schema: sarcal/arm/1\n\n"))
     Path("two").write_text(HINGE)
     Path("bus").write_text(PROFILE)
@@ -91,7 +88,7 @@ def test_arm_hinge_and_poses_come_together_and_say_what_would_be_done(ends_with:
     assert max(map(len, text.splitlines())) <= 100
 
 
-def test_what_cannot_be_calibrated_is_named_with_its_reason(ends_with: EndsWith) -> None:
+def test_what_cannot_be_calibrated_is_named_with_its_reason(ends_with):
     """The elbow in a rigid attachment (paper, section 1), and poses that are one and the same."""
     Path("rigid.yaml").write_text(RIGID)
     Path("arm.yaml").write_text(
@@ -114,7 +111,7 @@ def test_what_cannot_be_calibrated_is_named_with_its_reason(ends_with: EndsWith)
     assert "Joints 1 and 5 would drive (named by the procedure" in said
 
 
-def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(ends_with: EndsWith) -> None:
+def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(ends_with):
     text = broken(
         PROCEDURE,
         old="{position: [1, 5]}|    - {joint: 1, from_deg: -30, to_deg: 48}\n",
@@ -127,7 +124,7 @@ def test_a_procedure_with_too_few_drives_and_a_name_without_its_kind(ends_with: 
     ends_with(2, "check")
 
 
-def test_poses_that_are_no_arms_are_said(ends_with: EndsWith) -> None:
+def test_poses_that_are_no_arms_are_said(ends_with):
     rows = [f"1,{k},{10 * k}" for k in range(1, 9)]
     Path("one.csv").write_text("\n".join(["placement,pose,theta1_deg", *rows]) + "\n")
     assert "these poses allow a calibration was not checked" in " ".join(

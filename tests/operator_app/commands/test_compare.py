@@ -9,7 +9,6 @@ from operator_app.config.parameter_records import WhichArm
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import save_parameters
 from operator_app.session.store.journal import Journal
-from tests.oracles.answers import EndsWith
 from tests.oracles.parameter_documents import VALUES, make_document
 
 
@@ -19,7 +18,7 @@ def saved(path: Path, document: ParametersDocument) -> str:
     return str(path)
 
 
-def test_no_drift_is_0_and_drift_is_4(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_no_drift_is_0_and_drift_is_4(tmp_path, ends_with):
     one = saved(tmp_path / "a.yaml", make_document())
     same = saved(tmp_path / "b.yaml", make_document({"theta_off_3": 0.001}, poses="b"))
     other = saved(tmp_path / "c.yaml", make_document({"theta_off_3": 0.02}, poses="c"))
@@ -29,9 +28,7 @@ def test_no_drift_is_0_and_drift_is_4(tmp_path: Path, ends_with: EndsWith) -> No
     ends_with(0, "compare", one, other, "--level", "1e-60")
 
 
-def test_json_has_every_parameter_in_the_units_of_the_file(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_json_has_every_parameter_in_the_units_of_the_file(tmp_path, ends_with):
     one = saved(tmp_path / "a.yaml", make_document())
     other = saved(tmp_path / "b.yaml", make_document({"a_7": 0.001}, poses="b"))
     found = ends_with(4, "compare", one, other, "--json").json
@@ -49,7 +46,7 @@ def test_json_has_every_parameter_in_the_units_of_the_file(
     assert found["a"]["utc"] == "2026-01-31T12:00:00Z"
 
 
-def test_sessions_are_named_by_folder_or_name(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_sessions_are_named_by_folder_or_name(tmp_path, ends_with):
     for name, change, poses in (("one", 0.0, "a"), ("two", 1.0, "b")):
         folder = tmp_path / "sessions" / name
         Journal.create(folder).close()
@@ -63,7 +60,7 @@ def test_sessions_are_named_by_folder_or_name(tmp_path: Path, ends_with: EndsWit
     assert "has no parameters.yaml. Write it with: sarcal export" in said
 
 
-def test_what_cannot_be_compared_ends_in_2_with_words(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_what_cannot_be_compared_ends_in_2_with_words(tmp_path, ends_with):
     one = saved(tmp_path / "a.yaml", make_document())
     other_arm = replace(make_document(), arm=WhichArm(model="sarcos_dextrous", serial="SDA-0002"))
     other = saved(tmp_path / "b.yaml", other_arm)
@@ -82,7 +79,7 @@ def test_what_cannot_be_compared_ends_in_2_with_words(tmp_path: Path, ends_with:
         assert "Traceback" not in said.err
 
 
-def test_remounted_compares_the_arm_only(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_remounted_compares_the_arm_only(tmp_path, ends_with):
     one = saved(tmp_path / "a.yaml", make_document())
     moved = saved(tmp_path / "b.yaml", make_document({"s_1": 0.02, "alpha_7": 3.0}, poses="b"))
     ends_with(4, "compare", one, moved)

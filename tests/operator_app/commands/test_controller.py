@@ -17,13 +17,10 @@ from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
 from operator_app.session.workflow.opening import Choices
 from operator_app.virtual_arms import run_controller, slots_in
-from tests.oracles.answers import EndsWith
 from tests.oracles.raw_can import RawPeer
 
 
-def test_a_state_that_is_no_folder_is_one_error_that_names_it(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_a_state_that_is_no_folder_is_one_error_that_names_it(tmp_path, ends_with):
     file, pipe, full = tmp_path / "file", tmp_path / "pipe", tmp_path / "full"
     file.write_text("parameters")
     os.mkfifo(pipe)
@@ -37,7 +34,7 @@ def test_a_state_that_is_no_folder_is_one_error_that_names_it(
         assert "leave --state out" in said.err
 
 
-def test_a_folder_is_made_and_nothing_is_left_in_it(tmp_path: Path) -> None:
+def test_a_folder_is_made_and_nothing_is_left_in_it(tmp_path):
     slots_in(tmp_path / "a" / "b")
     assert list((tmp_path / "a" / "b").iterdir()) == []
     with pytest.raises(SessionError, match="null"):
@@ -49,7 +46,7 @@ def asked(*words: str) -> list[int]:
     return [fault.at_sync for fault in script_of(args, 7)]
 
 
-def test_what_shows_as_an_arm_is_connected_is_there_before() -> None:
+def test_what_shows_as_an_arm_is_connected_is_there_before():
     both = ("--fault", "other-map", "--fault", "collision")
     assert asked(*both) == [0, 1000]
     assert asked(*both, "--fault-sync", "0") == [0, 0]
@@ -58,7 +55,7 @@ def test_what_shows_as_an_arm_is_connected_is_there_before() -> None:
 
 @pytest.mark.sample(10)
 @pytest.mark.parametrize("kind", list(FAULTS))
-def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind: str) -> None:
+def test_every_kind_can_be_asked_for_and_breaks_nothing_of_the_program(kind):
     at_sync = "0" if FAULTS[kind].at_connect else "1"
     words = ["-i", "loopback", "--fault", kind, "--fault-joint", "6", "--fault-sync", at_sync]
     happened: list[int] = []

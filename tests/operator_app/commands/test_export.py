@@ -11,13 +11,10 @@ from operator_app.cli import main
 from operator_app.config.parameters_file import load_parameters
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import session_state
-from tests.oracles.answers import EndsWith
 
 
 @pytest.mark.campaign
-def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(tmp_path, ends_with):
     options = ["--sessions", str(tmp_path / "sessions")]
     procedure = tmp_path / "strict.yaml"
     packaged = (files("operator_app") / "data/procedures/hinge.yaml").read_text()
@@ -61,7 +58,7 @@ def test_an_upload_is_in_the_journal_and_one_for_a_reason_says_which(
         assert solved.data["parameters"][name] == pytest.approx(at, rel=1e-14)
 
 
-def test_links_in_a_session_folder_are_replaced_and_never_followed(tmp_path: Path) -> None:
+def test_links_in_a_session_folder_are_replaced_and_never_followed(tmp_path):
     """A folder from somebody else may lead anywhere: what is written stays in it."""
     root = ["--sessions", str(tmp_path / "sessions")]
     hinge = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"

@@ -13,7 +13,7 @@ def left(source: FakeSource, reason: str = "left") -> str:
 
 
 @pytest.fixture
-def source(source: FakeSource) -> FakeSource:
+def source(source):
     """With a pose in its session."""
     runner = source.new()
     runner.operations.connect()
@@ -22,29 +22,27 @@ def source(source: FakeSource) -> FakeSource:
     return source
 
 
-def test_an_arm_that_answered_is_held(source: FakeSource) -> None:
+def test_an_arm_that_answered_is_held(source):
     said = left(source, "SIGTERM")
     assert said.startswith("sarcal: ended by SIGTERM; the arm is held. Session ")
     assert said.endswith(f"\nGo on with: sarcal --resume {source.last}")
     assert "parameters.yaml" not in said
 
 
-def test_an_arm_that_did_not_answer_is_not_said_to_be_held(
-    source: FakeSource, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_arm_that_did_not_answer_is_not_said_to_be_held(source, monkeypatch):
     monkeypatch.setattr(source.arm, "close", lambda: False)
     said = left(source)
     assert "held" not in said
     assert "the arm did not answer: keep clear" in said
 
 
-def test_of_an_arm_that_is_not_connected_any_more_nothing_is_said(source: FakeSource) -> None:
+def test_of_an_arm_that_is_not_connected_any_more_nothing_is_said(source):
     assert source.runner is not None
     source.runner.session.let_go()
     assert left(source).startswith("sarcal: Session ")
 
 
-def test_what_was_written_is_named(source: FakeSource) -> None:
+def test_what_was_written_is_named(source):
     runner = source.runner
     assert runner is not None
     runner.operations.automatic()
@@ -55,7 +53,7 @@ def test_what_was_written_is_named(source: FakeSource) -> None:
     assert f"sarcal report {source.last}" in said
 
 
-def test_who_left_plain_mode_comes_back_to_it(source: FakeSource) -> None:
+def test_who_left_plain_mode_comes_back_to_it(source):
     source.close("left")
     assert source.last is not None
     said = farewell(source, source.last, "left", plain=True)

@@ -10,7 +10,6 @@ import pytest
 
 from operator_app.cli import COMMANDS
 from operator_app.commands.table import APP, parser_of
-from tests.oracles.answers import EndsWith
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 
@@ -24,11 +23,11 @@ HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
         ("upload", "export SESSION --upload"),
     ],
 )
-def test_a_misspelt_command_gets_the_right_one(typed: str, meant: str, ends_with: EndsWith) -> None:
+def test_a_misspelt_command_gets_the_right_one(typed, meant, ends_with):
     assert f"did you mean {meant}?" in ends_with(2, typed, "hinge").err
 
 
-def test_nonsense_gets_no_guess_but_the_list(ends_with: EndsWith) -> None:
+def test_nonsense_gets_no_guess_but_the_list(ends_with):
     said = ends_with(2, "xyzzy\x1b[2J").err
     assert "did you mean" not in said
     assert all(command in said for command in COMMANDS)
@@ -45,22 +44,18 @@ def test_nonsense_gets_no_guess_but_the_list(ends_with: EndsWith) -> None:
         ["help", "--", "none_such"],
     ],
 )
-def test_options_may_stand_anywhere(
-    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends_with: EndsWith
-) -> None:
+def test_options_may_stand_anywhere(words, tmp_path, monkeypatch, ends_with):
     monkeypatch.chdir(tmp_path)
     assert "none_such" in ends_with(2, *words).err
 
 
-def test_what_a_command_does_not_know_brings_its_own_usage(
-    ends_with: EndsWith,
-) -> None:
+def test_what_a_command_does_not_know_brings_its_own_usage(ends_with):
     said = ends_with(2, "session", "list", "one", "more").err
     assert said.startswith("usage: sarcal session")
     assert "unrecognized arguments: more" in said
 
 
-def test_every_command_that_opens_a_bus_can_record_it() -> None:
+def test_every_command_that_opens_a_bus_can_record_it():
     options = {
         command: {word for action in parser_of(command)._actions for word in action.option_strings}
         for command in (*COMMANDS, APP)
@@ -72,7 +67,7 @@ def test_every_command_that_opens_a_bus_can_record_it() -> None:
     assert {command for command, words in options.items() if "--record" in words} == open_a_bus
 
 
-def test_eds_files_are_read_by_canopen(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_eds_files_are_read_by_canopen(tmp_path, ends_with):
     ends_with(0, "eds", "-o", tmp_path / "eds")
     assert {p.name for p in (tmp_path / "eds").iterdir()} == {"joint.eds", "supervisor.eds"}
     for file in (tmp_path / "eds").iterdir():
@@ -104,7 +99,7 @@ def completions(line: str, folder: Path) -> list[str]:
     return [word.strip() for word in answer.read_text().split("\n")]
 
 
-def test_a_shell_completes_commands_options_and_names(tmp_path: Path) -> None:
+def test_a_shell_completes_commands_options_and_names(tmp_path):
     pytest.importorskip("argcomplete")
     (tmp_path / "sessions/20260101-hinge").mkdir(parents=True)
     assert set(completions("sarcal re", tmp_path)) == {"report", "reproduce", "reset"}
@@ -117,7 +112,7 @@ def test_a_shell_completes_commands_options_and_names(tmp_path: Path) -> None:
     assert {"franka_panda", "sarcos_dextrous", "ur5e"} <= set(copied)
 
 
-def test_a_session_is_shown_as_a_table(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_a_session_is_shown_as_a_table(tmp_path, ends_with):
     root = ["--sessions", str(tmp_path / "sessions")]
     ends_with(0, "import", HINGE, "--serial", "SDA-9", *root)
     said = ends_with(0, "session", "show", *root).out

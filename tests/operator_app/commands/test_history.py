@@ -1,6 +1,5 @@
 """`sarcal history`: sessions in folders, months apart, of one arm whose joint 4 slips before the sixth."""
 
-from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from operator_app.report.results.history import history_text
 from operator_app.session.store.stored_calibration import solve
 from operator_app.session.workflow.importing import UNKNOWN_SERIAL_NUMBER, ImportedSession
 from solver.chain.poses import PoseSet
-from tests.oracles.answers import Answer, EndsWith
 
 HINGE = Path(__file__).parents[2] / "data/hinge/hinge_exact.csv"
 SERIAL = "SDA-7"
@@ -41,7 +39,7 @@ def calibrated_on(root: Path, when: datetime, poses: PoseSet, *, serial: str = S
 
 
 @pytest.fixture(scope="module")
-def sessions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def sessions(tmp_path_factory):
     root = tmp_path_factory.mktemp("sessions")
     sound, rng = load_poses(HINGE).poses, np.random.default_rng(11)
     for k in range(SESSIONS):
@@ -61,14 +59,12 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 @pytest.fixture
-def history(ends_with: EndsWith) -> Callable[..., Answer]:
+def history(ends_with):
     """The command on these sessions: ``history(code, sessions, *words)``."""
     return lambda code, root, *words: ends_with(code, "history", *words, "--sessions", root)
 
 
-def test_a_slipped_joint_is_named_with_session_and_size(
-    sessions: Path, history: Callable[..., Answer]
-) -> None:
+def test_a_slipped_joint_is_named_with_session_and_size(sessions, history):
     found = history(4, sessions, SERIAL, "--json").json
     assert found["verdict"] == "shifted"
     arm, *mounted = found["parts"]
@@ -91,25 +87,19 @@ def test_a_slipped_joint_is_named_with_session_and_size(
     assert found["due"] == f"{BEGAN + SESSIONS * MONTH:%Y-%m-%dT%H:%M:%SZ}"
 
 
-def test_the_serial_may_be_left_out_where_there_is_one(
-    sessions: Path, tmp_path: Path, history: Callable[..., Answer]
-) -> None:
+def test_the_serial_may_be_left_out_where_there_is_one(sessions, tmp_path, history):
     assert "SDA-7, SDA-8" in history(2, sessions).err
     calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial="SDA-9")
     assert "SDA-9: 1 accepted calibration" in history(0, tmp_path).out
 
 
-def test_no_sessions_and_none_with_a_serial_number_are_two_answers(
-    tmp_path: Path, history: Callable[..., Answer]
-) -> None:
+def test_no_sessions_and_none_with_a_serial_number_are_two_answers(tmp_path, history):
     assert "no sessions in" in history(2, tmp_path).err
     calibrated_on(tmp_path, BEGAN, load_poses(HINGE).poses, serial=UNKNOWN_SERIAL_NUMBER)
     assert "with --serial" in history(2, tmp_path).err
 
 
-def test_two_sessions_of_one_day_are_no_interval(
-    tmp_path: Path, history: Callable[..., Answer]
-) -> None:
+def test_two_sessions_of_one_day_are_no_interval(tmp_path, history):
     poses = load_poses(HINGE).poses
     for k, chosen in enumerate((np.arange(40), np.arange(10, 50))):
         calibrated_on(tmp_path, BEGAN + k * timedelta(hours=1), poses.at_poses(chosen))
@@ -118,9 +108,7 @@ def test_two_sessions_of_one_day_are_no_interval(
     assert f"due {BEGAN + timedelta(days=365):%Y-%m-%d}" in out
 
 
-def test_text_page_and_what_stays_mounted(
-    sessions: Path, tmp_path: Path, history: Callable[..., Answer]
-) -> None:
+def test_text_page_and_what_stays_mounted(sessions, tmp_path, history):
     page = tmp_path / "history.html"
     out = history(4, sessions, SERIAL, "--kept-mounted", "--every", "90", "-o", page).out
     lines = out.splitlines()
@@ -133,7 +121,7 @@ def test_text_page_and_what_stays_mounted(
     assert "theta_off_4 by " in text
 
 
-def test_one_session_is_too_early_to_judge(sessions: Path, history: Callable[..., Answer]) -> None:
+def test_one_session_is_too_early_to_judge(sessions, history):
     out = history(0, sessions, "SDA-8").out
     assert out.startswith("TOO EARLY TO JUDGE")
     assert "due 2027-01-31" in out
@@ -142,7 +130,7 @@ def test_one_session_is_too_early_to_judge(sessions: Path, history: Callable[...
     assert "1 day after the last" in found["due_why"]
 
 
-def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions: Path) -> None:
+def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions):
     past = arm_history("SDA-8", sessions).calibrations
     when = BEGAN + 2 * MONTH
     for holds, due in ((True, BEGAN + timedelta(days=365)), (False, when)):
@@ -154,9 +142,7 @@ def test_a_verification_that_did_not_hold_makes_the_next_due_at_once(sessions: P
         assert ("DOES NOT HOLD" in history_text(found)) is not holds
 
 
-def test_what_is_wrong_is_one_sentence(
-    sessions: Path, tmp_path: Path, history: Callable[..., Answer]
-) -> None:
+def test_what_is_wrong_is_one_sentence(sessions, tmp_path, history):
     for words, root, said in (
         (["SDA-9"], sessions, "erial numbers there: SDA-7, SDA-8"),
         (["SDA-9"], tmp_path / "none", "erial numbers there: none"),

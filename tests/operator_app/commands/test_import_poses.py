@@ -13,8 +13,6 @@ from operator_app.config.joint_log import load_joint_log
 from operator_app.config.parameters_file import load_parameters
 from operator_app.config.poses_file import load_poses
 from operator_app.config.resources import resolve
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 from tests.oracles.panda import panda_readings
 from tests.oracles.recordings import recorded_arm, write_bag, write_log
 
@@ -32,7 +30,7 @@ def raw_logs(folder: Path, placements: tuple[int, ...]) -> list[str]:
     return files
 
 
-def test_a_raw_log_goes_in_with_one_command(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_a_raw_log_goes_in_with_one_command(tmp_path, ends_with):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     files = raw_logs(tmp_path, (1, 2))
     found = ends_with(0, "import", *files, "--rad", *PANDA, *sessions, "--json").json
@@ -57,9 +55,7 @@ def test_a_raw_log_goes_in_with_one_command(tmp_path: Path, ends_with: EndsWith)
 
 
 @pytest.mark.campaign
-def test_one_log_of_several_placements_is_that_of_a_log_each(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_one_log_of_several_placements_is_that_of_a_log_each(tmp_path, ends_with):
     """A column tells the sockets apart, in words; report, compare, verify and export work on it."""
     sessions = ["--sessions", str(tmp_path / "sessions")]
     placement, q_rad = panda_readings()
@@ -100,9 +96,7 @@ def test_one_log_of_several_placements_is_that_of_a_log_each(
 
 
 @pytest.mark.campaign
-def test_it_is_reported_as_it_is_solved_and_only_an_arm_is_missing(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_it_is_reported_as_it_is_solved_and_only_an_arm_is_missing(tmp_path, ends_with):
     sessions, poses = ["--sessions", tmp_path], HINGE / "hinge_quantised.csv"
     made = ends_with(0, "import", poses, "--serial", "SDA-7", *sessions, "--json").json
     folder = made["session"]["folder"]
@@ -117,9 +111,7 @@ def test_it_is_reported_as_it_is_solved_and_only_an_arm_is_missing(
     assert f"give a file of new poses: sarcal verify {folder}" in said
 
 
-def test_poses_that_cannot_determine_it_all_are_kept_and_said(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_poses_that_cannot_determine_it_all_are_kept_and_said(tmp_path, ends_with):
     sessions = ["--sessions", str(tmp_path / "sessions")]
     (file,) = raw_logs(tmp_path, (3,))
     packaged = resolve("arm", "franka_panda").data.decode()
@@ -133,7 +125,7 @@ def test_poses_that_cannot_determine_it_all_are_kept_and_said(
     assert "theta_off_7 cannot be separated from" in said
 
 
-def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> None:
+def test_columns_by_number_and_by_name_with_times_between(tmp_path):
     file = tmp_path / "log.txt"
     file.write_text("# a comment\nt q1 q2 speed q3\n0.0 0.5 -1.5 9 2.5\n1.0 0.25 -1.25 9 2.25\n")
     wanted = [[0.5, -1.5, 2.5], [0.25, -1.25, 2.25]]
@@ -171,9 +163,7 @@ def test_columns_by_number_and_by_name_with_times_between(tmp_path: Path) -> Non
         ("a,b\n1,2,3,4\n", {"unit": "deg"}),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said_with_place_and_remedy(
-    tmp_path: Path, text: str, options: dict[str, str], approve: Approve
-) -> None:
+def test_what_is_wrong_is_said_with_place_and_remedy(tmp_path, text, options, approve):
     file = tmp_path / "log.csv"
     file.write_text(text)
     with pytest.raises(ConfigError) as refused:
@@ -181,18 +171,14 @@ def test_what_is_wrong_is_said_with_place_and_remedy(
     approve(str(refused.value))  # type: ignore[arg-type]
 
 
-def test_a_name_that_no_file_can_have_is_an_error_in_words(
-    ends_with: EndsWith, tmp_path: Path
-) -> None:
+def test_a_name_that_no_file_can_have_is_an_error_in_words(ends_with, tmp_path):
     sessions = ["--sessions", str(tmp_path)]
     assert "name too long" in ends_with(2, "import", "a" * 5000, "--deg", *PANDA, *sessions).err
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["mcap", "sqlite3", "csv"])
-def test_a_recording_gives_the_poses_the_arm_rested_at_and_no_other(
-    kind: str, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_a_recording_gives_the_poses_the_arm_rested_at_and_no_other(kind, tmp_path, ends_with):
     """60 real poses of two sockets, 2 s each, shuffled joints, jitter, drop-outs, 20 slow motions a socket."""
     placement, q_rad = panda_readings()
     names = [f"panda_joint{j}" for j in range(1, 8)]
@@ -223,7 +209,7 @@ def test_a_recording_gives_the_poses_the_arm_rested_at_and_no_other(
         assert poses.utc[0].startswith("2026-09-21T14:13:")
 
 
-def test_what_does_not_go_with_a_recording_is_refused(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_what_does_not_go_with_a_recording_is_refused(tmp_path, ends_with):
     _, q_rad = panda_readings()
     time_s, q = recorded_arm(q_rad[:3], decoys=0, seed=1)
     names = [f"q{j}" for j in range(1, 8)]
@@ -269,7 +255,7 @@ def test_what_does_not_go_with_a_recording_is_refused(tmp_path: Path, ends_with:
         "t,q7,q6,q5,q4,q3,q2,q1,i8",
     ],
 )
-def test_joints_are_found_by_the_numbers_in_a_headers_names(header: str, tmp_path: Path) -> None:
+def test_joints_are_found_by_the_numbers_in_a_headers_names(header, tmp_path):
     log = tmp_path / "log.csv"
     log.write_text(f"{header}\n0.1,10,20,30,40,50,60,70,1\n0.2,11,20,30,40,50,60,70,1\n")
     read = load_joint_log(log, joint_count=7).poses
@@ -279,6 +265,6 @@ def test_joints_are_found_by_the_numbers_in_a_headers_names(header: str, tmp_pat
     np.testing.assert_allclose(np.rad2deg(read.q_rad[0]), wanted)
 
 
-def test_solve_and_verify_send_a_raw_log_to_import(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_solve_and_verify_send_a_raw_log_to_import(tmp_path, ends_with):
     (log,) = raw_logs(tmp_path, (1,))
     assert f"sarcal import {log}" in ends_with(2, "solve", log, *PANDA).err

@@ -10,7 +10,6 @@ import yaml
 from operator_app.cli import main
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.procedure_file import load_procedure
-from tests.oracles.answers import EndsWith
 from tests.oracles.json_schema import complaints
 from tests.oracles.panda import panda_columns
 
@@ -19,7 +18,7 @@ S_M, A_M, ALPHA = panda_columns()
 
 
 @pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
@@ -59,7 +58,7 @@ def off_the_hinge(file: str, q_deg: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_hinge_from_two_measured_lines_closes_where_they_coincide(seed: int) -> None:
+def test_a_hinge_from_two_measured_lines_closes_where_they_coincide(seed):
     rng = np.random.default_rng(seed)
     point, along = rng.uniform(-150.0, 150.0, 3), rng.normal(size=3)
     q_deg = HOME_DEG + rng.uniform(-8.0, 8.0, 7)
@@ -81,7 +80,7 @@ def test_a_hinge_from_two_measured_lines_closes_where_they_coincide(seed: int) -
     assert angle < 1e-4
 
 
-def test_a_ball_is_where_the_hand_has_it(ends_with: EndsWith) -> None:
+def test_a_ball_is_where_the_hand_has_it(ends_with):
     new = ["new", "fixture", "--kind", "ball", "--arm", "franka_panda", "--hand-point=30,-20,55.5"]
     ends_with(0, *new, "--name", "home", "--tolerance-mm", "2")
     made = load_fixture("home.yaml").fixture
@@ -92,7 +91,7 @@ def test_a_ball_is_where_the_hand_has_it(ends_with: EndsWith) -> None:
     np.testing.assert_allclose(load_fixture("there.yaml").fixture.ground_m, [0.4, 0.01, 0.02])  # type: ignore[attr-defined]
 
 
-def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with: EndsWith) -> None:
+def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with):
     Path("files").mkdir()
     ends_with(0, "new", "arm", "--from", "franka_panda", "--name", "mine", "-o", "files/arm.yaml")
     ends_with(0, "new", "fixture", "--from", "ball", "-o", "files/ball.yaml")
@@ -125,9 +124,7 @@ def test_every_file_names_its_schema_which_is_beside_it_and_fits(ends_with: Ends
     assert load_procedure("open.yaml").position_joints == (1, 2, 3, 4, 5, 6, 7)
 
 
-def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(tmp_path, ends_with):
     (tmp_path / "sarcal-arm.schema.json").mkdir()
     said = ends_with(2, "new", "arm", "--from", "ur5e", "-o", "mine.yaml").err
     assert "sarcal-arm.schema.json: cannot be written" in said
@@ -155,9 +152,7 @@ def test_nothing_is_left_in_the_way_where_the_schema_cannot_be_written(
         ("procedure --from hinge --name 7", "begin with a letter"),
     ],
 )  # fmt: skip
-def test_what_does_not_go_together_is_refused_and_nothing_written(
-    typed: str, says: str, ends_with: EndsWith
-) -> None:
+def test_what_does_not_go_together_is_refused_and_nothing_written(typed, says, ends_with):
     said = ends_with(2, "new", *typed.split()).err
     assert any(part in said for part in says.split("|")), said
     assert said.count("sarcal") == 1 + says.count("sarcal"), "the program's name is told once"
@@ -167,7 +162,7 @@ def test_what_does_not_go_together_is_refused_and_nothing_written(
 @pytest.mark.parametrize(
     "file", ["arm.yaml", "a #x.yaml", r"a\1 #x.yaml", r"C:\gx.yaml", "'a': b.yaml", "é, ☃.yaml"]
 )
-def test_a_copy_names_the_very_file_it_was_given(file: str) -> None:
+def test_a_copy_names_the_very_file_it_was_given(file):
     assert main(["new", "arm", "--from", "franka_panda", "--name", "mine", "-o", file]) == 0
     assert main(["new", "procedure", "--from", "hinge", "--arm", file, "-o", "go.yaml"]) == 0
     assert load_procedure("go.yaml").arm.name == "mine"
@@ -176,7 +171,7 @@ def test_a_copy_names_the_very_file_it_was_given(file: str) -> None:
         assert "\narm: arm.yaml\n" in Path("go.yaml").read_text()
 
 
-def test_a_new_procedure_says_what_its_bus_means() -> None:
+def test_a_new_procedure_says_what_its_bus_means():
     line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
     assert main(line) == 0
     text = Path("go.yaml").read_text()

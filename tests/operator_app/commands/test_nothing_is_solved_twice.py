@@ -1,8 +1,6 @@
 """Who shows a journalled calibration solves and judges nothing: the solver is a trap here."""
 
 import shutil
-from collections.abc import Mapping
-from pathlib import Path
 
 import pytest
 import sarcal
@@ -25,7 +23,6 @@ from solver.estimators.mixed_fit import fit_mixed
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
 from solver.search.global_start import global_start
-from tests.oracles.answers import EndsWith
 
 SOLVING = (
     calibrate, check, close_loops, estimate_implicit, estimate_paper, estimate_with_errors,
@@ -40,7 +37,7 @@ def trap(*args: object, **options: object) -> None:
 
 
 @pytest.fixture
-def nobody_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+def nobody_solves(monkeypatch):
     """Whoever calls one of these, by whatever name it was imported, fails."""
     for function in SOLVING:
         monkeypatch.setattr(function, "__code__", trap.__code__)
@@ -48,13 +45,7 @@ def nobody_solves(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
-def test_report_and_export_read(
-    made: str,
-    journalled: Mapping[str, Path],
-    nobody_solves: None,
-    tmp_path: Path,
-    ends_with: EndsWith,
-) -> None:
+def test_report_and_export_read(made, journalled, nobody_solves, tmp_path, ends_with):
     folder = journalled[made]
     code = 4 if made == "paper" else 0
     ends_with(code, "report", folder, "-o", tmp_path / "report.html")
@@ -75,12 +66,8 @@ def test_report_and_export_read(
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_python_reads_what_the_command_exports(
-    made: str,
-    journalled: Mapping[str, Path],
-    nobody_solves: None,
-    tmp_path: Path,
-    ends_with: EndsWith,
-) -> None:
+    made, journalled, nobody_solves, tmp_path, ends_with
+):
     folder, why = journalled[made], "a test"
     read = sarcal.load_result(folder)
     assert read.accepted == (made != "paper")
@@ -101,12 +88,8 @@ def test_python_reads_what_the_command_exports(
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("made", MADE)
 def test_compare_reads_the_journal_and_finds_what_an_export_says(
-    made: str,
-    journalled: Mapping[str, Path],
-    nobody_solves: None,
-    tmp_path: Path,
-    ends_with: EndsWith,
-) -> None:
+    made, journalled, nobody_solves, tmp_path, ends_with
+):
     alone = tmp_path / "alone"
     alone.mkdir()
     shutil.copy(journalled[made] / JOURNAL_NAME, alone)
@@ -121,9 +104,7 @@ def test_compare_reads_the_journal_and_finds_what_an_export_says(
     ends_with(0, "compare", alone, journalled["run" if made == "app" else made])
 
 
-def test_a_finished_session_that_is_resumed_is_neither_read_nor_solved_again(
-    journalled: Mapping[str, Path],
-) -> None:
+def test_a_finished_session_that_is_resumed_is_neither_read_nor_solved_again(journalled):
     names = [e.name for e in read_journal(journalled["resumed"]).events]
     assert names.count("resumed") == 1
     assert names.count("solved") == names.count("checked") == names.count("reading") == 1
@@ -131,8 +112,6 @@ def test_a_finished_session_that_is_resumed_is_neither_read_nor_solved_again(
 
 
 @pytest.mark.parametrize("options", [("--estimator", "paper"), ("--unsensed", "7")])
-def test_the_trap_catches_who_solves(
-    journalled: Mapping[str, Path], nobody_solves: None, options: tuple[str, str]
-) -> None:
+def test_the_trap_catches_who_solves(journalled, nobody_solves, options):
     with pytest.raises(RuntimeError, match="somebody solves"):
         main(["report", str(journalled["run"]), "-o", "-", *options])

@@ -1,24 +1,17 @@
 """`sarcal verify --open-loop`: another instrument agrees with a sound calibration, and names what does not."""
 
-from collections.abc import Mapping
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 from tests.oracles.open_arm import measured_csv
 
 
 @pytest.fixture
-def folder(journalled: Mapping[str, Path]) -> Path:
+def folder(journalled):
     return journalled["run"]
 
 
-def test_an_arm_that_is_what_was_found_agrees(
-    folder: Path, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_an_arm_that_is_what_was_found_agrees(folder, tmp_path, ends_with):
     csv = measured_csv(tmp_path / "open.csv")
     found = ends_with(0, "verify", folder, csv, "--open-loop", "--json").json
     assert (found["verdict"], found["disagree"]) == ("agrees", [])
@@ -39,9 +32,7 @@ def test_an_arm_that_is_what_was_found_agrees(
         ({"longer_m": {5: 0.010}}, "s_5", 0.010),
     ],
 )
-def test_what_disagrees_is_named(
-    folder: Path, tmp_path: Path, ends_with: EndsWith, planted: dict, name: str, size: float
-) -> None:
+def test_what_disagrees_is_named(folder, tmp_path, ends_with, planted, name, size):
     csv = measured_csv(tmp_path / "open.csv", **planted)
     found = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
     assert (found["verdict"], found["disagree"]) == ("disagrees", [name])
@@ -50,9 +41,7 @@ def test_what_disagrees_is_named(
     assert f"of {name}." in ends_with(4, "verify", folder, csv, "--open-loop").words
 
 
-def test_an_instrument_worse_than_its_file_says_proves_nothing(
-    folder: Path, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_an_instrument_worse_than_its_file_says_proves_nothing(folder, tmp_path, ends_with):
     csv = measured_csv(tmp_path / "open.csv", sigma_m=5e-3)
     found = ends_with(4, "verify", folder, csv, "--open-loop", "--json").json
     assert found["verdict"] == "open loop not accepted"
@@ -68,17 +57,13 @@ def test_an_instrument_worse_than_its_file_says_proves_nothing(
         ["{csv}", "--open-loop", "--instrument", "hinge"],
     ],
 )
-def test_endpoints_are_never_ignored_in_silence(
-    folder: Path, tmp_path: Path, ends_with: EndsWith, arguments: list[str], approve: Approve
-) -> None:
+def test_endpoints_are_never_ignored_in_silence(folder, tmp_path, ends_with, arguments, approve):
     csv = measured_csv(tmp_path / "open.csv")
     approve(ends_with(2, "verify", folder, *(text.format(csv=csv) for text in arguments)).err)
 
 
 @pytest.mark.campaign
-def test_on_the_arm_out_of_its_hinge_it_is_judged_by_the_tracker(
-    folder: Path, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_on_the_arm_out_of_its_hinge_it_is_judged_by_the_tracker(folder, tmp_path, ends_with):
     given = ["--open-loop", "--json", "--poses", "8", "--sessions", tmp_path]
     told = ends_with(0, "verify", folder, *given)
     found = told.json

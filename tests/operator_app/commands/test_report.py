@@ -12,14 +12,12 @@ from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import Journal, read_journal
 from operator_app.session.store.replay import session_state
 from operator_app.session.workflow.opening import Choices, begin
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 
 MakeFolder = Callable[..., Path]
 
 
 @pytest.fixture
-def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
+def make_folder(tmp_path, reference_data):
     """A session folder with poses of the reference set, journaled as a run would."""
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
 
@@ -46,9 +44,7 @@ def make_folder(tmp_path: Path, reference_data: Path) -> MakeFolder:
     return make
 
 
-def test_the_page_is_written_into_the_session_folder(
-    make_folder: MakeFolder, ends_with: EndsWith
-) -> None:
+def test_the_page_is_written_into_the_session_folder(make_folder, ends_with):
     folder = make_folder()
     assert ends_with(0, "report", folder).out == f"Report      {folder / 'report.html'}\n"
     page = (folder / "report.html").read_bytes()
@@ -59,9 +55,7 @@ def test_the_page_is_written_into_the_session_folder(
     assert sorted(p.name for p in folder.iterdir()) == ["journal.jsonl", "report.html"]
 
 
-def test_elsewhere_and_to_standard_output(
-    make_folder: MakeFolder, tmp_path: Path, capfdbinary: pytest.CaptureFixture[bytes]
-) -> None:
+def test_elsewhere_and_to_standard_output(make_folder, tmp_path, capfdbinary):
     folder = make_folder()
     target = tmp_path / "elsewhere.html"
     assert main(["report", str(folder), "-o", str(target), "--estimator", "paper"]) == 0
@@ -72,7 +66,7 @@ def test_elsewhere_and_to_standard_output(
     assert b"paper (chosen)" in target.read_bytes()
 
 
-def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFolder) -> None:
+def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder):
     folder = make_folder(still=4)
     assert main(["report", str(folder)]) == 5
     page = (folder / "report.html").read_text()
@@ -85,8 +79,8 @@ def test_what_is_not_identifiable_is_reported_and_ends_in_5(make_folder: MakeFol
     [(0, []), (2, []), (4, ["--unsensed", "8"]), (4, ["--unsensed", "6", "--estimator", "paper"])],
 )
 def test_nothing_is_written_when_there_is_nothing_to_say(
-    make_folder: MakeFolder, poses: int, options: list[str], approve: Approve, ends_with: EndsWith
-) -> None:
+    make_folder, poses, options, approve, ends_with
+):
     folder = make_folder(poses)
     said = ends_with(2, "report", folder, *options)
     assert said.out == ""
@@ -94,22 +88,16 @@ def test_nothing_is_written_when_there_is_nothing_to_say(
     assert not (folder / "report.html").exists()
 
 
-def test_a_folder_that_is_no_session_is_said_to_be_none(
-    tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_a_folder_that_is_no_session_is_said_to_be_none(tmp_path, ends_with):
     assert "is not a session" in ends_with(2, "report", tmp_path).err
 
 
-def test_a_page_that_cannot_be_written_is_said(
-    make_folder: MakeFolder, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_a_page_that_cannot_be_written_is_said(make_folder, tmp_path, ends_with):
     said = ends_with(2, "report", make_folder(5), "-o", tmp_path / "none" / "r.html").err
     assert "cannot be written" in said
 
 
-def test_a_poses_file_is_named_while_it_holds_the_poses_that_count(
-    make_folder: MakeFolder, ends_with: EndsWith
-) -> None:
+def test_a_poses_file_is_named_while_it_holds_the_poses_that_count(make_folder, ends_with):
     folder = make_folder()
     file = folder / "poses.csv"
 

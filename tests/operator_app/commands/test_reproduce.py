@@ -7,14 +7,13 @@ from scipy.optimize import minimize_scalar
 from hardware.virtual.scenarios import scenario
 from operator_app.config.procedure_file import load_procedure
 from operator_app.planning.reproduction import capture_specimen
-from tests.oracles.answers import EndsWith
 from tests.oracles.loop_oracle import closure, paper_truth
 
 PRINTED = {"theta_off_2": -122.8, "s_1": 0.273, "alpha_7": 99.8, "a_0": 0.202}
 """From Table 2."""
 
 
-def test_poses_of_an_exact_specimen_close_its_true_loop() -> None:
+def test_poses_of_an_exact_specimen_close_its_true_loop():
     """By an independent chain: at some hinge angle every pose comes back to the hinge."""
     procedure = load_procedure("hinge")
     taken = capture_specimen(procedure, scenario("exact"), poses=3)
@@ -34,7 +33,7 @@ def test_poses_of_an_exact_specimen_close_its_true_loop() -> None:
 
 
 @pytest.mark.campaign
-def test_the_paper_by_one_command(ends_with: EndsWith) -> None:
+def test_the_paper_by_one_command(ends_with):
     found = ends_with(0, "reproduce", "--json").json
     for name, value in PRINTED.items():
         assert found["table_2"][name]["paper"] == pytest.approx(value)
@@ -52,5 +51,5 @@ def test_the_paper_by_one_command(ends_with: EndsWith) -> None:
 
 
 @pytest.mark.parametrize("poses", ["7", "121"])
-def test_a_number_of_poses_that_says_nothing_is_refused(poses: str, ends_with: EndsWith) -> None:
+def test_a_number_of_poses_that_says_nothing_is_refused(poses, ends_with):
     assert "between 8 and 120" in ends_with(2, "reproduce", "--poses", poses).err

@@ -3,7 +3,6 @@
 import pytest
 
 from operator_app.commands.reset import report
-from tests.oracles.approved import Approve
 
 STOP, TORQUE = "external stop, first contact (5441h)", "excess torque (8311h)"
 
@@ -13,8 +12,6 @@ STOP, TORQUE = "external stop, first contact (5441h)", "excess torque (8311h)"
     [{}, dict.fromkeys(range(1, 8), STOP), {2: TORQUE, 5: TORQUE, 6: STOP}],
     ids=["nothing", "a stop contact that is still pressed", "some joints' own"],
 )
-def test_what_stays_is_said_once_of_the_arm_or_of_each_joint(
-    stays: dict[int, str], capsys: pytest.CaptureFixture[str], approve: Approve
-) -> None:
+def test_what_stays_is_said_once_of_the_arm_or_of_each_joint(stays, capsys, approve):
     report({}, stays, arm_joints=7, in_json=False)
     approve("".join(capsys.readouterr()))

@@ -15,12 +15,10 @@ from operator_app.config.user_settings import load_settings, usual_bus
 from operator_app.effective_procedure import effective_procedure, session_bus
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.opening import begin
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 
 
 @pytest.fixture
-def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def file(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
     monkeypatch.chdir(tmp_path)
     for name in ("CAN_INTERFACE", "CAN_CHANNEL", "CAN_BITRATE"):
@@ -28,7 +26,7 @@ def file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "config" / "sarcal" / "settings.yaml"
 
 
-def test_they_are_set_shown_and_taken_away(file: Path, ends_with: EndsWith) -> None:
+def test_they_are_set_shown_and_taken_away(file, ends_with):
     assert "there is none" in ends_with(0, "settings").out
     words = ["interface=socketcan", "channel=can3", "bitrate=500000", "operator=R. Hand"]
     ends_with(0, "settings", *words)
@@ -44,7 +42,7 @@ def test_they_are_set_shown_and_taken_away(file: Path, ends_with: EndsWith) -> N
     assert file.read_text().startswith("schema: sarcal/settings/1\n")
 
 
-def test_everything_else_is_stronger(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_everything_else_is_stronger(file, monkeypatch):
     main(["settings", "interface=socketcan", "channel=can3", "bitrate=500000"])
     usual = usual_bus()
     assert bus_settings(otherwise=usual) == BusSettings(
@@ -62,9 +60,7 @@ def test_everything_else_is_stronger(file: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     ("options", "virtual"), [([], False), (["--seed", "0"], True), (["-i", "virtual"], True)]
 )
-def test_who_names_a_virtual_arm_means_one(
-    file: Path, tmp_path: Path, options: list[str], virtual: bool
-) -> None:
+def test_who_names_a_virtual_arm_means_one(file, tmp_path, options, virtual):
     main(["settings", "interface=socketcan", "channel=can3", "operator=R. Hand"])
     choices = choices_from(parser_of("run").parse_args(["hinge", *options]))
     assert choices.operator == "R. Hand"
@@ -73,9 +69,7 @@ def test_who_names_a_virtual_arm_means_one(
     assert effective_procedure(opening).arm.joint_count == 7
 
 
-def test_a_procedures_virtual_names_no_bus_and_that_is_said(
-    file: Path, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_a_procedures_virtual_names_no_bus_and_that_is_said(file, tmp_path, ends_with):
     line = ["new", "procedure", "--arm", "franka_panda", "--fixture", "hinge", "-o", "go.yaml"]
     ends_with(0, *line)
     said = ends_with(0, "settings", "interface=socketcan", "channel=can3").out
@@ -86,7 +80,7 @@ def test_a_procedures_virtual_names_no_bus_and_that_is_said(
     assert session_bus(choices, opening.procedure).interface == "socketcan"
 
 
-def test_the_operator_is_in_the_journal(file: Path, tmp_path: Path) -> None:
+def test_the_operator_is_in_the_journal(file, tmp_path):
     main(["settings", "operator=R. Hand"])
     choices = choices_from(parser_of("run").parse_args(["hinge", "--scenario", "exact"]))
     opening = begin("hinge", choices, root=tmp_path)
@@ -107,9 +101,7 @@ def test_the_operator_is_in_the_journal(file: Path, tmp_path: Path) -> None:
         "",
     ],
 )
-def test_a_file_that_is_wrong_is_one_clear_error(
-    file: Path, ends_with: EndsWith, text: str, approve: Approve
-) -> None:
+def test_a_file_that_is_wrong_is_one_clear_error(file, ends_with, text, approve):
     file.parent.mkdir(parents=True)
     file.write_text(text)
     for command in (["settings"], ["run", "hinge"], ["probe"]):
@@ -121,9 +113,7 @@ def test_a_file_that_is_wrong_is_one_clear_error(
 
 
 @pytest.mark.parametrize("word", ["interface", "colour=red", "=x"])
-def test_a_word_that_is_no_setting_says_which_there_are(
-    file: Path, ends_with: EndsWith, word: str
-) -> None:
+def test_a_word_that_is_no_setting_says_which_there_are(file, ends_with, word):
     assert "interface, channel, bitrate, theme, operator" in ends_with(2, "settings", word).err
     ends_with(2, "settings", "theme=pink")
     ends_with(2, "settings", "bitrate=" + 5000 * "9")
@@ -134,13 +124,13 @@ WRONG = "schema: sarcal/settings/1\ninterface: socketcan\ntheme: pink\nintreface
 
 
 @pytest.fixture
-def wrong(file: Path) -> Path:
+def wrong(file):
     file.parent.mkdir(parents=True)
     file.write_text(WRONG)
     return file
 
 
-def test_a_wrong_file_is_mended_key_by_key(wrong: Path, ends_with: EndsWith) -> None:
+def test_a_wrong_file_is_mended_key_by_key(wrong, ends_with):
     assert f"{wrong}:4: intreface" in ends_with(2, "settings", "theme=dark").err
     assert wrong.read_text() == WRONG
     ends_with(0, "settings", "theme=dark", "intreface=")
@@ -154,15 +144,15 @@ def test_a_wrong_file_is_mended_key_by_key(wrong: Path, ends_with: EndsWith) -> 
     assert wrong.read_text() == other
 
 
-def test_reset_on_a_bus_that_is_named_needs_no_settings(wrong: Path) -> None:
+def test_reset_on_a_bus_that_is_named_needs_no_settings(wrong):
     opening = opening_from(parser_of("reset").parse_args(["-i", "loopback"]))
     assert session_bus(opening.choices, opening.procedure).interface == "loopback"
     assert main(["reset"]) == 2
 
 
 def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
-    wrong: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    wrong, tmp_path, monkeypatch, capsys
+):
     """It may hold who works here; that is nothing to stop a calibration for."""
     choices = choices_from(parser_of("run").parse_args(["hinge", "-i", "virtual"]))
     said = " ".join(capsys.readouterr().err.split())
@@ -179,15 +169,15 @@ def test_who_names_a_bus_does_without_a_wrong_file_and_is_told(
 
 
 def test_the_app_begins_with_a_wrong_file_and_says_so_on_its_screen(
-    wrong: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends_with: EndsWith
-) -> None:
+    wrong, tmp_path, monkeypatch, ends_with
+):
     monkeypatch.setattr("sys.stdin", io.StringIO(""))
     said = ends_with(0, "--plain", "-i", "virtual", "--sessions", tmp_path / "sessions").words
     assert f"warning] {wrong} is invalid" in said
     assert said.count(str(wrong)) == 1
 
 
-def test_an_interface_is_looked_at_when_it_is_set(file: Path, ends_with: EndsWith) -> None:
+def test_an_interface_is_looked_at_when_it_is_set(file, ends_with):
     said = ends_with(2, "settings", "interface=bogus").err
     assert "'bogus'" in said
     assert "loopback" in said
@@ -206,8 +196,8 @@ def test_an_interface_is_looked_at_when_it_is_set(file: Path, ends_with: EndsWit
     ],
 )
 def test_a_bus_of_the_settings_that_does_not_work_names_their_file(
-    file: Path, ends_with: EndsWith, stated: str, code: int, words: str
-) -> None:
+    file, ends_with, stated, code, words
+):
     file.parent.mkdir(parents=True)
     file.write_text(f"schema: sarcal/settings/1\n{stated}\n")
     said = ends_with(code, "probe").err

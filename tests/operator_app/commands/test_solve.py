@@ -2,13 +2,10 @@
 
 import re
 from importlib.resources import files
-from pathlib import Path
 
 import pytest
 
 from operator_app.config.resources import resolve
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 from tests.oracles.shop_floor import session
 
 TRUTH = {
@@ -25,14 +22,12 @@ HEADER = "placement,pose," + ",".join(f"theta{j}_deg" for j in range(1, 8))
 
 
 @pytest.fixture
-def exact_csv(reference_data: Path) -> Path:
+def exact_csv(reference_data):
     return reference_data / "hinge" / "hinge_exact.csv"
 
 
 @pytest.mark.parametrize("estimator", ["implicit", "paper"])
-def test_exact_poses_give_table_2_to_1e_8(
-    exact_csv: Path, estimator: str, ends_with: EndsWith, tmp_path: Path
-) -> None:
+def test_exact_poses_give_table_2_to_1e_8(exact_csv, estimator, ends_with, tmp_path):
     # Of a fixture of whose place nothing is known: within the packaged 30 mm it would be drawn 1 um to its file's.
     hinge = resolve("fixture", "hinge").data.decode()
     anywhere = re.sub(r"tolerance_mm: .*", "tolerance_mm: 1000", hinge)
@@ -59,7 +54,7 @@ PROMISED = CONTRACT | {"interval_95", "causes", "tests", "budget", "assumed"}
 """Keys of `solve --json` that programs rely on, whatever came of it."""
 
 
-def test_unsensed_wrist_on_the_rvdt_set(reference_data: Path, ends_with: EndsWith) -> None:
+def test_unsensed_wrist_on_the_rvdt_set(reference_data, ends_with):
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
     whole = ends_with(0, "solve", csv, "--unsensed", "6,7", "--json").json
     found, sigma = whole["parameters"], whole["sigma"]
@@ -71,9 +66,7 @@ def test_unsensed_wrist_on_the_rvdt_set(reference_data: Path, ends_with: EndsWit
         assert found[f"theta_off_{j}"] == pytest.approx(TRUTH[f"theta_off_{j}"], abs=0.01)
 
 
-def test_rigid_refuses_by_naming_joint_4(
-    exact_csv: Path, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_rigid_refuses_by_naming_joint_4(exact_csv, tmp_path, ends_with):
     lines = exact_csv.read_text().splitlines()
     still = tmp_path / "rigid.csv"
     rows = [row.split(",") for row in lines[1:]]
@@ -106,9 +99,7 @@ BAD_POSES = {
 
 
 @pytest.mark.parametrize("name", BAD_POSES)
-def test_bad_poses_get_one_clear_message_and_exit_code_2(
-    tmp_path: Path, ends_with: EndsWith, name: str, approve: Approve
-) -> None:
+def test_bad_poses_get_one_clear_message_and_exit_code_2(tmp_path, ends_with, name, approve):
     path = tmp_path / f"{name}.csv"
     path.write_text("\n".join(BAD_POSES[name]) + "\n")
     said = ends_with(2, "solve", path)
@@ -130,16 +121,14 @@ def test_bad_poses_get_one_clear_message_and_exit_code_2(
         ["missing.csv", "--unsensed", "6", "--estimator", "paper"],
     ],
 )
-def test_bad_options_say_what_there_is(
-    options: list[str], approve: Approve, ends_with: EndsWith
-) -> None:
+def test_bad_options_say_what_there_is(options, approve, ends_with):
     said = ends_with(2, "solve", *options)
     assert said.out == ""
     approve(said.err)
 
 
 @pytest.mark.campaign
-def test_the_result_is_tested_on_a_second_file(tmp_path: Path, ends_with: EndsWith) -> None:
+def test_the_result_is_tested_on_a_second_file(tmp_path, ends_with):
     """Another walk of the same arm holds; the same file is refused; another arm's poses do not hold."""
     names = {"made": session(5), "new": session(5, walk=1, poses=12), "other": session(6, poses=12)}
     for name, taken in names.items():
@@ -170,9 +159,7 @@ def test_the_result_is_tested_on_a_second_file(tmp_path: Path, ends_with: EndsWi
     assert "3 of the 15 poses (113, 114, 115) are poses that" in said
 
 
-def test_the_order_of_the_rows_changes_no_printed_character(
-    reference_data: Path, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_the_order_of_the_rows_changes_no_printed_character(reference_data, tmp_path, ends_with):
     csv = reference_data / "hinge" / "hinge_rvdt1pct.csv"
     header, *rows = csv.read_text().splitlines()
     other = tmp_path / "other.csv"

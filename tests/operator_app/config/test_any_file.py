@@ -34,11 +34,11 @@ def found(kind: Any, text: str) -> list[str]:
 
 
 @pytest.mark.parametrize(("kind", "name"), PACKAGED)
-def test_packaged_files_fit(kind: Kind, name: str) -> None:
+def test_packaged_files_fit(kind, name):
     assert found(kind, resolve(kind, name).data.decode()) == []
 
 
-def test_what_is_written_fits() -> None:
+def test_what_is_written_fits():
     assert found("parameters", PARAMETERS) == []
 
 
@@ -50,7 +50,7 @@ def test_what_is_written_fits() -> None:
         ("kind: hinge", "kind: hinge\nstiffness: {n_per_m: 2e6, nm_per_rad: 3e4}"),
     ],
 )
-def test_other_ways_to_write_a_fixture_fit(old: str, new: str) -> None:
+def test_other_ways_to_write_a_fixture_fit(old, new):
     assert old in HINGE
     assert found("fixture", HINGE.replace(old, new, 1)) == []
 
@@ -86,7 +86,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("kind", "good", "old", "new"), BAD)
-def test_mistakes_of_form_do_not(kind: str, good: str, old: str, new: str) -> None:
+def test_mistakes_of_form_do_not(kind, good, old, new):
     assert old in good
     assert found(kind, good) == []
     assert found(kind, good.replace(old, new, 1))

@@ -12,7 +12,6 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.resources import builtin_names, resolve
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
-from tests.oracles.approved import Approve
 from tests.oracles.makers_chains import CHAINS, flange
 
 GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
@@ -29,7 +28,7 @@ def line_of(text: str, part: str) -> int:
 
 
 class TestPackaged:
-    def test_sarcos_is_table_1(self) -> None:
+    def test_sarcos_is_table_1(self):
         arm = load_arm("sarcos_dextrous")
         np.testing.assert_array_equal(arm.table.s_m[1:6], [0.0, 0.355, 0.0, 0.320, 0.0])
         np.testing.assert_array_equal(arm.table.a_m[:6], np.zeros(6))
@@ -41,7 +40,7 @@ class TestPackaged:
         )
         assert [e.name for e in arm.free] == [f"theta_off_{j}" for j in range(1, 8)]
 
-    def test_sarcos_sensors_are_those_of_section_3(self) -> None:
+    def test_sarcos_sensors_are_those_of_section_3(self):
         arm = load_arm("sarcos_dextrous")
         encoder = Encoder(counts_per_rev=400000, accuracy_rad=math.radians(0.01))
         assert [j.sensor for j in arm.joints[:5]] == [encoder] * 5
@@ -56,7 +55,7 @@ class TestPackaged:
             )
 
     @pytest.mark.parametrize("name", sorted(CHAINS))
-    def test_flange_is_where_the_makers_description_has_it(self, name: str) -> None:
+    def test_flange_is_where_the_makers_description_has_it(self, name):
         arm, rng = load_arm(name), np.random.default_rng(4)
         # The Gen3's frame 0 is its base link turned half round about x; the others' are their base links.
         base = np.diag([1.0, -1.0, -1.0, 1.0]) if name == "kinova_gen3" else np.eye(4)
@@ -67,7 +66,7 @@ class TestPackaged:
             np.testing.assert_allclose(frames.R_end, theirs[:3, :3], rtol=0, atol=1e-9)
 
     @pytest.mark.parametrize("name", builtin_names("arm"))
-    def test_what_is_packaged_says_from_where_and_knows_parallel_axes(self, name: str) -> None:
+    def test_what_is_packaged_says_from_where_and_knows_parallel_axes(self, name):
         arm, text = load_arm(name), resolve("arm", name).data.decode()
         assert "source: >-" in text
         assert [e.name for e in arm.free] == [
@@ -77,7 +76,7 @@ class TestPackaged:
         assert arm.hayati_rows == parallel.get(name, (2,) if name == "kinova_gen3_lite" else ())
 
     @pytest.mark.parametrize("name", builtin_names("arm"))
-    def test_home_is_inside_the_ranges(self, name: str) -> None:
+    def test_home_is_inside_the_ranges(self, name):
         arm = load_arm(name)
         assert arm.name == name
         assert np.all(arm.home_rad > arm.lower_rad)
@@ -186,9 +185,7 @@ BAD: list[tuple[str, Callable[[str], str], str, str, str]] = [
 
 
 @pytest.mark.parametrize(("edit", "where", "key"), [b[1:] for b in BAD], ids=[b[0] for b in BAD])
-def test_one_mistake_gives_one_complaint_with_line_and_key(
-    edit: Callable[[str], str], where: str, key: str, approve: Approve
-) -> None:
+def test_one_mistake_gives_one_complaint_with_line_and_key(edit, where, key, approve):
     text = edit(GOOD)
     error = complaint(text)
     assert len(error.problems) == 1, str(error)
@@ -199,7 +196,7 @@ def test_one_mistake_gives_one_complaint_with_line_and_key(
     assert str(problem).startswith(f"arm.yaml:{problem.line}: ")
 
 
-def test_everything_wrong_is_listed_at_once_in_file_order() -> None:
+def test_everything_wrong_is_listed_at_once_in_file_order():
     text = GOOD
     for old, new in (
         ("s_m: 0.355", "s_m: .nan"),
@@ -223,7 +220,7 @@ def test_everything_wrong_is_listed_at_once_in_file_order() -> None:
     assert str(error).count("\n") == 6
 
 
-def test_joints_and_rows_belong_together() -> None:
+def test_joints_and_rows_belong_together():
     start = GOOD.index("  - joint: 7")
     text = GOOD[:start] + GOOD[GOOD.index("# What a calibration") :]
     error = complaint(text)
@@ -236,7 +233,7 @@ def test_joints_and_rows_belong_together() -> None:
     assert (problem.key, problem.remedy) == ("free[1]", "write theta_off_1")
 
 
-def test_unsensed_joint_has_no_offset_to_free() -> None:
+def test_unsensed_joint_has_no_offset_to_free():
     sensor = (
         "{kind: rvdt, bits: 12, full_scale_deg: 120, linearity: 0.02, noise_lsb: 2, gain: 0.005}"
     )
@@ -258,9 +255,7 @@ class TestHayati:
         ("twist", "rows"),
         [("0", (2,)), ("180", (2,)), ("9.9", (2,)), ("-170.1", (2,)), ("10.1", ()), ("-90", ())],
     )
-    def test_a_row_between_parallel_axes_has_beta_in_place_of_s(
-        self, twist: str, rows: tuple[int, ...]
-    ) -> None:
+    def test_a_row_between_parallel_axes_has_beta_in_place_of_s(self, twist, rows):
         arm = parse_arm(PARALLEL.replace("ROW", twist).encode(), "arm.yaml")
         assert arm.hayati_rows == rows
         assert {e.name for e in arm.maker_entries(2)} == (
@@ -268,7 +263,7 @@ class TestHayati:
         )
         assert not arm.table.beta_rad.any()
 
-    def test_a_stated_beta_makes_one_of_any_row_but_the_last(self) -> None:
+    def test_a_stated_beta_makes_one_of_any_row_but_the_last(self):
         text = PARALLEL.replace("ROW", "-90, beta_deg: 0.25")
         arm = parse_arm(text.encode(), "arm.yaml")
         without_s = parse_arm(text.replace("s_m: 0,", "", 1).encode(), "arm.yaml")
@@ -278,7 +273,7 @@ class TestHayati:
         last = GOOD.replace("{row: 7,", "{beta_deg: 0.1, row: 7,")
         assert complaint(last).problems[0].key == "dh[row 7].beta_deg"
 
-    def test_where_a_file_frees_s_between_parallel_axes_beta_is_free(self) -> None:
+    def test_where_a_file_frees_s_between_parallel_axes_beta_is_free(self):
         text = PARALLEL.replace("ROW", "0").replace("free: [", "free: [s_2, beta_2, s_3, ")
         arm = parse_arm(text.encode(), "arm.yaml")
         assert [e.name for e in arm.free[:3]] == ["beta_2", "s_3", "theta_off_1"]

@@ -2,7 +2,6 @@
 
 import os
 import stat
-from pathlib import Path
 
 import pytest
 
@@ -10,7 +9,7 @@ from operator_app.config.atomic import write_atomically
 from operator_app.config.errors import WriteError
 
 
-def test_writes_and_replaces_and_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_writes_and_replaces_and_leaves_nothing_behind(tmp_path):
     path = tmp_path / "a.yaml"
     write_atomically(path, b"one")
     write_atomically(path, b"two" * 10000)
@@ -18,7 +17,7 @@ def test_writes_and_replaces_and_leaves_nothing_behind(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
 
 
-def test_a_new_file_has_ordinary_permissions_and_an_old_one_keeps_its_own(tmp_path: Path) -> None:
+def test_a_new_file_has_ordinary_permissions_and_an_old_one_keeps_its_own(tmp_path):
     path = tmp_path / "a.yaml"
     old = os.umask(0o027)
     try:
@@ -32,9 +31,7 @@ def test_a_new_file_has_ordinary_permissions_and_an_old_one_keeps_its_own(tmp_pa
 
 
 @pytest.mark.parametrize("there", [True, False])
-def test_a_link_is_replaced_and_what_it_points_to_is_left_alone(
-    tmp_path: Path, there: bool
-) -> None:
+def test_a_link_is_replaced_and_what_it_points_to_is_left_alone(tmp_path, there):
     target, link = tmp_path / "elsewhere/target", tmp_path / "link"
     target.parent.mkdir()
     if there:
@@ -49,7 +46,7 @@ def test_a_link_is_replaced_and_what_it_points_to_is_left_alone(
     assert (target.read_bytes() == b"old") if there else not target.exists()
 
 
-def test_a_link_of_the_user_s_own_stays_a_link(tmp_path: Path) -> None:
+def test_a_link_of_the_user_s_own_stays_a_link(tmp_path):
     target, link = tmp_path / "target", tmp_path / "link"
     target.write_bytes(b"old")
     link.symlink_to(target)
@@ -59,7 +56,7 @@ def test_a_link_of_the_user_s_own_stays_a_link(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("linked", [True, False])
-def test_a_pipe_or_device_is_not_replaced(tmp_path: Path, linked: bool) -> None:
+def test_a_pipe_or_device_is_not_replaced(tmp_path, linked):
     """As root, `export -o /dev/full` had put a file in place of the device."""
     path = pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
@@ -72,9 +69,7 @@ def test_a_pipe_or_device_is_not_replaced(tmp_path: Path, linked: bool) -> None:
 
 
 @pytest.mark.parametrize("step", ["fsync", "fchmod"])
-def test_a_disk_that_fails_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
-) -> None:
+def test_a_disk_that_fails_leaves_the_old_file(tmp_path, monkeypatch, step):
     path = tmp_path / "a.yaml"
     path.write_bytes(b"old")
 
@@ -88,7 +83,7 @@ def test_a_disk_that_fails_leaves_the_old_file(
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
 
 
-def test_ctrl_c_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "a.yaml"
     path.write_bytes(b"old")
 
@@ -102,9 +97,7 @@ def test_ctrl_c_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
 
 
-def test_the_file_is_on_the_disk_before_the_rename_and_the_folder_after_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_file_is_on_the_disk_before_the_rename_and_the_folder_after_it(tmp_path, monkeypatch):
     path = tmp_path / "a.yaml"
     seen: list[tuple[bool, bool]] = []
     real = os.fsync
@@ -118,6 +111,6 @@ def test_the_file_is_on_the_disk_before_the_rename_and_the_folder_after_it(
     assert seen == [(False, False), (True, True)]
 
 
-def test_no_folder_is_said(tmp_path: Path) -> None:
+def test_no_folder_is_said(tmp_path):
     with pytest.raises(WriteError, match="No such file or directory"):
         write_atomically(tmp_path / "none" / "a.yaml", b"x")

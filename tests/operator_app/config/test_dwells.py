@@ -11,7 +11,7 @@ from tests.oracles.recordings import recorded_arm
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("rate_hz", [20.0, 100.0, 1000.0])
-def test_every_pose_once_and_none_of_twenty_slow_motions(seed: int, rate_hz: float) -> None:
+def test_every_pose_once_and_none_of_twenty_slow_motions(seed, rate_hz):
     _, q_rad = panda_readings()
     poses = q_rad[30 * seed : 30 * seed + 30]
     time_s, q = recorded_arm(poses, decoys=20, seed=seed, rate_hz=rate_hz)
@@ -33,7 +33,7 @@ def stretches(*pieces: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
     return np.arange(len(first)) * 0.01, np.column_stack((first, np.zeros(len(first))))
 
 
-def test_short_and_moving_stretches_are_named() -> None:
+def test_short_and_moving_stretches_are_named():
     time_s, q = stretches((1, 20), (0.7, 0), (1, 20), (3, 0.06), (1, 20), (1.5, 0), (1, 20))
     found, refused = find_dwells(time_s, q)
     assert [round(d.start_s, 1) for d in found] == [6.7]
@@ -44,7 +44,7 @@ def test_short_and_moving_stretches_are_named() -> None:
     assert np.rad2deg(moving.moved_rad) == pytest.approx(0.18, abs=0.02)
 
 
-def test_a_creep_is_no_pose_and_costs_none_beside_it() -> None:
+def test_a_creep_is_no_pose_and_costs_none_beside_it():
     time_s, q = stretches((1, 20), (2, 0), (4, 0.02), (2, 0), (1, 20))
     found, refused = find_dwells(time_s, q)
     assert [round(d.start_s, 1) for d in found] == [1.0, 7.0]
@@ -56,7 +56,7 @@ def test_a_creep_is_no_pose_and_costs_none_beside_it() -> None:
     assert (len(found), [r.joint for r in refused]) == (0, [1])
 
 
-def test_a_lost_minute_is_not_a_minute_at_rest() -> None:
+def test_a_lost_minute_is_not_a_minute_at_rest():
     time_s, q = stretches((1, 20), (0.4, 0), (60, 0), (0.3, 0), (1, 20))
     seen = (time_s < 1.4) | (time_s > 61.4)
     found, refused = find_dwells(time_s[seen], q[seen])
@@ -65,7 +65,7 @@ def test_a_lost_minute_is_not_a_minute_at_rest() -> None:
     assert find_dwells(time_s[: LEAST_SAMPLES - 1], q[: LEAST_SAMPLES - 1]) == ((), ())
 
 
-def test_how_quiet_a_noisy_recording_is() -> None:
+def test_how_quiet_a_noisy_recording_is():
     time_s, q = stretches((1, 20), (2, 0.1), (1, 20))
     assert np.rad2deg(quietest_rad(time_s, q, 1.0)) == pytest.approx(0.1, rel=0.02)
     assert quietest_rad(time_s, q, 5.0) == np.inf

@@ -17,7 +17,6 @@ from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, Rvdt
 from solver.chain.statics import LinkMasses, gravity_torque
 from tests.contracts.planted import FIXTURES
-from tests.oracles.approved import Approve
 
 SARCOS = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 HINGE = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
@@ -44,9 +43,7 @@ def complaints(text: str) -> list[str]:
     ("name", "length_mm", "twist_deg", "sag_deg"),
     [("sarcos_dextrous", 0.5, 0.1, 0.01), ("franka_panda", 1.0, 0.2, 0.03)],
 )
-def test_packaged_arms_state_everything(
-    name: str, length_mm: float, twist_deg: float, sag_deg: float
-) -> None:
+def test_packaged_arms_state_everything(name, length_mm, twist_deg, sag_deg):
     arm = load_arm(name)
     assert arm.assumed == ()
     np.testing.assert_allclose(arm.length_tolerance_m, length_mm / 1e3, rtol=1e-14)
@@ -59,7 +56,7 @@ def test_packaged_arms_state_everything(
     assert arm.masses is not None
 
 
-def test_a_file_without_figures_is_read_with_the_assumed_ones_and_says_so() -> None:
+def test_a_file_without_figures_is_read_with_the_assumed_ones_and_says_so():
     arm = arm_of(OLD_ARM)
     stated = load_arm("sarcos_dextrous")
     assert arm.tolerances == stated.tolerances
@@ -74,7 +71,7 @@ def test_a_file_without_figures_is_read_with_the_assumed_ones_and_says_so() -> N
     )
 
 
-def test_what_no_joint_or_row_takes_is_not_assumed() -> None:
+def test_what_no_joint_or_row_takes_is_not_assumed():
     """One joint without a sensor, all others stated; every row states its own length."""
     text = SARCOS.replace("tolerance: {length_mm: 0.5, twist_deg: 0.1}\n", "", 1)
     text = re.sub(r"(  - \{row: .*)\}", r"\1, tolerance: {length_mm: 0.05}}", text)
@@ -86,7 +83,7 @@ def test_what_no_joint_or_row_takes_is_not_assumed() -> None:
     assert arm_of(head + sep + tail).assumed == ("tolerance.twist_deg: 0.1",)
 
 
-def test_one_row_may_differ_and_takes_the_rest_from_the_arm() -> None:
+def test_one_row_may_differ_and_takes_the_rest_from_the_arm():
     row = "{row: 3, theta_off_deg: -20,  s_m: 0.355,   a_m: 0,       alpha_deg: 90"
     assert row in SARCOS
     arm = arm_of(SARCOS.replace(row, f"{row}, tolerance: {{length_mm: 0.02}}"))
@@ -99,14 +96,14 @@ def test_one_row_may_differ_and_takes_the_rest_from_the_arm() -> None:
 
 
 @pytest.mark.parametrize("zero", ["0", "0.0", "{length_mm: 0, twist_deg: 0}"])
-def test_zero_is_exact_and_is_stated(zero: str) -> None:
+def test_zero_is_exact_and_is_stated(zero):
     arm = arm_of(OLD_ARM.replace("joints:\n", f"tolerance: {zero}\njoints:\n", 1))
     assert not np.any(arm.length_tolerance_m)
     assert not np.any(arm.twist_tolerance_rad)
     assert not [line for line in arm.assumed if line.startswith("tolerance")]
 
 
-def test_an_arm_made_in_a_program_is_exact() -> None:
+def test_an_arm_made_in_a_program_is_exact():
     known = load_arm("sarcos_dextrous")
     arm = ArmModel(
         name="a", table=known.table, joints=known.joints, free=(), home_rad=known.home_rad
@@ -128,7 +125,7 @@ def test_an_arm_made_in_a_program_is_exact() -> None:
         )
 
 
-def test_rvdts_have_their_own_figure() -> None:
+def test_rvdts_have_their_own_figure():
     text = SARCOS.replace("noise_lsb: 2,", "noise_lsb: 2, accuracy_deg: 0.01,", 1)
     assert "joints[joint 6].sensor.accuracy_deg: unknown key" in complaints(text)[0]
     for joint in load_arm("sarcos_dextrous").joints[5:]:
@@ -155,7 +152,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new"), BAD)
-def test_figures_that_cannot_be_are_refused(old: str, new: str, approve: Approve) -> None:
+def test_figures_that_cannot_be_are_refused(old, new, approve):
     assert old in SARCOS
     found = complaints(SARCOS.replace(old, new, 1))
     assert len(found) == 1
@@ -163,14 +160,14 @@ def test_figures_that_cannot_be_are_refused(old: str, new: str, approve: Approve
 
 
 @pytest.mark.parametrize("name", ["hinge", "rigid", "ball"])
-def test_packaged_fixtures_state_how_far_they_give(name: str) -> None:
+def test_packaged_fixtures_state_how_far_they_give(name):
     give = load_fixture(name).fixture.compliance
     assert give.position_m == pytest.approx(2e-4, rel=1e-14)
     assert give.orientation_rad == pytest.approx(2e-4, rel=1e-14)
     assert give.assumed == ()
 
 
-def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> None:
+def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so():
     give = parse_fixture(OLD_HINGE.encode(), "f.yaml").fixture.compliance
     lines = ("give.position_mm: 0.2", "give.orientation_mrad: 0.2")
     assert give == Compliance(position_m=0.2 / 1e3, orientation_rad=0.2 / 1e3, assumed=lines)
@@ -191,7 +188,7 @@ def test_a_fixture_without_give_is_read_with_the_assumed_one_and_says_so() -> No
         ("{orientation_deg: 1}", "this file uses milliradians, not degrees"),
     ],
 )
-def test_a_give_that_cannot_be_is_refused(give: str, says: str) -> None:
+def test_a_give_that_cannot_be_is_refused(give, says):
     with pytest.raises(ConfigError, match=re.escape(says)):
         parse_fixture((OLD_HINGE + f"give: {give}\n").encode(), "f.yaml")
 
@@ -203,7 +200,7 @@ def masses_of(text: str) -> LinkMasses | None:
     return parse_arm(text.encode(), "a.yaml").masses
 
 
-def test_the_packaged_arm_weighs_something() -> None:
+def test_the_packaged_arm_weighs_something():
     masses = load_arm("sarcos_dextrous").masses
     assert masses is not None
     assert masses.mass_kg.shape == (7,)
@@ -216,7 +213,7 @@ def test_the_packaged_arm_weighs_something() -> None:
     np.testing.assert_allclose(masses.centre_m[2], [0.0, 0.0, 0.18])
 
 
-def test_the_panda_hangs_on_its_second_and_fourth_joint() -> None:
+def test_the_panda_hangs_on_its_second_and_fourth_joint():
     """Torques of the identified masses, stretched out: the maker states a payload of 3 kg at 87 N m."""
     arm = load_arm("franka_panda")
     assert arm.masses is not None
@@ -231,7 +228,7 @@ def test_the_panda_hangs_on_its_second_and_fourth_joint() -> None:
     assert np.abs(stretched[[4, 6]]).max() < 1.0
 
 
-def test_a_file_without_masses_is_read_as_before() -> None:
+def test_a_file_without_masses_is_read_as_before():
     assert "link" not in WEIGHTLESS.split("dh:")[1].split("free:")[1]
     arm = parse_arm(WEIGHTLESS.encode(), "a.yaml")
     assert arm.masses is None
@@ -239,7 +236,7 @@ def test_a_file_without_masses_is_read_as_before() -> None:
 
 
 @pytest.mark.parametrize("length", [1e-300, 1.0, 1e300])
-def test_tolerances_are_each_links_own_and_down_has_any_length(length: float) -> None:
+def test_tolerances_are_each_links_own_and_down_has_any_length(length):
     text = SARCOS.replace(
         "{link: 3, mass_kg: 4.0, centre_m: [0, 0, 0.18]}",
         "{link: 3, mass_kg: 4.0, centre_m: [0, 0, 0.18], mass_tolerance_percent: 5, "
@@ -271,7 +268,7 @@ def test_tolerances_are_each_links_own_and_down_has_any_length(length: float) ->
         ("mass_kg: 4.0,", "mass_kg: 4.0, weight: 3,", "weight"),
     ],
 )
-def test_what_is_wrong_is_named(old: str, new: str, complaint: str) -> None:
+def test_what_is_wrong_is_named(old, new, complaint):
     assert old in SARCOS
     with pytest.raises(ConfigError) as caught:
         masses_of(SARCOS.replace(old, new, 1))
@@ -281,7 +278,7 @@ def test_what_is_wrong_is_named(old: str, new: str, complaint: str) -> None:
     assert "a.yaml" in str(caught.value)
 
 
-def test_the_json_schema_says_where_a_centre_is_seen_from() -> None:
+def test_the_json_schema_says_where_a_centre_is_seen_from():
     definitions = json_schema("arm")["$defs"]
     assert (
         "along the joint's axis"

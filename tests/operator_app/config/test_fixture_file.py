@@ -15,12 +15,11 @@ from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
 from tests.contracts.planted import FIXTURES
-from tests.oracles.approved import Approve
 
 GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 
 
-def test_hinge_is_nominal_near_table_2() -> None:
+def test_hinge_is_nominal_near_table_2():
     spec = load_fixture("hinge")
     hinge = spec.fixture
     assert isinstance(hinge, Hinge)
@@ -38,7 +37,7 @@ def test_hinge_is_nominal_near_table_2() -> None:
     assert len(spec.checklist) >= 3
 
 
-def test_rigid_closes_near_home_and_names_the_elbow() -> None:
+def test_rigid_closes_near_home_and_names_the_elbow():
     spec = load_fixture("rigid")
     assert isinstance(spec.fixture, Rigid)
     arm = load_arm("sarcos_dextrous")
@@ -48,12 +47,12 @@ def test_rigid_closes_near_home_and_names_the_elbow() -> None:
     assert len(checks) == 2
 
 
-def test_a_file_that_states_a_stiffness_is_still_read() -> None:
+def test_a_file_that_states_a_stiffness_is_still_read():
     text = GOOD + "stiffness: {n_per_m: 2e6, nm_per_rad: 3e4}\n"
     assert parse_fixture(text.encode(), "f.yaml") == load_fixture("hinge")
 
 
-def test_distances_of_sockets_that_were_measured() -> None:
+def test_distances_of_sockets_that_were_measured():
     text = (files("fixtures") / "data" / "ball.yaml").read_text("utf-8")
     known = "distance: [{between: [1, 2], mm: 50.0, sigma_mm: 0.05}]\n"
     ball = parse_fixture((text + known).encode(), "f.yaml").fixture
@@ -70,7 +69,7 @@ def test_distances_of_sockets_that_were_measured() -> None:
         parse_fixture((GOOD + known).encode(), "f.yaml")
 
 
-def test_every_kind_there_is_has_a_file_format() -> None:
+def test_every_kind_there_is_has_a_file_format():
     assert set(MODELS) == set(FIXTURES)
     for name in ("hinge", "rigid", "ball"):
         spec = load_fixture(name)
@@ -94,7 +93,7 @@ checklist: [The instrument has warmed up.]
 """
 
 
-def test_measured_endpoint() -> None:
+def test_measured_endpoint():
     fixture = parse_fixture(MEASURED.encode(), "f.yaml").fixture
     assert isinstance(fixture, Measured)
     assert fixture.full_pose
@@ -117,7 +116,7 @@ def test_measured_endpoint() -> None:
         ("[10, -20, 120]", "[0, 0, 3.1416]", "placement.base_turn_deg[3]"),
     ],
 )
-def test_one_mistake_in_a_measured_fixture(old: str, new: str, key: str, approve: Approve) -> None:
+def test_one_mistake_in_a_measured_fixture(old, new, key, approve):
     with pytest.raises(ConfigError) as caught:
         parse_fixture(MEASURED.replace(old, new, 1).encode(), "f.yaml")
     assert [p.key for p in caught.value.problems] == [key], str(caught.value)
@@ -148,7 +147,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
-def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: Approve) -> None:
+def test_one_mistake_gives_one_complaint(old, new, key, approve):
     assert old in GOOD
     text = GOOD.replace(old, new, 1)
     with pytest.raises(ConfigError) as caught:
@@ -161,7 +160,7 @@ def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: 
         assert new.strip() in text.splitlines()[found[0].line - 1]
 
 
-def test_a_placement_in_metres_is_seen_as_a_whole() -> None:
+def test_a_placement_in_metres_is_seen_as_a_whole():
     text = GOOD
     for length in ("a_0_mm: 200", "s_0_mm: 10", "s_1_mm: 270", "a_n_mm: -100", "s_n_mm: 40"):
         name, value = length.split(": ")

@@ -16,5 +16,5 @@ from operator_app.config.joint_log import numbered_series
         (["q1", "q2", "q4"], ()),
     ],
 )
-def test_joints_are_the_one_series_of_numbers(names: list[str], places: tuple[int, ...]) -> None:
+def test_joints_are_the_one_series_of_numbers(names, places):
     assert numbered_series(names, 3) == places

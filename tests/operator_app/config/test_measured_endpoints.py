@@ -28,12 +28,11 @@ from operator_app.config.measured_endpoints import (
 )
 from operator_app.config.poses_file import parse_poses
 from solver.chain.kinematics import DhTable
-from tests.oracles.approved import Approve
 
 POINT = {"x_m": 1.25, "y_m": -0.5, "z_m": 0.75}
 
 
-def test_a_line_is_a_point_or_a_point_and_a_turn() -> None:
+def test_a_line_is_a_point_or_a_point_and_a_turn():
     found = read_json_line(json.dumps({"pose": 12, **POINT}))
     assert (found.pose, found.endpoint.tolist()) == ("12", [1.25, -0.5, 0.75])
     turned = read_json_line(json.dumps({**POINT, "rx_deg": 10, "ry_deg": -20, "rz_deg": 90}))
@@ -47,7 +46,7 @@ def test_a_line_is_a_point_or_a_point_and_a_turn() -> None:
     assert (Rotation.from_rotvec(np.array(euler)) * wanted.inv()).magnitude() < 1e-12
 
 
-def test_a_row_says_the_same_below_its_heading() -> None:
+def test_a_row_says_the_same_below_its_heading():
     heading = "pose,x_m,y_m,z_m,roll_deg,pitch_deg,yaw_deg"
     require_heading(heading)
     found = read_row(heading, "7, 1.25,-0.5,0.75, 10,20,30")
@@ -56,7 +55,7 @@ def test_a_row_says_the_same_below_its_heading() -> None:
     assert (Rotation.from_rotvec(np.array(found.endpoint[3:])) * wanted.inv()).magnitude() < 1e-12
 
 
-def test_a_target_out_of_sight_is_said_with_the_reason() -> None:
+def test_a_target_out_of_sight_is_said_with_the_reason():
     assert read_json_line('{"pose": "3", "lost": "no line of sight"}').lost == "no line of sight"
 
 
@@ -80,13 +79,13 @@ def test_a_target_out_of_sight_is_said_with_the_reason() -> None:
         pytest.param(f'{{"x_m": 1{"0" * 400}, "y_m": 2, "z_m": 3}}', id="huge"),
     ],
 )
-def test_what_is_no_measurement_is_refused_in_words(line: str, approve: Approve) -> None:
+def test_what_is_no_measurement_is_refused_in_words(line, approve):
     with pytest.raises(BadLine) as caught:
         read_json_line(line)
     approve(str(caught.value))
 
 
-def test_a_heading_without_a_point_is_refused_before_any_row() -> None:
+def test_a_heading_without_a_point_is_refused_before_any_row():
     with pytest.raises(BadLine, match="has no z_m"):
         require_heading("pose,x_m,y_m")
     with pytest.raises(BadLine, match="2 cells for 3 columns"):
@@ -108,7 +107,7 @@ def same(found: np.ndarray, wanted: Rotation) -> bool:
 
 
 @pytest.mark.parametrize("order", ORDERS)
-def test_euler_angles_turn_about_moving_axes_in_the_order_of_their_name(order: str) -> None:
+def test_euler_angles_turn_about_moving_axes_in_the_order_of_their_name(order):
     angles = RNG.uniform(-170.0, 170.0, (20, 3))
     group = group_of(f"euler_{order}_2_deg")
     assert group == tuple(f"euler_{order}_{k}_deg" for k in (1, 2, 3))
@@ -116,14 +115,14 @@ def test_euler_angles_turn_about_moving_axes_in_the_order_of_their_name(order: s
     assert same(rotation_vectors(group, angles), wanted)
 
 
-def test_roll_pitch_and_yaw_turn_about_fixed_axes() -> None:
+def test_roll_pitch_and_yaw_turn_about_fixed_axes():
     angles = RNG.uniform(-170.0, 170.0, (20, 3))
     group = group_of("pitch_deg")
     assert group is not None
     assert same(rotation_vectors(group, angles), Rotation.from_euler("xyz", angles, degrees=True))
 
 
-def test_a_quaternion_of_either_sign_is_the_same_turn() -> None:
+def test_a_quaternion_of_either_sign_is_the_same_turn():
     turns = Rotation.random(20, random_state=1)
     q = turns.as_quat(scalar_first=True)
     group = group_of("qx")
@@ -140,7 +139,7 @@ def test_a_quaternion_of_either_sign_is_the_same_turn() -> None:
 @pytest.mark.parametrize(
     "name", ["euler_zzy_1_deg", "euler_zyx_4_deg", "euler_abc_1_deg", "rz_rad"]
 )
-def test_what_names_no_turn_is_none(name: str) -> None:
+def test_what_names_no_turn_is_none(name):
     assert group_of(name) is None
 
 
@@ -150,7 +149,7 @@ def poses(columns: str, *cells: str) -> bytes:
     return "\n".join(lines).encode()
 
 
-def test_a_poses_file_may_name_any_of_them() -> None:
+def test_a_poses_file_may_name_any_of_them():
     angles = np.array([[10.0, 20.0, 30.0], [-100.0, 40.0, 170.0]])
     cells = [f"1,2,3,{a:g},{b:g},{c:g}" for a, b, c in angles]
     names = "x_m,y_m,z_m,euler_zyz_1_deg,euler_zyz_2_deg,euler_zyz_3_deg"
@@ -160,7 +159,7 @@ def test_a_poses_file_may_name_any_of_them() -> None:
     assert not found.warnings
 
 
-def test_euler_angles_called_a_rotation_vector_are_suspected() -> None:
+def test_euler_angles_called_a_rotation_vector_are_suspected():
     found = parse_poses(poses("x_m,y_m,z_m,rx_deg,ry_deg,rz_deg", "1,2,3,170,80,-160"), "poses.csv")
     assert [w.code for w in found.warnings] == ["EULER_SUSPECTED"]
 
@@ -175,7 +174,7 @@ def test_euler_angles_called_a_rotation_vector_are_suspected() -> None:
         "x_mm,y_m,z_m",
     ],
 )
-def test_half_a_turn_or_two_of_them_are_refused(names: str, approve: Approve) -> None:
+def test_half_a_turn_or_two_of_them_are_refused(names, approve):
     with pytest.raises(ConfigError) as caught:
         parse_poses(poses(names, ",".join("1" for _ in names.split(","))), "poses.csv")
     approve(str(caught.value))
@@ -193,7 +192,7 @@ def seen(rng: np.random.Generator, count: int, sigma_m: float = 0.0):
     return (points + sigma_m * rng.standard_normal(points.shape)).reshape(count, 9), turn, place
 
 
-def test_the_frame_of_the_targets_is_fixed_to_the_hand() -> None:
+def test_the_frame_of_the_targets_is_fixed_to_the_hand():
     points, turn, place = seen(np.random.default_rng(1), 20)
     found = poses_of_targets(points, LABELS)
     own = turn.inv() * Rotation.from_rotvec(found[:, 3:])
@@ -209,7 +208,7 @@ def test_the_frame_of_the_targets_is_fixed_to_the_hand() -> None:
     assert abs(z @ (TRIANGLE[1] - TRIANGLE[0])) < 1e-12
 
 
-def test_its_noise_is_that_of_the_triangle() -> None:
+def test_its_noise_is_that_of_the_triangle():
     points, turn, place = seen(np.random.default_rng(2), 400, sigma_m=1e-4)
     found = poses_of_targets(points, [str(k) for k in range(400)])
     own = turn.inv() * Rotation.from_rotvec(found[:, 3:])
@@ -231,7 +230,7 @@ def test_its_noise_is_that_of_the_triangle() -> None:
         (lambda p: p.__setitem__((slice(None), slice(3, 9)), np.tile(p[:, :3], 2)), "in line"),
     ],
 )
-def test_a_target_that_moved_and_targets_in_line_are_refused(change, words: str) -> None:
+def test_a_target_that_moved_and_targets_in_line_are_refused(change, words):
     points, *_ = seen(np.random.default_rng(3), 12)
     change(points)
     with pytest.raises(ValueError, match=words):
@@ -254,7 +253,7 @@ def csv(q: np.ndarray, points: np.ndarray, columns: tuple[str, ...] = TARGETS) -
         ((*TARGETS[:8], "x_m"), "x_m: the three targets already state the tool's pose"),
     ],
 )
-def test_columns_that_are_not_three_targets_are_named(columns: tuple[str, ...], words: str) -> None:
+def test_columns_that_are_not_three_targets_are_named(columns, words):
     points, *_ = seen(np.random.default_rng(4), 5)
     text = csv(np.full((5, 7), 0.1), points, columns)
     with pytest.raises(ConfigError, match=re.escape(words)):
@@ -306,7 +305,7 @@ def nine_equations(arm, q, points, true, base):
     return found.x[:5], np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)))[:5]
 
 
-def test_a_calibration_finds_what_nine_equations_a_pose_find(measured) -> None:
+def test_a_calibration_finds_what_nine_equations_a_pose_find(measured):
     arm, q, points, true, base = measured
     values, sigmas = nine_equations(arm, q, points, true, base)
     poses = parse_poses(csv(q, points).encode(), "targets.csv").poses

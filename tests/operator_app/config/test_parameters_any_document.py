@@ -97,7 +97,7 @@ def bits(value: Any) -> Iterator[Any]:
 
 @settings(max_examples=60, deadline=None)
 @given(documents())
-def test_writing_and_reading_changes_no_bit(original: ParametersDocument) -> None:
+def test_writing_and_reading_changes_no_bit(original):
     again = parse_parameters(format_parameters(original))
     assert list(bits(again)) == list(bits(original))
 
@@ -106,14 +106,14 @@ def test_writing_and_reading_changes_no_bit(original: ParametersDocument) -> Non
 @pytest.mark.parametrize(
     "missing", [k for k, line in enumerate(GOOD.splitlines()) if not line.startswith("#")]
 )
-def test_any_line_that_is_cut_out_is_noticed(missing: int) -> None:
+def test_any_line_that_is_cut_out_is_noticed(missing):
     lines = GOOD.splitlines(keepends=True)
     cut = "".join(lines[:missing] + lines[missing + 1 :]).encode()
     with pytest.raises(ConfigError):
         parse_parameters(cut)
 
 
-def test_any_table_in_radians_survives_the_document_to_the_last_bit_or_the_next() -> None:
+def test_any_table_in_radians_survives_the_document_to_the_last_bit_or_the_next():
     """Degrees are not as dense as radians everywhere; where they are, nothing changes."""
     rng = np.random.default_rng(5)
     angles = rng.uniform(-np.pi, np.pi, (2, 500))

@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from datetime import datetime, timedelta, timezone
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,15 +17,14 @@ from operator_app.config.parameters_file import (
     parse_parameters,
     save_parameters,
 )
-from tests.oracles.approved import Approve
 from tests.oracles.parameter_documents import GOOD, complaint, document
 
 
 class TestContent:
-    def test_reads_back_the_same(self) -> None:
+    def test_reads_back_the_same(self):
         assert parse_parameters(GOOD.encode()) == document()
 
-    def test_an_ordinary_yaml_reader_sees_the_same_numbers(self) -> None:
+    def test_an_ordinary_yaml_reader_sees_the_same_numbers(self):
         data = yaml.safe_load(GOOD)
         assert next(iter(data)) == "schema"
         assert data["arm"] == {"model": "sarcos_dextrous", "serial": "SDA-0007"}
@@ -37,18 +35,18 @@ class TestContent:
         }  # fmt: skip
         assert [j["theta_off_deg"] for j in data["joints"]] == [10, -120, -20, -10, 30, 120, 90]
 
-    def test_home_offsets_are_whole_counts_of_each_sensor(self) -> None:
+    def test_home_offsets_are_whole_counts_of_each_sensor(self):
         counts = [joint.home_offset_counts for joint in document().joints]
         encoder = [round(deg / 360.0 * 400000) for deg in (10, -120, -20, -10, 30)]
         rvdt = [round(deg / 120.0 * 4096) for deg in (120, 90)]
         assert counts == encoder + rvdt
 
-    def test_the_table_is_the_loop_s_in_si(self) -> None:
+    def test_the_table_is_the_loop_s_in_si(self):
         table = load_fixture("hinge").fixture.model(load_arm("sarcos_dextrous")).table
         np.testing.assert_array_equal(document().table.stacked(), table.stacked())
         np.testing.assert_array_equal(document().theta_off_rad, table.theta_off_rad[1:])
 
-    def test_saved_and_loaded(self, tmp_path: Path) -> None:
+    def test_saved_and_loaded(self, tmp_path):
         save_parameters(tmp_path / "p.yaml", document())
         assert load_parameters(tmp_path / "p.yaml") == document()
         with pytest.raises(ConfigError, match="no such file"):
@@ -94,7 +92,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
-def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: Approve) -> None:
+def test_one_mistake_gives_one_complaint(old, new, key, approve):
     found = complaint(GOOD, old, new)
     assert [p.key for p in found.problems] == [key], str(found)
     (problem,) = found.problems
@@ -103,13 +101,13 @@ def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: 
 
 
 class TestResultsThatCannotBeWritten:
-    def test_numbers_that_are_not_finite(self) -> None:
+    def test_numbers_that_are_not_finite(self):
         quality = replace(document().quality, scaled_condition_number=math.inf)
         with pytest.raises(ConfigError, match="the result: inf cannot be written") as caught:
             format_parameters(replace(document(), quality=quality))
         assert len(caught.value.problems) == 1
 
-    def test_an_iteration_that_ran_away(self) -> None:
+    def test_an_iteration_that_ran_away(self):
         rows = (replace(document().dh[0], a_m=1e6), *document().dh[1:])
         with pytest.raises(
             ConfigError, match=r"^the result: dh\[row 0\]\.a_m: .*cannot be exported"
@@ -118,11 +116,11 @@ class TestResultsThatCannotBeWritten:
 
 
 class TestWrongCalls:
-    def test_rows_and_joints(self) -> None:
+    def test_rows_and_joints(self):
         with pytest.raises(ValueError, match="rows 0 to n"):
             replace(document(), dh=document().dh[1:])
 
     @pytest.mark.parametrize("zone", [None, timezone(timedelta(hours=1))])
-    def test_local_time(self, zone: timezone | None) -> None:
+    def test_local_time(self, zone):
         with pytest.raises(ValueError, match="UTC"):
             replace(document(), utc=datetime(2026, 1, 1, tzinfo=zone))

@@ -23,11 +23,10 @@ from operator_app.config.parameter_records import (
 from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.schema import schema_name
-from tests.oracles.approved import Approve
 from tests.oracles.parameter_documents import GOOD, complaint, document
 
 
-def test_version_1_is_still_read_and_has_neither_side_nor_correction() -> None:
+def test_version_1_is_still_read_and_has_neither_side_nor_correction():
     found = parse_parameters(GOOD.replace("sarcal/parameters/2", "sarcal/parameters/1", 1).encode())
     assert found == document()
     assert {entry.side for entry in found.calibrated} == {None}
@@ -51,7 +50,7 @@ KEYS_OF_VERSION_3 = {
 }
 
 
-def test_a_key_that_comes_raises_the_number_of_the_schema() -> None:
+def test_a_key_that_comes_raises_the_number_of_the_schema():
     """A program that reads version 3 refuses other keys: with a new one, write VERSIONS (1, 2, 3, 4)."""
     models = json_schema("parameters")["$defs"]
     found = {
@@ -61,7 +60,7 @@ def test_a_key_that_comes_raises_the_number_of_the_schema() -> None:
     assert found == KEYS_OF_VERSION_3
 
 
-def test_only_a_document_with_a_beta_is_of_version_3() -> None:
+def test_only_a_document_with_a_beta_is_of_version_3():
     plain = document()
     rows = (*plain.dh[:2], replace(plain.dh[2], beta_deg=0.05), *plain.dh[3:])
     twisted = replace(plain, dh=rows)
@@ -72,7 +71,7 @@ def test_only_a_document_with_a_beta_is_of_version_3() -> None:
     assert twisted.table.beta_rad[2] == np.deg2rad(0.05)
 
 
-def test_a_key_of_a_newer_program_is_told_from_a_misspelt_one() -> None:
+def test_a_key_of_a_newer_program_is_told_from_a_misspelt_one():
     with pytest.raises(ConfigError) as caught:
         parse_parameters(GOOD.encode() + b"thermal: {}\nforcd: no\n")
     newer, misspelt = caught.value.problems
@@ -92,7 +91,7 @@ def with_a_remedy() -> ParametersDocument:
     return replace(document(), rvdt=(remedy,), calibrated=listed, forced="the wrist is new")
 
 
-def test_what_version_2_brings_reads_back_the_same() -> None:
+def test_what_version_2_brings_reads_back_the_same():
     written = format_parameters(with_a_remedy())
     assert parse_parameters(written) == with_a_remedy()
     data = yaml.safe_load(written)
@@ -113,9 +112,7 @@ def test_what_version_2_brings_reads_back_the_same() -> None:
         ("side: ground", "side: table", "calibrated[theta_off_2].side"),
     ],
 )  # fmt: skip
-def test_one_mistake_in_a_remedy_gives_one_complaint(
-    old: str, new: str, key: str, approve: Approve
-) -> None:
+def test_one_mistake_in_a_remedy_gives_one_complaint(old, new, key, approve):
     found = complaint(format_parameters(with_a_remedy()).decode(), old, new)
     assert [p.key for p in found.problems] == [key], str(found)
     approve(str(found))
@@ -137,7 +134,7 @@ def with_correlations() -> ParametersDocument:
     )
 
 
-def test_correlations_and_budget_read_back_the_same() -> None:
+def test_correlations_and_budget_read_back_the_same():
     written = format_parameters(with_correlations())
     assert parse_parameters(written) == with_correlations()
     data = yaml.safe_load(written)
@@ -146,7 +143,7 @@ def test_correlations_and_budget_read_back_the_same() -> None:
     assert data["budget"]["theta_off_1"] == {"lengths": 0.25, "fixture_give": 0.75}
 
 
-def test_a_parameter_without_variance_goes_with_none_and_has_no_budget() -> None:
+def test_a_parameter_without_variance_goes_with_none_and_has_no_budget():
     covariance = np.diag([4.0, 0.0, 1.0])
     covariance[0, 2] = covariance[2, 0] = -1.0
     assert correlations_of(("a", "b", "c"), covariance) == {"b": (0.0,), "c": (-0.5, 0.0)}
@@ -168,16 +165,14 @@ def test_a_parameter_without_variance_goes_with_none_and_has_no_budget() -> None
         ("  theta_off_1: {lengths", "  theta_off_8: {lengths", "budget.theta_off_8"),
     ],
 )  # fmt: skip
-def test_one_mistake_in_them_gives_one_complaint(
-    old: str, new: str, key: str, approve: Approve
-) -> None:
+def test_one_mistake_in_them_gives_one_complaint(old, new, key, approve):
     found = complaint(format_parameters(with_correlations()).decode(), old, new)
     assert [p.key for p in found.problems] == [key], str(found)
     approve(str(found))
     assert found.problems[0].line is not None
 
 
-def test_the_longest_document_there_can_be_fits_into_a_slot() -> None:
+def test_the_longest_document_there_can_be_fits_into_a_slot():
     """As many joints as a bus has, every entry calibrated, sixteen sources in each budget."""
     n = MAX_JOINTS
     names = [f"{kind}_{k}" for kind in ("theta_off", "s", "a", "alpha") for k in range(n + 1)]

@@ -3,7 +3,6 @@
 import csv
 import io
 from dataclasses import fields
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +21,6 @@ from operator_app.config.poses_file import (
 )
 from operator_app.safe_output import harmless
 from solver.chain.poses import PoseSet
-from tests.oracles.approved import Approve
 
 HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"
 ROWS = ("1,1,10.5,-20,30", "1,2,11,-21,31.25", "2,1,12,-22,1e1")
@@ -46,7 +44,7 @@ def only(data: bytes, joint_count: int | None = 3) -> tuple[int | None, int | No
     return found[0]
 
 
-def test_a_good_file() -> None:
+def test_a_good_file():
     loaded = parse_poses(text(), "p.csv", joint_count=3)
     assert loaded.warnings == ()
     poses = loaded.poses
@@ -58,7 +56,7 @@ def test_a_good_file() -> None:
     assert (poses.sd_rad, poses.samples, poses.endpoint, poses.utc, poses.notes) == (None,) * 5
 
 
-def test_all_optional_columns_in_any_order() -> None:
+def test_all_optional_columns_in_any_order():
     data = text(
         "note,pose,placement,theta2_deg,theta1_deg,sd1_deg,sd2_deg,samples,utc,x_m,y_m,z_m,rx_deg,ry_deg,rz_deg",
         ('"a, ""b""",p1,3,20,10,0.1,0.2,32,2026-01-31T12:00:00Z,0.1,0.2,0.3,90,0,-90',),
@@ -89,7 +87,7 @@ def test_all_optional_columns_in_any_order() -> None:
     ],
     ids=["bom", "crlf", "cr", "blank lines", "spaces", "other decimals"],
 )
-def test_formatting_does_not_matter(data: bytes) -> None:
+def test_formatting_does_not_matter(data):
     reference = parse_poses(text(), "p.csv").poses
     poses = parse_poses(data, "p.csv").poses
     np.testing.assert_array_equal(poses.q_rad, reference.q_rad)
@@ -152,20 +150,13 @@ BAD = [
 @pytest.mark.parametrize(
     ("data", "joints", "line", "column", "key"), [b[1:] for b in BAD], ids=[b[0] for b in BAD]
 )
-def test_one_mistake_gives_one_complaint(
-    data: bytes,
-    joints: int | None,
-    line: int | None,
-    column: int | None,
-    key: str,
-    approve: Approve,
-) -> None:
+def test_one_mistake_gives_one_complaint(data, joints, line, column, key, approve):
     found = only(data, joints)
     assert found[:3] == (line, column, key)
     approve(found[3])
 
 
-def test_everything_wrong_is_listed_at_once() -> None:
+def test_everything_wrong_is_listed_at_once():
     data = text(rows=("1,1,nan,2,", "x,2,1,2,3", "1,1", "1,4,1,2,3", "1,4,1,2,3"))
     assert [(p[0], p[2]) for p in problems(data)] == [
         (2, "theta1_deg"),
@@ -176,18 +167,18 @@ def test_everything_wrong_is_listed_at_once() -> None:
     ]
 
 
-def test_lines_are_counted_through_notes_of_several_lines() -> None:
+def test_lines_are_counted_through_notes_of_several_lines():
     data = text(HEADER + ",note", ('1,1,1,2,3,"first\nsecond"', "1,2,1,2,oops,x"))
     assert only(data)[0] == 4
 
 
-def test_a_file_that_is_wrong_all_over_is_not_a_thousand_complaints() -> None:
+def test_a_file_that_is_wrong_all_over_is_not_a_thousand_complaints():
     found = problems(text(rows=("1,1,a,b,c",) * 1000))
     assert MOST_PROBLEMS <= len(found) <= MOST_PROBLEMS + 3
     assert "the rest of the file was not read" in found[-1][3]
 
 
-def test_radians_are_suspected_but_not_refused() -> None:
+def test_radians_are_suspected_but_not_refused():
     rows = tuple(f"1,{k},0.1,{0.5 * k},-1.5" for k in range(8))
     (warning,) = parse_poses(text(rows=rows), "p.csv").warnings
     assert warning.code == "RADIANS_SUSPECTED"
@@ -210,21 +201,19 @@ def test_radians_are_suspected_but_not_refused() -> None:
         (("", ""), ""),
     ],
 )
-def test_times_that_cannot_be_read_are_said_to_take_no_part(
-    times: tuple[str, str], says: str
-) -> None:
+def test_times_that_cannot_be_read_are_said_to_take_no_part(times, says):
     rows = tuple(f"1,{k},1,2,3,{utc}" for k, utc in enumerate(times, 1))
     found = parse_poses(text(HEADER + ",utc", rows), "p.csv").warnings
     assert [w.code for w in found] == (["UTC_UNREADABLE"] if says else [])
     assert all(w.text.startswith("p.csv: ") and says in w.text for w in found)
 
 
-def test_a_remedy_after_a_question_begins_without_a_semicolon() -> None:
+def test_a_remedy_after_a_question_begins_without_a_semicolon():
     problem = Problem(file="p.csv", text="a column called theta2?", remedy="add its unit")
     assert str(problem) == "p.csv: a column called theta2? add its unit"
 
 
-def test_missing_file_names_its_neighbour(tmp_path: Path) -> None:
+def test_missing_file_names_its_neighbour(tmp_path):
     (tmp_path / "poses.csv").write_bytes(text())
     with pytest.raises(ConfigError, match=r"no such file; did you mean .*poses\.csv\?"):
         load_poses(tmp_path / "pose.csv")
@@ -284,7 +273,7 @@ def reordered(poses: PoseSet, order: list[int]) -> PoseSet:
 
 @settings(max_examples=150, deadline=None)
 @given(pose_sets())
-def test_writing_and_reading_changes_no_bit(poses: PoseSet) -> None:
+def test_writing_and_reading_changes_no_bit(poses):
     file = format_poses(poses)
     # Poses come back as they are numbered.
     poses = reordered(poses, sorted(range(len(poses)), key=lambda k: numbered(poses.keys[k])))
@@ -312,7 +301,7 @@ WORDS = st.text(
 @example("''")
 @example("\\\x1b\\u{1b}\\\\u{41}")
 @example("-5 deg")
-def test_words_are_no_formula_and_no_escape_in_the_file_and_come_back(words: str) -> None:
+def test_words_are_no_formula_and_no_escape_in_the_file_and_come_back(words):
     label = words.strip() or "1"
     poses = PoseSet(
         placement=np.array([1]),
@@ -334,7 +323,7 @@ def test_words_are_no_formula_and_no_escape_in_the_file_and_come_back(words: str
     assert (again.label, again.utc, again.notes) == (poses.label, poses.utc, poses.notes)
 
 
-def test_files_with_bare_words_are_read_as_they_stand() -> None:
+def test_files_with_bare_words_are_read_as_they_stand():
     rows = ("1,-1,1,\x1bnote", "1,'tis,1,\\u{41}", "1,=a,1,\\u{110000}")
     poses = parse_poses(text("placement,pose,theta1_deg,note", rows), "p.csv").poses
     assert poses.label == ("-1", "'tis", "=a")
@@ -360,7 +349,7 @@ def read_or_refuse(data: bytes) -> LoadedPoses | ConfigError:
 @example(b"placement\n\xc2\x85")
 @example(("placement,pose,theta1_deg\n1,1," + "9" * 200_000).encode())
 @example(("placement,pose,theta1_deg\n" + "9" * 5000 + ",1,1").encode())
-def test_any_bytes_are_read_or_refused_in_words(data: bytes) -> None:
+def test_any_bytes_are_read_or_refused_in_words(data):
     outcome = read_or_refuse(data)
     if isinstance(outcome, ConfigError):
         assert all(problem.text for problem in outcome.problems)
@@ -368,7 +357,7 @@ def test_any_bytes_are_read_or_refused_in_words(data: bytes) -> None:
         assert len(outcome.poses) >= 1
 
 
-def test_saved_file_is_the_contract_s_header(tmp_path: Path) -> None:
+def test_saved_file_is_the_contract_s_header(tmp_path):
     poses = parse_poses(text(), "p.csv").poses
     save_poses(tmp_path / "p.csv", poses)
     lines = (tmp_path / "p.csv").read_text().splitlines()

@@ -9,7 +9,6 @@ import pytest
 from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
-from tests.oracles.approved import Approve
 
 GOOD = """schema: sarcal/procedure/1
 name: hinge
@@ -37,7 +36,7 @@ def parse(text: str, folder: Path | None = None):  # type: ignore[no-untyped-def
     return parse_procedure(Resource(file="p.yaml", folder=folder, data=text.encode()))
 
 
-def test_hinge_procedure() -> None:
+def test_hinge_procedure():
     procedure = load_procedure("hinge")
     assert procedure.arm.name == "sarcos_dextrous"
     assert procedure.fixture.kind == "hinge"
@@ -55,7 +54,7 @@ def test_hinge_procedure() -> None:
 
 
 @pytest.mark.parametrize("name", builtin_names("procedure"))
-def test_exploration_of_packaged_procedures_stays_in_range_from_home(name: str) -> None:
+def test_exploration_of_packaged_procedures_stays_in_range_from_home(name):
     procedure = load_procedure(name)
     for box in procedure.capture.exploration:
         home = procedure.arm.home_rad[box.joint - 1]
@@ -63,7 +62,7 @@ def test_exploration_of_packaged_procedures_stays_in_range_from_home(name: str) 
         assert home + box.upper_rad < procedure.arm.upper_rad[box.joint - 1]
 
 
-def test_settle_rule_follows_the_sensors() -> None:
+def test_settle_rule_follows_the_sensors():
     procedure = load_procedure("hinge")
     spread = procedure.capture.settle.spread_rad(procedure.arm)
     count = 2.0 * math.pi / 400000
@@ -72,7 +71,7 @@ def test_settle_rule_follows_the_sensors() -> None:
     assert spread[5:] == pytest.approx([8.0 * lsb * math.sqrt(4.0 + 1.0 / 12.0)] * 2, rel=1e-12)
 
 
-def test_auto_needs_no_exploration() -> None:
+def test_auto_needs_no_exploration():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
     start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     procedure = parse(text[:start] + text[end:])
@@ -80,7 +79,7 @@ def test_auto_needs_no_exploration() -> None:
     assert procedure.capture.exploration == ()
 
 
-def test_planned_procedure_chooses_its_drives_and_its_poses() -> None:
+def test_planned_procedure_chooses_its_drives_and_its_poses():
     procedure = load_procedure("hinge_planned")
     assert procedure.position_joints is None
     assert not procedure.trial
@@ -89,7 +88,7 @@ def test_planned_procedure_chooses_its_drives_and_its_poses() -> None:
     assert procedure.capture.requested == {}
 
 
-def test_trial_and_requested_precision_in_si() -> None:
+def test_trial_and_requested_precision_in_si():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: {position: auto, trial: true}")
     start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     asked = "  plan: planned\n  requested_sigma: {theta_off_2_deg: 0.9, a_0_mm: 2}\n"
@@ -101,13 +100,13 @@ def test_trial_and_requested_precision_in_si() -> None:
     )
 
 
-def test_named_drives_of_a_plan_need_no_travel() -> None:
+def test_named_drives_of_a_plan_need_no_travel():
     start, end = GOOD.index("  exploration"), GOOD.index("  speed_deg_per_s")
     procedure = parse(GOOD[:start] + "  plan: planned\n" + GOOD[end:])
     assert procedure.position_joints == (1, 5)
 
 
-def test_any_joint_may_drive_where_the_program_chooses() -> None:
+def test_any_joint_may_drive_where_the_program_chooses():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
     start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     fast = (text[:start] + text[end:]).replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
@@ -115,7 +114,7 @@ def test_any_joint_may_drive_where_the_program_chooses() -> None:
         parse(fast)
 
 
-def test_paths_start_from_the_procedure_s_folder(tmp_path: Path) -> None:
+def test_paths_start_from_the_procedure_s_folder(tmp_path):
     arm = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
     (tmp_path / "my_arm.yaml").write_text(arm.replace("name: sarcos_dextrous", "name: mine"))
     (tmp_path / "p.yaml").write_text(GOOD.replace("arm: sarcos_dextrous", "arm: my_arm.yaml"))
@@ -124,7 +123,7 @@ def test_paths_start_from_the_procedure_s_folder(tmp_path: Path) -> None:
     assert procedure.sources[1].file == str(tmp_path / "my_arm.yaml")
 
 
-def test_what_is_wrong_in_the_arm_and_in_the_fixture_is_told_together(tmp_path: Path) -> None:
+def test_what_is_wrong_in_the_arm_and_in_the_fixture_is_told_together(tmp_path):
     (tmp_path / "arm.yaml").write_text("schema: sarcal/arm/1\nname: a\n")
     text = GOOD.replace("arm: sarcos_dextrous", "arm: arm.yaml").replace(
         "fixture: hinge", "fixture: hing"
@@ -181,7 +180,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
-def test_one_mistake_gives_one_complaint(old: str, new: str, key: str, approve: Approve) -> None:
+def test_one_mistake_gives_one_complaint(old, new, key, approve):
     assert old in GOOD
     with pytest.raises(ConfigError) as caught:
         parse(GOOD.replace(old, new, 1))

@@ -1,7 +1,6 @@
 """Bus profiles: what the packaged one says, and one clear complaint with its place for every mistake."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -52,7 +51,7 @@ def complaints(text: str, joints: int | None = 3) -> list[str]:
     return [str(problem) for problem in refused.value.problems]
 
 
-def test_everything_is_read() -> None:
+def test_everything_is_read():
     found = parse(GOOD)
     assert found.drives == (21, 22, 33)
     assert (found.supervisor, found.serial_number, found.nodes) == (None, "ACME-7", (21, 22, 33))
@@ -78,7 +77,7 @@ def test_everything_is_read() -> None:
         assert not parse(GOOD.replace("pdo_maps: configured\n", line)).configures_pdos
 
 
-def test_the_packaged_profile_is_that_of_an_arm_of_any_number_of_joints() -> None:
+def test_the_packaged_profile_is_that_of_an_arm_of_any_number_of_joints():
     for joints in (1, 7, 15):
         found = load_profile("sarcos", joints=joints)
         assert found.drives == tuple(range(1, joints + 1))
@@ -118,7 +117,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("old", "new", "words"), MISTAKES)
-def test_one_mistake_gives_one_complaint_with_its_place(old: str, new: str, words: str) -> None:
+def test_one_mistake_gives_one_complaint_with_its_place(old, new, words):
     assert old in GOOD
     told = complaints(GOOD.replace(old, new, 1))
     assert any(words in line for line in told), told
@@ -127,7 +126,7 @@ def test_one_mistake_gives_one_complaint_with_its_place(old: str, new: str, word
         assert len(told) == 1, told
 
 
-def test_a_drive_that_counts_otherwise_needs_an_arm_without_supervisor() -> None:
+def test_a_drive_that_counts_otherwise_needs_an_arm_without_supervisor():
     text = GOOD.replace("supervisor: none", "supervisor: 40").replace("serial_number: ACME-7\n", "")
     (told,) = complaints(text)
     assert "joints[joint 2]: a supervisor sets home offsets (607Ch)" in told
@@ -139,7 +138,7 @@ def test_a_drive_that_counts_otherwise_needs_an_arm_without_supervisor() -> None
     apart=st.booleans(),
 )
 @settings(deadline=None, max_examples=40)
-def test_what_is_written_reads_back_the_same(nodes: list[int], first: int, *, apart: bool) -> None:
+def test_what_is_written_reads_back_the_same(nodes, first, *, apart):
     def joint(k: int, node: int) -> JointProfile:
         base = 0x100 + first if apart else 0x180 + node
         return JointProfile(
@@ -176,7 +175,7 @@ def test_what_is_written_reads_back_the_same(nodes: list[int], first: int, *, ap
     assert parse_profile(format_profile(made, comment="x\ny"), "x", joints=len(nodes)) == made
 
 
-def test_a_session_keeps_the_profile_it_began_with(tmp_path: Path) -> None:
+def test_a_session_keeps_the_profile_it_began_with(tmp_path):
     file = tmp_path / "own.yaml"
     own = resolve("profile", "sarcos").data.decode().replace("name: sarcos", "name: own")
     file.write_text(own)

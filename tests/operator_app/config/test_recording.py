@@ -1,7 +1,6 @@
 """ROS 2 bags, written by the library's writer: joints by name, whatever their order, from both storages."""
 
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ ARM = [f"joint {j}" for j in range(1, 8)]
 
 
 @pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
-def test_every_message_by_names(tmp_path: Path, storage: str) -> None:
+def test_every_message_by_names(tmp_path, storage):
     _, q_rad = panda_readings()
     time_s, q = recorded_arm(q_rad[:4], decoys=2, seed=1)
     file = write_bag(tmp_path / "run", time_s, q, PANDA, storage=storage, seed=2)
@@ -33,9 +32,7 @@ def test_every_message_by_names(tmp_path: Path, storage: str) -> None:
     assert abs(found.q_rad[0, 0] - q_rad[0, 1]) < 1e-4
 
 
-def test_what_is_wrong_with_a_bag_is_one_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_wrong_with_a_bag_is_one_sentence(tmp_path, monkeypatch):
     _, q_rad = panda_readings()
     time_s, q = recorded_arm(q_rad[:2], decoys=0, seed=1)
     file = write_bag(tmp_path / "run", time_s, q, PANDA, storage="mcap", seed=2)

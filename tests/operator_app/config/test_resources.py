@@ -15,7 +15,7 @@ def refusal(kind: Kind, reference: str | Path, folder: Path | None = None) -> st
     return str(caught.value)
 
 
-def test_built_in_names() -> None:
+def test_built_in_names():
     assert builtin_names("arm") == (
         "abb_irb120",
         "franka_fr3",
@@ -34,9 +34,7 @@ def test_built_in_names() -> None:
     assert {"hinge", "rigid"} <= set(builtin_names("procedure"))
 
 
-def test_a_built_in_name_wins_over_a_file_of_that_name(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_built_in_name_wins_over_a_file_of_that_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("hinge").write_text("mine")
     assert resolve("fixture", "hinge").file == "packaged:hinge.yaml"
@@ -44,14 +42,14 @@ def test_a_built_in_name_wins_over_a_file_of_that_name(
     assert resolve("fixture", Path("hinge")).data == b"mine"
 
 
-def test_a_name_that_is_neither_lists_what_there_is() -> None:
+def test_a_name_that_is_neither_lists_what_there_is():
     said = refusal("fixture", "hindge")
     assert said.startswith("hindge: is neither a built-in fixture nor a file; did you mean hinge?")
     assert "hinge, rigid" in said
     assert "did you mean ur5e?" in refusal("arm", "UR5e")
 
 
-def test_relative_paths_start_from_the_folder(tmp_path: Path) -> None:
+def test_relative_paths_start_from_the_folder(tmp_path):
     (tmp_path / "sub").mkdir()
     (tmp_path / "sub" / "f.yaml").write_bytes(b"x: 1\n")
     found = resolve("fixture", "f.yaml", folder=tmp_path / "sub")
@@ -60,7 +58,7 @@ def test_relative_paths_start_from_the_folder(tmp_path: Path) -> None:
     assert "did you mean" in refusal("fixture", "g.yaml", tmp_path / "sub")
 
 
-def test_files_that_cannot_be_used(tmp_path: Path) -> None:
+def test_files_that_cannot_be_used(tmp_path):
     assert refusal("arm", "").startswith("'': is neither a built-in arm nor a file; built-in: ")
     assert "is a folder" in refusal("arm", tmp_path)
     assert "no such file" in refusal("arm", str(tmp_path / "none" / "a.yaml"))

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.strict_yaml import YamlDocument, load_strict
-from tests.oracles.approved import Approve
 
 
 def value_of(text: str) -> Any:
@@ -40,7 +39,7 @@ def value_of(text: str) -> Any:
         ("{a: 1}", {"a": 1}),
     ],
 )
-def test_plain_values(text: str, value: Any) -> None:
+def test_plain_values(text, value):
     found = value_of(text)
     assert found == value
     assert type(found) is type(value)
@@ -51,18 +50,18 @@ def test_plain_values(text: str, value: Any) -> None:
     ["yes", "no", "on", "off", "Y", "12:30", "1:30:00", "010", "0o17", "0x1F", "1_000", "2026-01-31",
      "0b11", "1.2.3", "5 mm", "="],
 )  # fmt: skip
-def test_what_yaml_1_1_would_convert_stays_text(text: str) -> None:
+def test_what_yaml_1_1_would_convert_stays_text(text):
     assert value_of(text) == text
 
 
 @pytest.mark.parametrize("text", [".nan", ".inf", "-.inf", "+.INF", "nan", "Infinity", "1e400"])
-def test_numbers_that_are_not_finite_are_refused_with_line_and_key(text: str) -> None:
+def test_numbers_that_are_not_finite_are_refused_with_line_and_key(text):
     (problem,) = load_strict(f"a: 1\nb: {{c: {text}}}\n".encode(), "a.yaml").problems
     assert (problem.line, problem.key) == (2, "b.c")
     assert "not a finite number" in problem.text
 
 
-def test_lines_of_keys_and_items() -> None:
+def test_lines_of_keys_and_items():
     text = b"a: 1\nb:\n  c: 2\n  d:\n    - x\n    - {row: 5, e: 3}\n"
     document = load_strict(text, "a.yaml")
     assert document.marks[("b", "d", 1, "e")] == (6, 16)
@@ -98,9 +97,7 @@ def test_lines_of_keys_and_items() -> None:
         value[:24].decode("ascii", "backslashreplace") if isinstance(value, bytes) else None
     ),
 )
-def test_what_is_no_document_gives_one_complaint(
-    data: bytes, line: int | None, approve: Approve
-) -> None:
+def test_what_is_no_document_gives_one_complaint(data, line, approve):
     with pytest.raises(ConfigError) as caught:
         load_strict(data, "a.yaml")
     (problem,) = caught.value.problems
@@ -119,7 +116,7 @@ def test_what_is_no_document_gives_one_complaint(
         ('b: "\\ud800"\n', "b"),
     ],
 )
-def test_what_leaves_the_rest_readable_is_noted(text: str, key: str, approve: Approve) -> None:
+def test_what_leaves_the_rest_readable_is_noted(text, key, approve):
     document = load_strict(f"a: 1\n{text}z: 2\n".encode(), "a.yaml")
     (problem,) = document.problems
     assert problem.key == key
@@ -127,13 +124,13 @@ def test_what_leaves_the_rest_readable_is_noted(text: str, key: str, approve: Ap
     assert document.data["z"] == 2
 
 
-def test_byte_order_mark_and_windows_lines_are_read() -> None:
+def test_byte_order_mark_and_windows_lines_are_read():
     document = load_strict(b"\xef\xbb\xbfa: 1\r\nb: x\r\n", "a.yaml")
     assert document.data == {"a": 1, "b": "x"}
     assert document.marks[("b",)] == (2, 1)
 
 
-def test_quoted_keys_that_look_alike_are_the_same_key() -> None:
+def test_quoted_keys_that_look_alike_are_the_same_key():
     (problem,) = load_strict(b"a: 1\n'a': 2\n", "a.yaml").problems
     assert problem.line == 2
 
@@ -158,7 +155,7 @@ def read_or_refuse(data: bytes) -> YamlDocument | ConfigError:
 @example(b"a: |9999999999\n x\n")
 @example("a: \ud7ff".encode())
 @example(b"%TAG ! \n---\n")
-def test_any_bytes_are_read_or_refused_in_words(data: bytes) -> None:
+def test_any_bytes_are_read_or_refused_in_words(data):
     outcome = read_or_refuse(data)
     if isinstance(outcome, ConfigError):
         assert len(outcome.problems) == 1
@@ -201,13 +198,13 @@ def same(left: Any, right: Any) -> bool:
 
 @settings(max_examples=300, deadline=None)
 @given(st.dictionaries(TEXT, TREE, max_size=4).filter(bool))
-def test_writing_and_reading_gives_the_same_values(data: dict[str, Any]) -> None:
+def test_writing_and_reading_gives_the_same_values(data):
     document = load_strict(dump_strict(data), "a.yaml")
     assert document.problems == ()
     assert same(document.data, data)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "\ud800"])
-def test_writing_refuses_what_could_not_be_read(value: Any) -> None:
+def test_writing_refuses_what_could_not_be_read(value):
     with pytest.raises(ValueError, match="cannot be written"):
         dump_strict({"a": value})

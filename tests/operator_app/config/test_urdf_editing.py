@@ -4,7 +4,6 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,7 +113,7 @@ def without_origins(text: str, joints: set[str]) -> str:
 
 @pytest.mark.parametrize("tip", ["tool", "l6"])
 @pytest.mark.parametrize("base", ["world", "l0"])
-def test_pinocchio_has_the_tip_within_a_nanometre_of_ours(tip: str, base: str) -> None:
+def test_pinocchio_has_the_tip_within_a_nanometre_of_ours(tip, base):
     chain, arm = arm_of(URDF.encode(), tip, base)
     changes = {
         k: v for k, v in EVERY.items() if tip == "tool" or k not in ("a_6", "alpha_6", "s_6")
@@ -129,7 +128,7 @@ def test_pinocchio_has_the_tip_within_a_nanometre_of_ours(tip: str, base: str) -
     assert off(wanted, ours(chain, arm.table, q))[0] > 5e-3
 
 
-def test_nothing_but_origins_of_the_chains_joints_changes() -> None:
+def test_nothing_but_origins_of_the_chains_joints_changes():
     _, arm = arm_of(URDF.encode())
     written = with_calibration(
         URDF.encode(),
@@ -144,7 +143,7 @@ def test_nothing_but_origins_of_the_chains_joints_changes() -> None:
     assert "a - - b" in text
 
 
-def test_a_joint_that_is_not_calibrated_keeps_its_very_words() -> None:
+def test_a_joint_that_is_not_calibrated_keeps_its_very_words():
     _, arm = arm_of(URDF.encode())
     table = off_by(arm.table, {"theta_off_3": 0.01})
     text = with_calibration(URDF.encode(), "six.urdf", arm, table, ["calibrated"]).decode()
@@ -154,7 +153,7 @@ def test_a_joint_that_is_not_calibrated_keeps_its_very_words() -> None:
 
 
 @pytest.mark.skipif(shutil.which("check_urdf") is None, reason="no check_urdf (liburdfdom-tools)")
-def test_check_urdf_passes(tmp_path: Path) -> None:
+def test_check_urdf_passes(tmp_path):
     _, arm = arm_of(URDF.encode())
     file = tmp_path / "six.urdf"
     file.write_bytes(with_calibration(URDF.encode(), "six.urdf", arm, off_by(arm.table, EVERY), []))
@@ -163,7 +162,7 @@ def test_check_urdf_passes(tmp_path: Path) -> None:
     assert "Successfully Parsed" in done.stdout
 
 
-def test_a_file_of_another_arm_is_refused() -> None:
+def test_a_file_of_another_arm_is_refused():
     _, arm = arm_of(URDF.encode())
     longer = off_by(arm.table, {"a_2": 0.3})
     with pytest.raises(ConfigError, match="its a_2 differs from six's 6 times more"):
@@ -173,7 +172,7 @@ def test_a_file_of_another_arm_is_refused() -> None:
         with_calibration(URDF.encode(), "x.urdf", named, arm.table, [])
 
 
-def test_an_arm_with_other_joint_names_gets_the_end_that_fits_it() -> None:
+def test_an_arm_with_other_joint_names_gets_the_end_that_fits_it():
     hand = """<joint name="mount" type="fixed"><parent link="tool"/><child link="hand"/>
       <origin xyz="0 0 0.1" rpy="0.9 0 0.8"/></joint><link name="hand"/></robot>"""
     data = URDF.replace("</robot>", hand).encode()
@@ -188,7 +187,7 @@ def test_an_arm_with_other_joint_names_gets_the_end_that_fits_it() -> None:
     assert turn_rad < 1e-9
 
 
-def test_a_xacro_without_literal_numbers_says_what_to_do() -> None:
+def test_a_xacro_without_literal_numbers_says_what_to_do():
     _, arm = arm_of(URDF.encode())
     text = URDF.replace('xyz="0 0 0.39225"', 'xyz="0 0 ${r}"')
     with pytest.raises(ConfigError, match="expand it with xacro first"):
@@ -252,7 +251,7 @@ def urs_urdf(text: str) -> bytes:
     return robot(*joints).encode()
 
 
-def test_urs_kinematics_file_gets_the_same_arm() -> None:
+def test_urs_kinematics_file_gets_the_same_arm():
     chain, arm = arm_of(urs_urdf(UR))
     assert arm.hayati_rows == (2, 3)
     table = off_by(
@@ -271,7 +270,7 @@ def test_urs_kinematics_file_gets_the_same_arm() -> None:
 
 
 @pytest.mark.parametrize("head", ["# Größe: é\n", "\ufeff", "\ufeff# é\r\n# a\u2028b\n"])
-def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(head: str) -> None:
+def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(head):
     _, arm = arm_of(urs_urdf(UR))
     table = off_by(arm.table, {"theta_off_2": 0.01, "a_2": 0.001})
     plain = with_calibration(UR.encode(), "default_kinematics.yaml", arm, table, ["by us"]).decode()
@@ -288,13 +287,13 @@ def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(h
         ("    z: .nan\n", "'0 0 .nan'; write 3 numbers"),
     ],
 )
-def test_urs_kinematics_file_without_a_figure_says_which(line: str, words: str) -> None:
+def test_urs_kinematics_file_without_a_figure_says_which(line, words):
     _, arm = arm_of(urs_urdf(UR))
     with pytest.raises(ConfigError, match=words):
         with_calibration(UR.replace("    z: 0.1625\n", line).encode(), "k.yaml", arm, arm.table, [])
 
 
-def test_of_two_origins_of_a_joint_the_one_that_counts_is_changed() -> None:
+def test_of_two_origins_of_a_joint_the_one_that_counts_is_changed():
     _, arm = arm_of(URDF.encode())
     origin = """<origin  rpy='0 0 0.5'  xyz='0 0 0.0892'/>"""
     twice = URDF.replace(origin, origin + "<origin xyz='7 7 7'/>")

@@ -10,7 +10,6 @@ from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
 from solver.chain.kinematics import forward
-from tests.oracles.approved import Approve
 from tests.oracles.urdfs import joint, places, robot
 
 HALF = "1.5707963267948966"
@@ -40,7 +39,7 @@ def worst_m(data: bytes, chain: UrdfChain, table=None) -> float:
 
 
 @pytest.mark.parametrize("off_rad", [0.0, 1e-10, 1e-5, -2e-3, 0.1])
-def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad: float) -> None:
+def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad):
     data = robot(*six({3: ("0 -0.1197 0.425", f"{off_rad!r} 0 {-0.5 * off_rad!r}")})).encode()
     chain = parse_urdf(data, "arm.urdf")
     arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
@@ -53,7 +52,7 @@ def test_axes_that_are_parallel_or_nearly_so_have_rows_of_ordinary_size(off_rad:
     assert twist == pytest.approx(abs(off_rad) * np.hypot(1.0, 0.5), rel=1e-2, abs=1e-12)
 
 
-def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm() -> None:
+def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm():
     chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "1e-3 0 2e-3")})).encode(), "arm.urdf")
     arm = parse_arm(dump_strict(dict(arm_file_of(chain, name="arm"))), "arm")
     assert np.count_nonzero(arm.table.beta_rad) > 0
@@ -68,11 +67,11 @@ def test_what_is_written_of_hayatis_rows_reads_as_the_same_arm() -> None:
      ("1.57080632", None), ("0.785", None), ("1.5709", None), ("0.79", None), ("0", None),
      ("0.0", None), ("0.0000", None), ("1.5", None), (HALF, None), ("1e-5", None), ("3.1", None)],
 )  # fmt: skip
-def test_a_rounded_angle_is_taken_for_what_it_means(word: str, deg: float | None) -> None:
+def test_a_rounded_angle_is_taken_for_what_it_means(word, deg):
     assert meant_deg(word) == deg
 
 
-def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported() -> None:
+def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported():
     chain = parse_urdf(robot(*six({3: ("0 -0.1197 0.425", "-3.1416 0 0")})).encode(), "arm.urdf")
     assert chain.rounded == {"-3.1416": -180.0}
     assert abs(chain.table.alpha_rad[1]) == np.pi
@@ -80,7 +79,7 @@ def test_a_rounded_half_turn_makes_neighbours_parallel_and_is_reported() -> None
 
 
 @pytest.mark.parametrize("pitch", [0.0, 0.3, np.pi / 2, -np.pi / 2, 1.5707, 3.0])
-def test_roll_pitch_yaw_come_back_at_a_pitch_of_90_deg_too(pitch: float) -> None:
+def test_roll_pitch_yaw_come_back_at_a_pitch_of_90_deg_too(pitch):
     T = np.eye(4)
     T[:3, :3] = rotation_of_rpy(np.array([0.4, pitch, -2.2]))
     T[:3, 3] = (0.1, -0.2, 1e-18)
@@ -113,7 +112,7 @@ HEAD = (joint("neck", "torso", "head", axis="0 0 1"),)
         ((), "l0", "l6", ("l0", "l6")),
     ],
 )
-def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected) -> None:
+def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected):
     chain = parse_urdf(robot(*six(), *more).encode(), "arm.urdf", base=base, tip=tip)
     assert (chain.base, chain.tip) == expected
     assert [j.name for j in chain.joints] == ["j1", "j2", "j3", "j4", "j5", "j6"]
@@ -134,18 +133,18 @@ def test_only_what_stands_between_base_and_tip_counts(more, base, tip, expected)
         (JAW, "", "l0"),
     ],
 )
-def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, approve: Approve) -> None:
+def test_a_wrong_base_or_tip_gets_an_answer_of_its_own(more, base, tip, approve):
     with pytest.raises(ConfigError) as refused:
         parse_urdf(robot(*six(), *more).encode(), "arm.urdf", base=base, tip=tip)
     approve(str(refused.value))
 
 
-def test_a_file_without_joints_says_so() -> None:
+def test_a_file_without_joints_says_so():
     with pytest.raises(ConfigError, match="has no joint"):
         parse_urdf(b'<robot name="ur3"><link name="base"/></robot>', "ur3.urdf")
 
 
-def test_a_name_or_a_parent_given_twice_is_refused() -> None:
+def test_a_name_or_a_parent_given_twice_is_refused():
     joints = six()
     twice = [*joints[:2], joints[2].replace('"j3"', '"j2"'), *joints[3:]]
     with pytest.raises(ConfigError, match="several joints named 'j2' on the path to 'flange'"):

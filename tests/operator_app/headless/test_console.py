@@ -14,9 +14,7 @@ from operator_app.session.store.state import SessionState
         (("sarcal virtual joint drive", "a drive"), "2 CANopen nodes."),
     ],
 )
-def test_a_simulated_arm_is_said_to_be_one(
-    names: tuple[str, ...], nodes: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_simulated_arm_is_said_to_be_one(names, nodes, capsys):
     """Who named no bus must not take it for the arm beside the desk."""
     found = tuple(
         NodeIdentity(
@@ -30,7 +28,7 @@ def test_a_simulated_arm_is_said_to_be_one(
     assert capsys.readouterr().err == f"Connected to an_arm, serial A-1: {nodes}\n"
 
 
-def test_each_pose_is_a_line_where_stderr_is_no_screen(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_pose_is_a_line_where_stderr_is_no_screen(capsys):
     listener = ConsoleListener()
     for captured in (1, 2):
         listener.pose_captured(SessionState(captured=captured), 16)

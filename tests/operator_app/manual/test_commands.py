@@ -44,7 +44,7 @@ FROM_NOTHING = ("paper", "scripting", "still-valid", "tutorial", "wrist-repair")
 
 
 @pytest.fixture(scope="module")
-def prepared() -> Path:
+def prepared():
     """A folder with a session and with the files that pages call mine. Not to be changed."""
     return recorded_folder(prepare)
 
@@ -95,7 +95,7 @@ def quietly(words: list[str]) -> int:
 
 
 @pytest.fixture
-def desk(prepared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def desk(prepared, tmp_path, monkeypatch):
     """The folder of somebody who reads a page."""
     for file in prepared.iterdir():
         if file.is_file():
@@ -194,15 +194,13 @@ def type_page(topic: str, prepared: Path, desk: Path, *, short: bool) -> None:
 @pytest.mark.parametrize(
     "topic", [pytest.param(t, marks=[pytest.mark.campaign] if t in LONG else []) for t in TOPICS]
 )
-def test_every_command_of_a_page_runs(topic: str, prepared: Path, desk: Path) -> None:
+def test_every_command_of_a_page_runs(topic, prepared, desk):
     type_page(topic, prepared, desk, short=True)
 
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("topic", TOPICS)
-def test_every_command_of_a_page_runs_as_it_is_written(
-    topic: str, prepared: Path, desk: Path
-) -> None:
+def test_every_command_of_a_page_runs_as_it_is_written(topic, prepared, desk):
     type_page(topic, prepared, desk, short=False)
 
 
@@ -210,16 +208,14 @@ def test_every_command_of_a_page_runs_as_it_is_written(
     "topic",
     [t for t in written_topics() if any(b.language == "python" and not b.file for b in blocks(t))],
 )
-def test_every_piece_of_python_runs(
-    topic: str, desk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_piece_of_python_runs(topic, desk, capsys):
     for block in blocks(topic):
         if block.language == "python" and not block.file:
             exec(compile(block.text, topic, "exec"), {})  # noqa: S102 - the page
     assert "theta_off_2" in capsys.readouterr().out
 
 
-def test_nothing_is_written_that_no_test_runs() -> None:
+def test_nothing_is_written_that_no_test_runs():
     """Every line of a shell block is a command of ours or one of the system's."""
     for topic in TOPICS:
         for block in blocks(topic):
@@ -231,7 +227,7 @@ def test_nothing_is_written_that_no_test_runs() -> None:
             assert block.language != "yaml" or block.file
 
 
-def test_commands_have_parsers_that_take_them() -> None:
+def test_commands_have_parsers_that_take_them():
     """What a page has typed, or a sentence or a table quotes as a command, is one with options that it has."""
     from operator_app.commands.table import APP, COMMANDS, parser_of
     from operator_app.manual.pages import FOLDER

@@ -8,7 +8,6 @@ import pytest
 from operator_app.commands.help_topic import manual
 from operator_app.manual.pages import FOLDER, SECTIONS
 from operator_app.manual.shown import as_text
-from tests.oracles.answers import EndsWith
 
 TOPICS = manual().topics
 
@@ -18,7 +17,7 @@ def markdown(topic: str) -> str:
     return manual().page(topic).markdown
 
 
-def test_help_lists_every_topic_with_what_it_is(ends_with: EndsWith) -> None:
+def test_help_lists_every_topic_with_what_it_is(ends_with):
     said = ends_with(0, "help").out
     for section, topics in SECTIONS.items():
         assert section in said
@@ -26,7 +25,7 @@ def test_help_lists_every_topic_with_what_it_is(ends_with: EndsWith) -> None:
             assert re.search(rf"^ `{topic}` +{re.escape(summary)}$", said, re.MULTILINE), topic
 
 
-def test_every_page_has_a_topic_and_every_topic_a_page() -> None:
+def test_every_page_has_a_topic_and_every_topic_a_page():
     written = {file.name[:-3] for file in FOLDER.iterdir() if file.name.endswith(".md")}
     made = {topic for topic in TOPICS if manual().made_by_code(topic)}
     assert written - {"index"} == set(TOPICS) - made
@@ -35,7 +34,7 @@ def test_every_page_has_a_topic_and_every_topic_a_page() -> None:
 
 @pytest.mark.sample(12)
 @pytest.mark.parametrize("topic", TOPICS)
-def test_a_page_is_shown_in_80_columns(topic: str, ends_with: EndsWith) -> None:
+def test_a_page_is_shown_in_80_columns(topic, ends_with):
     said = ends_with(0, "help", topic).out
     page = manual().page(topic)
     assert said.splitlines()[:2] == [page.title, "=" * len(page.title)]
@@ -47,17 +46,17 @@ def test_a_page_is_shown_in_80_columns(topic: str, ends_with: EndsWith) -> None:
 @pytest.mark.parametrize(
     ("typed", "meant"), [("comands", "commands"), ("arm", "arm-file"), ("exprot", "export")]
 )
-def test_an_unknown_topic_gets_the_nearest(typed: str, meant: str, ends_with: EndsWith) -> None:
+def test_an_unknown_topic_gets_the_nearest(typed, meant, ends_with):
     said = ends_with(2, "help", typed).err
     assert f"the manual has no topic {typed!r}; did you mean {meant}?" in said
     assert all(topic in said for topic in TOPICS)
 
 
-def test_a_command_is_a_topic_too(ends_with: EndsWith) -> None:
+def test_a_command_is_a_topic_too(ends_with):
     assert "`--remounted`" in ends_with(0, "help", "compare").out
 
 
-def test_a_page_can_be_had_as_it_is_written(ends_with: EndsWith) -> None:
+def test_a_page_can_be_had_as_it_is_written(ends_with):
     assert ends_with(0, "help", TOPICS[0], "--markdown").out == manual().page(TOPICS[0]).markdown
 
 
@@ -69,7 +68,7 @@ def anchors(page: str) -> set[str]:
 
 
 @pytest.mark.parametrize("topic", TOPICS)
-def test_no_link_is_dead(topic: str) -> None:
+def test_no_link_is_dead(topic):
     text = re.sub(r"```.*?```", "", markdown(topic), flags=re.DOTALL)
     for target in re.findall(r"\]\(([^)]+)\)", text):
         if target.startswith("https://"):
@@ -83,7 +82,7 @@ def test_no_link_is_dead(topic: str) -> None:
         assert not anchor or anchor in anchors(other), target
 
 
-def test_markdown_becomes_text() -> None:
+def test_markdown_becomes_text():
     page = (
         "# Title\n\n<!-- run: nothing -->\nSome **bold** text and [a page](own-arm.md#x),\n"
         "![a screen](pictures/a.svg)\n\n- one\n  two\n1. three\n\n```sh\nsarcal  run\n```\n"

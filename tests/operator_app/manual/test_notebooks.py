@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -29,9 +28,7 @@ def shown_by(source: str, names: dict[str, Any]) -> Any:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_its_cells_run_in_order(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_its_cells_run_in_order(name, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
     shown = []
@@ -56,7 +53,7 @@ def test_its_cells_run_in_order(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_it_is_a_notebook_without_results(name: str) -> None:
+def test_it_is_a_notebook_without_results(name):
     """As nbformat 4.5 has it: ids, and nothing run."""
     found = json.loads((NOTEBOOKS / name).read_text())
     assert (found["nbformat"], found["nbformat_minor"]) == (4, 5)
@@ -66,7 +63,7 @@ def test_it_is_a_notebook_without_results(name: str) -> None:
         assert cell.get("outputs", []) == []
 
 
-def test_they_are_written_where_somebody_wants_them(tmp_path: Path) -> None:
+def test_they_are_written_where_somebody_wants_them(tmp_path):
     code = "import sys; from operator_app.cli import main; sys.exit(main())"
     words = [sys.executable, "-c", code, "help", "notebooks", "--files", str(tmp_path / "here")]
     subprocess.run(words, check=True, capture_output=True, env=os.environ)

@@ -25,9 +25,7 @@ def keys(node: object) -> set[str]:
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_every_option_that_a_command_prints_is_on_its_page(
-    command: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_option_that_a_command_prints_is_on_its_page(command, capsys):
     with pytest.raises(SystemExit):
         cli.main([*command.split(), "--help"])
     said = capsys.readouterr().out
@@ -47,7 +45,7 @@ def test_every_option_that_a_command_prints_is_on_its_page(
         ("profile-file", "operator_app/data/profiles"),
     ],
 )
-def test_every_key_of_a_packaged_file_is_explained(topic: str, folder: str) -> None:
+def test_every_key_of_a_packaged_file_is_explained(topic, folder):
     page = manual().page(topic).markdown
     free = {"theta_off_1", "theta_off_4", "theta_off_7"}  # parameters, which `held` has for keys
     for file in (ROOT / folder).glob("*.yaml"):
@@ -58,7 +56,7 @@ def test_every_key_of_a_packaged_file_is_explained(topic: str, folder: str) -> N
 
 
 @pytest.mark.parametrize("kind", get_args(FileKind))
-def test_every_key_of_a_file_has_a_meaning(kind: FileKind) -> None:
+def test_every_key_of_a_file_has_a_meaning(kind):
     page = manual().page(f"{kind}-file").markdown
     assert not re.findall(r"^\| `\w+` .*\|\s*\|$", page, re.MULTILINE)
     # And nothing is explained that there is not, or that its model explains.
@@ -74,7 +72,7 @@ def test_every_key_of_a_file_has_a_meaning(kind: FileKind) -> None:
     assert set(given) <= shown
 
 
-def test_every_object_of_the_eds_files_is_on_the_page() -> None:
+def test_every_object_of_the_eds_files_is_on_the_page():
     joint, supervisor = manual().page("objects").markdown.split("## Supervisor")
     for name, text in (("joint", joint), ("supervisor", supervisor)):
         eds = configparser.ConfigParser(strict=False, interpolation=None)
@@ -87,14 +85,14 @@ def test_every_object_of_the_eds_files_is_on_the_page() -> None:
             assert place in text, section
 
 
-def test_every_exit_code_has_a_meaning_and_is_in_the_help() -> None:
+def test_every_exit_code_has_a_meaning_and_is_in_the_help():
     assert set(MEANING) == set(ExitCode)
     for code in ExitCode:
         assert f"| `{int(code)}` |" in manual().page("exit-codes").markdown
         assert re.search(rf"\b{int(code)} \w", cli.EPILOG)
 
 
-def test_every_key_of_the_app_and_every_fault_is_listed() -> None:
+def test_every_key_of_the_app_and_every_fault_is_listed():
     from hardware.virtual.faults import FAULT_KINDS
     from operator_app.session.ui.action_table import ACTIONS
 

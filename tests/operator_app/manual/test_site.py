@@ -29,7 +29,7 @@ class Fetches(HTMLParser):
             self.found.append(said.get("href") or "")
 
 
-def test_the_site_is_built_whole_and_needs_no_network(tmp_path: Path) -> None:
+def test_the_site_is_built_whole_and_needs_no_network(tmp_path):
     pytest.importorskip("material", reason="needs the extra [docs]")
     config = ROOT / "operator_app/manual/mkdocs.yml"
     # mkdocs.yml is strict: a dead link or anchor ends the build.

@@ -9,7 +9,6 @@ import pytest
 
 from operator_app.messages.calibration import MESSAGES, SOURCE_REMEDIES, source_remedy
 from operator_app.messages.finding import Finding, FindingKind, NamedSize
-from tests.oracles.approved import Approve
 
 K = FindingKind
 
@@ -102,16 +101,16 @@ def variants(kind: FindingKind) -> dict[str, Finding]:
         for variant, found in variants(kind).items()
     ],
 )
-def test_every_message_is_as_approved(found: Finding, approve: Approve) -> None:
+def test_every_message_is_as_approved(found, approve):
     approve(f"{found.code}: {found.text} -> {found.remedy or 'nothing to do'}")
 
 
 @pytest.mark.parametrize("source", sorted(SOURCE_REMEDIES))
-def test_what_halves_a_source_is_as_approved(source: str, approve: Approve) -> None:
+def test_what_halves_a_source_is_as_approved(source, approve):
     approve(source_remedy(source))
 
 
-def test_every_kind_has_a_message_and_no_other_has() -> None:
+def test_every_kind_has_a_message_and_no_other_has():
     assert set(MESSAGES) == set(FindingKind)
 
 
@@ -126,16 +125,16 @@ def test_every_kind_has_a_message_and_no_other_has() -> None:
         (Finding(kind=K.LENGTH_OFF, names=("s_3",)), "LENGTH_s_3"),
     ],
 )
-def test_the_public_code_follows_from_the_fields(found: Finding, code: str) -> None:
+def test_the_public_code_follows_from_the_fields(found, code):
     assert found.code == code
 
 
-def test_a_step_too_small_for_its_format_is_not_denied() -> None:
+def test_a_step_too_small_for_its_format_is_not_denied():
     step = Finding(kind=K.READING_STEP, joint=1, poses=("1", "2"), size=2e-8, unit="rad")
     assert "0.000001 deg" in step.text
 
 
-def test_a_record_of_an_earlier_version_keeps_what_it_said() -> None:
+def test_a_record_of_an_earlier_version_keeps_what_it_said():
     old = {
         "code": "RVDT_6",
         "probability": 0.7,

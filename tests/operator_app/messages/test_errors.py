@@ -14,7 +14,6 @@ from hardware.errors import (
 )
 from operator_app.messages.errors import REMEDIES, words
 from solver.errors import TooFewPosesError, UnidentifiableError
-from tests.oracles.approved import Approve
 
 
 @pytest.mark.parametrize(
@@ -29,7 +28,7 @@ from tests.oracles.approved import Approve
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_what_happened_and_what_to_do_are_sentences(error: Exception) -> None:
+def test_what_happened_and_what_to_do_are_sentences(error):
     said = words(error)
     assert ".." not in str(said)
     # Poses were left out, or what a drive counts is in doubt.
@@ -46,7 +45,7 @@ def test_what_happened_and_what_to_do_are_sentences(error: Exception) -> None:
         (0x8311, "Find what it hit"),
     ],
 )
-def test_a_trip_is_told_by_what_brought_it_about(code: int, said: str) -> None:
+def test_a_trip_is_told_by_what_brought_it_about(code, said):
     remedy = words(DriveFault(1, code, "as it says")).remedy
     assert said in remedy
     assert "reset (R)" in remedy
@@ -67,10 +66,10 @@ def test_a_trip_is_told_by_what_brought_it_about(code: int, said: str) -> None:
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_errors_are_told_as_approved(error: Exception, approve: Approve) -> None:
+def test_errors_are_told_as_approved(error, approve):
     approve(str(words(error)))
 
 
 @pytest.mark.parametrize("kind", REMEDIES, ids=lambda kind: kind.__name__)
-def test_the_remedy_of_every_kind_is_as_approved(kind: type, approve: Approve) -> None:
+def test_the_remedy_of_every_kind_is_as_approved(kind, approve):
     approve(REMEDIES[kind])

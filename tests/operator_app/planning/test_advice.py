@@ -11,24 +11,23 @@ from operator_app.config.quantities import in_si
 from operator_app.errors import SessionError
 from operator_app.planning.advice import RankedPlacement, advise, assess_placement
 from operator_app.report.results.plan import advice_json, advice_text
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 
 
 @pytest.fixture(scope="module")
-def arm() -> ArmModel:
+def arm():
     return load_arm("sarcos_dextrous")
 
 
 @pytest.fixture(scope="module")
-def hinge() -> Hinge:
+def hinge():
     fixture = load_fixture("hinge").fixture
     assert isinstance(fixture, Hinge)
     return fixture
 
 
-def test_a_good_placement_is_judged_good(arm, hinge) -> None:
+def test_a_good_placement_is_judged_good(arm, hinge):
     report = assess_placement(moved_hinge(arm, hinge))
     assert report.feasible
     assert report.mobility == 2
@@ -40,7 +39,7 @@ def test_a_good_placement_is_judged_good(arm, hinge) -> None:
     assert set(report.sigma) >= {"theta_off_1", "a_0", "alpha_7"}
 
 
-def test_a_refused_check_makes_it_unusable(arm, hinge) -> None:
+def test_a_refused_check_makes_it_unusable(arm, hinge):
     report = assess_placement(moved_hinge(arm, hinge), poses=5, candidates=150)
     refused = SetupCheck(
         kind=CheckKind.AXIS_ANGLE, joint=7, severity=Severity.REFUSED, text="parallel"
@@ -49,7 +48,7 @@ def test_a_refused_check_makes_it_unusable(arm, hinge) -> None:
     assert not replace(report, checks=(*report.checks, refused)).feasible
 
 
-def test_where_too_few_poses_can_be_reached_it_says_so(arm, hinge) -> None:
+def test_where_too_few_poses_can_be_reached_it_says_so(arm, hinge):
     home = moved_hinge(arm, hinge).arm
     narrow = replace(
         home,
@@ -64,7 +63,7 @@ def test_where_too_few_poses_can_be_reached_it_says_so(arm, hinge) -> None:
 
 
 @pytest.mark.campaign
-def test_search_ranks_by_what_is_asked(arm, hinge) -> None:
+def test_search_ranks_by_what_is_asked(arm, hinge):
     found = advise(arm, hinge, tries=3, best=6, parameters=("s_1",))
     assert [p.gain for p in found] == sorted(p.gain for p in found)
     here = next(p for p in found if p.text == "as it is")
@@ -77,14 +76,14 @@ def test_search_ranks_by_what_is_asked(arm, hinge) -> None:
 
 
 @pytest.mark.campaign
-def test_search_is_deterministic_and_knows_its_parameters(arm, hinge) -> None:
+def test_search_is_deterministic_and_knows_its_parameters(arm, hinge):
     first, again = (advise(arm, hinge, tries=1, poses=5) for _ in range(2))
     assert [p.text for p in first] == [p.text for p in again]
     with pytest.raises(SessionError, match="a_9"):
         advise(arm, hinge, tries=0, poses=5, parameters=("a_9",))
 
 
-def test_the_placement_that_is_printed_closes_where_it_was_planned(arm, hinge) -> None:
+def test_the_placement_that_is_printed_closes_where_it_was_planned(arm, hinge):
     """Without the offsets of the first and last joint a fixture file of it was another hinge."""
     mounted = moved_hinge(arm, hinge, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
     report = assess_placement(mounted, poses=5, candidates=150)

@@ -7,13 +7,13 @@ import pytest
 
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import SessionError
-from operator_app.planning.drives import DrivePrediction, choose_drives, predict_drives, sets_to_try
+from operator_app.planning.drives import choose_drives, predict_drives, sets_to_try
 from solver.chain.parameters import nominal_vector
 from solver.design.drive_joints import TrialWiggles
 
 
 @pytest.fixture(scope="module")
-def prediction() -> DrivePrediction:
+def prediction():
     own = load_procedure("hinge_planned")
     model = own.fixture.fixture.model(own.arm)
     return predict_drives(own.arm, model, nominal_vector(model.parameters), own.arm.home_rad)
@@ -29,9 +29,7 @@ def trial(drives: tuple[int, ...], *, follows: float = 1.0, stopped: str = "") -
     return TrialWiggles(drives=drives, commanded_rad=commanded, moved_rad=moved, stopped=stopped)
 
 
-def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(
-    prediction: DrivePrediction,
-) -> None:
+def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(prediction):
     choice = choose_drives(prediction)
     assert choice.drives == (1, 5) == choice.sets[0]
     assert 1 < len(choice.sets) <= 3
@@ -40,19 +38,19 @@ def test_the_set_that_reaches_most_drives_and_others_fill_its_gaps(
     assert choice.ranked[0].drives == choice.drives
 
 
-def test_inexact_sensors_do_not_drive_while_others_can(prediction: DrivePrediction) -> None:
+def test_inexact_sensors_do_not_drive_while_others_can(prediction):
     assert prediction.inexact == {6, 7}
     for drives in choose_drives(prediction).sets:
         assert not set(drives) & {6, 7}
 
 
-def test_joints_that_are_not_used_never_drive(prediction: DrivePrediction) -> None:
+def test_joints_that_are_not_used_never_drive(prediction):
     choice = choose_drives(prediction, unsensed_joints=(1,))
     assert all(1 not in drives for drives in choice.sets)
     assert all(1 not in drives for drives in sets_to_try(prediction, (1,)))
 
 
-def test_a_trial_overrules_the_prediction(prediction: DrivePrediction) -> None:
+def test_a_trial_overrules_the_prediction(prediction):
     tried = sets_to_try(prediction)
     assert tried[0] == (1, 5)
     trials = [trial(d, stopped="joint 3 needed 90 N m" if d == (1, 5) else "") for d in tried]
@@ -61,13 +59,13 @@ def test_a_trial_overrules_the_prediction(prediction: DrivePrediction) -> None:
     assert any(reason.startswith("on the arm:") for reason in choice.reasons)
 
 
-def test_when_no_tried_set_moves_the_reason_is_said(prediction: DrivePrediction) -> None:
+def test_when_no_tried_set_moves_the_reason_is_said(prediction):
     trials = [trial(d, follows=0.1) for d in sets_to_try(prediction)]
     with pytest.raises(SessionError, match="only 10% of its commanded angle"):
         choose_drives(prediction, trials=trials)
 
 
-def test_at_a_fold_nothing_is_chosen(prediction: DrivePrediction) -> None:
+def test_at_a_fold_nothing_is_chosen(prediction):
     folded = tuple(
         replace(r, usable=False, reasons=("at a fold", *r.reasons)) for r in prediction.here
     )
@@ -77,7 +75,7 @@ def test_at_a_fold_nothing_is_chosen(prediction: DrivePrediction) -> None:
         choose_drives(replace(prediction, here=folded))
 
 
-def test_a_start_outside_of_the_ranges_names_the_joint() -> None:
+def test_a_start_outside_of_the_ranges_names_the_joint():
     own = load_procedure("hinge_planned")
     model = own.fixture.fixture.model(own.arm)
     home = own.arm.home_rad

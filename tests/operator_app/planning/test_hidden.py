@@ -5,7 +5,7 @@ from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.task import planning_task
 
 
-def test_a_ball_hides_the_first_and_the_last_offset_and_a_hinge_none() -> None:
+def test_a_ball_hides_the_first_and_the_last_offset_and_a_hinge_none():
     arm = load_arm("franka_panda")
     ball = planning_task(arm, load_fixture("ball").fixture, drive_sets=None)
     assert {p.name for p in ball.model.parameters} == {

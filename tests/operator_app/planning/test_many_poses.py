@@ -1,7 +1,6 @@
 """What a session asks for after each pose does not cost more with every pose there is."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ def box() -> Box:
     )
 
 
-def test_the_waypoints_of_a_session_are_made_once() -> None:
+def test_the_waypoints_of_a_session_are_made_once():
     once = waypoints(box(), poses=1000, seed=3)
     assert waypoints(box(), poses=1000, seed=3) is once
     assert waypoints(box(), poses=1000, seed=4) != once
@@ -35,7 +34,7 @@ def test_the_waypoints_of_a_session_are_made_once() -> None:
 
 
 @pytest.mark.campaign
-def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_data: Path) -> None:
+def test_many_poses_are_estimated_now_and_then_and_the_last_always(reference_data):
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv", joint_count=7).poses
     model = fixture.model(arm)

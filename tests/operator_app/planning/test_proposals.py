@@ -23,7 +23,7 @@ def said(capsys: pytest.CaptureFixture[str], typed: str, code: int = 0) -> str:
 
 
 @pytest.fixture
-def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def desk(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("iiwa.urdf").write_text(lbr_iiwa.urdf())
     return tmp_path
@@ -56,9 +56,7 @@ def least_motion(q_deg: list[float]) -> float:
     return float(size[-1] * np.linalg.norm(Vt[6:], axis=0)[:7].min())
 
 
-def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(
-    desk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(desk, capsys):
     assert "Home        bent" in said(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
     assert least_motion([0.0] * 7) == pytest.approx(0.0, abs=1e-9)
     assert least_motion(home_deg()) > 0.01
@@ -66,9 +64,7 @@ def test_a_urdf_whose_middle_is_stretched_out_gets_a_bent_home(
 
 
 @pytest.mark.campaign
-def test_a_home_that_closes_with_a_hinge_that_stands_already(
-    desk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_home_that_closes_with_a_hinge_that_stands_already(desk, capsys):
     said(capsys, "new arm --urdf iiwa.urdf --name iiwa14")
     stretched()
     point, way = pin_of(WHERE_DEG)

@@ -37,7 +37,7 @@ def combined(task, x, q: np.ndarray) -> np.ndarray:
     return standard_deviations(known(task, x, q), len(x))
 
 
-def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan) -> None:
+def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan):
     by_noise = make_plan(replace(task, errors=of_noise(ARM.sigma_rad())), x, ARM.home_rad, POSES)
     ratio = combined(task, x, plan.poses_rad) / combined(task, x, by_noise.poses_rad)
     assert ratio.max() < 1.02
@@ -46,7 +46,7 @@ def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan) -
     assert np.median(by_noise.predicted_sigma / plan.predicted_sigma) < 0.05
 
 
-def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan) -> None:
+def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan):
     def left(task) -> np.ndarray:
         once = known(task, x, plan.poses_rad)
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
@@ -55,7 +55,7 @@ def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan) -> None:
     assert left(replace(task, errors=of_noise(ARM.sigma_rad()))) == pytest.approx(0.1)
 
 
-def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x, plan) -> None:
+def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x, plan):
     q = plan.poses_rad
     noisy = q + np.deg2rad(1.0) * np.random.default_rng(1).standard_normal(q.shape)
     # Of poses that fit, about what the plan predicts; its effects are those of all candidates.
@@ -63,7 +63,7 @@ def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x
     assert np.median(combined(task, x, noisy) / combined(task, x, q)) > 3.0
 
 
-def test_what_the_files_state_of_an_offset_counts(task, x, plan) -> None:
+def test_what_the_files_state_of_an_offset_counts(task, x, plan):
     """Nobody knows less of an offset after poses than its file says before."""
     stated = replace(task, errors=replace(task.errors, prior={"theta_off_3": 0.001}))
     free, with_prior = combined(task, x, plan.poses_rad), combined(stated, x, plan.poses_rad)

@@ -5,8 +5,6 @@ Taking apart knows html.parser, and nothing of sarcal's markup.
 
 import re
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -15,7 +13,6 @@ from operator_app.report.html.page import report_html
 from operator_app.report.subject import Subject
 from operator_app.session.store.journal import JOURNAL_NAME, read_journal
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.opened import MakeSession
 from tests.oracles.reported_session import HOSTILE, subject_of
 from tests.oracles.short_procedure import short_procedure
 
@@ -113,25 +110,25 @@ def _headers(rows: list[list[tuple[str, dict[str, str], str]]]) -> list[tuple[st
 
 
 @pytest.fixture(scope="session")
-def take_apart() -> type[Page]:
+def take_apart():
     """Parse a page."""
     return Page
 
 
 @pytest.fixture
-def find_missing_units() -> object:
+def find_missing_units():
     """Find columns without a unit."""
     return units_missing
 
 
 @pytest.fixture(scope="session")
-def recorded() -> dict[str, Any]:
+def recorded():
     """What tests of reports share: the journal is captured once and solved once."""
     return {}
 
 
 @pytest.fixture
-def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) -> Path:
+def folder(make_session, recorded, tmp_path):
     """A session of 16 poses on the virtual plant; one is excluded, one has a hostile note."""
     where = tmp_path / "session"
     if "hinge" in recorded:
@@ -149,7 +146,7 @@ def folder(make_session: MakeSession, recorded: dict[str, Any], tmp_path: Path) 
 
 
 @pytest.fixture
-def subject(folder: Path, recorded: dict[str, Any]) -> Subject:
+def subject(folder, recorded):
     if "subject" not in recorded:
         recorded["subject"] = subject_of(read_journal(folder).events)
     found = recorded["subject"]
@@ -158,5 +155,5 @@ def subject(folder: Path, recorded: dict[str, Any]) -> Subject:
 
 
 @pytest.fixture
-def page(subject: Subject, take_apart: type) -> object:
+def page(subject, take_apart):
     return take_apart(report_html(subject).decode())

@@ -2,18 +2,16 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from operator_app.report.html.page import report_html
-from operator_app.report.subject import Subject
 from operator_app.session.store.journal import read_journal
 from tests.oracles.reported_session import number, subject_of
 
 
-def test_parameters_are_those_of_the_solution(page: object, subject: Subject) -> None:
+def test_parameters_are_those_of_the_solution(page, subject):
     assert subject.solution is not None
     estimate = subject.solution.identified
     rows = page.rows("Identified parameters")
@@ -34,7 +32,7 @@ def test_parameters_are_those_of_the_solution(page: object, subject: Subject) ->
         assert high - low == pytest.approx(2.0 * 1.96 * sd * scale, abs=3.0 * resolution)
 
 
-def test_both_estimators_stand_side_by_side(page: object, subject: Subject) -> None:
+def test_both_estimators_stand_side_by_side(page, subject):
     assert subject.solution is not None
     assert subject.implicit is not None
     paper = subject.solution.paper
@@ -55,7 +53,7 @@ def test_both_estimators_stand_side_by_side(page: object, subject: Subject) -> N
     assert "Use implicit" in page.text
 
 
-def test_a_joint_is_marked_for_what_its_file_does_not_state(page: object, subject: Subject) -> None:
+def test_a_joint_is_marked_for_what_its_file_does_not_state(page, subject):
     """Every joint of a sound arm was marked: an encoder's counts are the least that it is off by."""
     stated = [
         # 0.01 deg each: once and twice a turn, play, sag; counts are nothing beside them.
@@ -74,13 +72,13 @@ def test_a_joint_is_marked_for_what_its_file_does_not_state(page: object, subjec
         assert not row[6].startswith("▲")
 
 
-def test_nothing_of_the_page_is_told_twice(page: object) -> None:
+def test_nothing_of_the_page_is_told_twice(page):
     assert page.text.count("combined standard uncertainty of all stated sources") == 1
     assert page.text.count("orrections by reading") == 0
     assert page.rows("Corrections of RVDT readings")
 
 
-def test_closure_before_and_after_in_both_readings(page: object, subject: Subject) -> None:
+def test_closure_before_and_after_in_both_readings(page, subject):
     assert subject.solution is not None
     rows = {row[0]: [number(cell) for cell in row[1:]] for row in page.rows("Closure at")}
     before, after = subject.solution.before, subject.solution.estimate.sigmas
@@ -101,7 +99,7 @@ def test_closure_before_and_after_in_both_readings(page: object, subject: Subjec
     assert held_out[2] == pytest.approx(1e3 * outside.orientation_rad.rms, rel=1e-3)
 
 
-def test_of_whose_parameter_it_is_the_page_says(page: object, subject: Subject) -> None:
+def test_of_whose_parameter_it_is_the_page_says(page, subject):
     whose = {row[0]: row[9] for row in page.rows("Identified parameters")}
     assert whose["theta_off_3"] == "arm"
     assert (whose["a_0"], whose["theta_off_1"]) == ("ground", "ground")
@@ -110,7 +108,7 @@ def test_of_whose_parameter_it_is_the_page_says(page: object, subject: Subject) 
     assert subject.facts.data["side"] == whose
 
 
-def test_poses_and_joints_are_all_there(page: object, subject: Subject) -> None:
+def test_poses_and_joints_are_all_there(page, subject):
     poses = page.rows("Captured poses")
     assert [row[0] for row in poses] == [str(p.number) for p in subject.poses]
     assert "Excluded by the operator: 4" in page.text
@@ -128,7 +126,7 @@ def test_poses_and_joints_are_all_there(page: object, subject: Subject) -> None:
     assert [number(row[7]) for row in joints] == pytest.approx(low.tolist(), abs=0.006)
 
 
-def test_rvdt_verdicts_and_condition_are_told(page: object, subject: Subject) -> None:
+def test_rvdt_verdicts_and_condition_are_told(page, subject):
     assert subject.solution is not None
     assert len(subject.solution.rvdt) == 2
     for verdict in subject.solution.rvdt:
@@ -142,7 +140,7 @@ def test_rvdt_verdicts_and_condition_are_told(page: object, subject: Subject) ->
     assert shown == pytest.approx(list(subject.solution.seen.observability), rel=5e-3)
 
 
-def test_the_paper_may_be_the_chosen_one(folder: Path, take_apart: type) -> None:
+def test_the_paper_may_be_the_chosen_one(folder, take_apart):
     subject = subject_of(read_journal(folder).events, estimator="paper")
     assert subject.solution is not None
     page = take_apart(report_html(subject).decode())
@@ -157,7 +155,7 @@ def test_the_paper_may_be_the_chosen_one(folder: Path, take_apart: type) -> None
     assert number(row[7]) - number(row[6]) == pytest.approx(2.0 * half, rel=0.02)
 
 
-def test_joints_left_out_are_said_to_be(folder: Path, take_apart: type) -> None:
+def test_joints_left_out_are_said_to_be(folder, take_apart):
     subject = subject_of(read_journal(folder).events, unsensed_joints=(6, 7))
     page = take_apart(report_html(subject).decode())
     assert page.errors == []
@@ -167,9 +165,7 @@ def test_joints_left_out_are_said_to_be(folder: Path, take_apart: type) -> None:
     assert page.rows("Joints:")[5][1].endswith("(reading not used)")
 
 
-def test_what_cannot_be_identified_is_reported_without_numbers(
-    folder: Path, take_apart: type
-) -> None:
+def test_what_cannot_be_identified_is_reported_without_numbers(folder, take_apart):
     events = [e for e in read_journal(folder).events if e.name not in ("solved", "checked")]
     for k, event in enumerate(events):
         if event.name == "pose":

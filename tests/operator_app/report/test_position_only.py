@@ -2,17 +2,15 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import sarcal
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameters_file import load_parameters, save_parameters
-from operator_app.report.facts import Facts, estimate_json, facts_of
+from operator_app.report.facts import estimate_json, facts_of
 from operator_app.report.results.verification import verified_words
 from operator_app.report.text import facts_text, table_spans
 from operator_app.session.ui.snapshot import VerificationSummary
@@ -23,32 +21,32 @@ NOT_KNOWN = {"rms": None, "as_printed": None}
 
 
 @pytest.fixture(scope="module")
-def halves() -> tuple[sarcal.Poses, sarcal.Poses]:
+def halves():
     made = sarcal.simulate(arm="sarcos_dextrous", fixture="sarcos_ball", poses=30, seed=1)
     q_rad = made.poses.q_rad
     return sarcal.poses_of(q_rad=q_rad[:22]), sarcal.poses_of(q_rad=q_rad[22:])
 
 
 @pytest.fixture(scope="module")
-def result(halves: tuple[sarcal.Poses, sarcal.Poses]) -> sarcal.Result:
+def result(halves):
     return sarcal.calibrate(
         arm="sarcos_dextrous", fixture="sarcos_ball", poses=halves[0], drop_unidentifiable=True
     )
 
 
 @pytest.fixture(scope="module")
-def solution(halves: tuple[sarcal.Poses, sarcal.Poses]) -> Solution:
+def solution(halves):
     poses = PoseSet(placement=halves[0].placement, label=halves[0].names, q_rad=halves[0].q_rad)
     arm, fixture = load_arm("sarcos_dextrous"), load_fixture("sarcos_ball").fixture
     return calibrate(arm, fixture, poses, drop=True)
 
 
 @pytest.fixture(scope="module")
-def facts(solution: Solution) -> Facts:
+def facts(solution):
     return facts_of(solution)
 
 
-def test_json_has_null_beside_the_position(solution: Solution, facts: Facts) -> None:
+def test_json_has_null_beside_the_position(solution, facts):
     found = facts.json
     paper = solution.paper
     assert paper is not None
@@ -57,7 +55,7 @@ def test_json_has_null_beside_the_position(solution: Solution, facts: Facts) -> 
         assert part["sigma_pos_mm"]["rms"] > 0.0
 
 
-def test_text_and_screen_say_so(facts: Facts) -> None:
+def test_text_and_screen_say_so(facts):
     table = facts.table("closure")
     assert table is not None
     _, body = table_spans(table)
@@ -69,9 +67,7 @@ def test_text_and_screen_say_so(facts: Facts) -> None:
         assert all(line.count("n/a") == 2 for line in closures)
 
 
-def test_new_poses_are_judged_by_their_positions_alone(
-    result: sarcal.Result, halves: tuple[sarcal.Poses, sarcal.Poses]
-) -> None:
+def test_new_poses_are_judged_by_their_positions_alone(result, halves):
     found = sarcal.verify(result, halves[1])
     (row,) = [line for line in str(found).splitlines() if line.lstrip().startswith("calibrated")]
     assert row.split()[-2:] == ["n/a", "n/a"]
@@ -79,7 +75,7 @@ def test_new_poses_are_judged_by_their_positions_alone(
     assert data["sigma_ori_mrad"] == data["nominal"]["sigma_ori_mrad"] == NOT_KNOWN
 
 
-def test_one_line_of_new_poses_names_what_was_judged() -> None:
+def test_one_line_of_new_poses_names_what_was_judged():
     of_a_hinge = VerificationSummary(
         poses=5, position_m=1e-3, orientation_rad=2e-3, chi2_per_dof=1.0, holds=True
     )
@@ -92,7 +88,7 @@ def test_one_line_of_new_poses_names_what_was_judged() -> None:
     assert verified_words(of_a_ball).startswith("5 new poses, as expected: 1.000 mm rms,")
 
 
-def test_the_parameters_file_keeps_it(tmp_path: Path) -> None:
+def test_the_parameters_file_keeps_it(tmp_path):
     hinge = make_document()
     document = replace(hinge, quality=replace(hinge.quality, sigma_ori_mrad=None))
     save_parameters(tmp_path / "parameters.yaml", document)

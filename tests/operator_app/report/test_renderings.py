@@ -11,7 +11,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -47,9 +46,7 @@ class Renderings:
 
 
 @pytest.fixture(scope="module")
-def said(
-    journalled: Mapping[str, Path], tmp_path_factory: pytest.TempPathFactory, take_apart: type
-) -> Renderings:
+def said(journalled, tmp_path_factory, take_apart):
     folder = tmp_path_factory.mktemp("renderings") / "run"
     shutil.copytree(journalled["run"], folder)
     assert main(["report", str(folder)]) == 0
@@ -102,9 +99,7 @@ def typeset(title: str) -> str:
     return title.replace("-1 to", "\u22121 to")
 
 
-def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(
-    said: Renderings,
-) -> None:
+def test_every_table_has_the_same_numbers_as_text_on_the_page_and_on_the_screen(said):
     assert {t.ident for t in said.facts.tables} >= {
         "parameters", "dh", "hand", "determined", "closure", "noise", "budget", "halving", "tolerated", "tests",
         "observability", "correlations",
@@ -154,7 +149,7 @@ def to_json(key: tuple[str | int, ...], unit: str) -> float:
     return 1e-2 if unit == "%" else 1.0
 
 
-def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said: Renderings) -> None:
+def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said):
     compared, seen = 0, set()
     for key, unit, words in figures_of(said):
         value: Any = said.data
@@ -182,7 +177,7 @@ def test_every_number_of_the_tables_is_in_json_to_its_last_digit(said: Rendering
     }  # fmt: skip
 
 
-def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said: Renderings) -> None:
+def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said):
     tests = said.facts.table("tests")
     assert tests is not None
     for row, found in zip(body_of(said, tests), said.data["tests"], strict=True):
@@ -199,7 +194,7 @@ def test_tests_and_correlations_are_lists_in_json_and_tables_elsewhere(said: Ren
         assert shown == pytest.approx(said.data["correlations"][k][: k + 1], abs=0.00501)
 
 
-def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said: Renderings) -> None:
+def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said):
     dh = said.facts.table("dh")
     assert dh is not None
     head = [plain(row) for row in table_spans(dh)[0]]
@@ -211,7 +206,7 @@ def test_the_dh_table_is_in_one_unit_and_agrees_with_the_parameters(said: Render
         assert identified in text[link].split()
 
 
-def test_headlines_are_the_same_in_tiles_lines_and_tables(said: Renderings) -> None:
+def test_headlines_are_the_same_in_tiles_lines_and_tables(said):
     headlines = said.facts.headlines
     line = plain(headline_spans(headlines, 1000))
     assert numbers(line) == numbers(" ".join(f"{h.figure.shown} {h.note}" for h in headlines))
@@ -224,7 +219,7 @@ def test_headlines_are_the_same_in_tiles_lines_and_tables(said: Renderings) -> N
         assert {h.name: h for h in headlines}[name].figure.shown in numbers(row)
 
 
-def test_a_notice_is_in_every_rendering_once(said: Renderings) -> None:
+def test_a_notice_is_in_every_rendering_once(said):
     assert said.facts.notices
     assert [(n["code"], n["text"]) for n in said.data["warnings"]] == [
         (n.code, n.sentence) for n in said.facts.notices
@@ -235,7 +230,7 @@ def test_a_notice_is_in_every_rendering_once(said: Renderings) -> None:
         assert once in " ".join(said.page.text.split())
 
 
-def test_run_prints_what_report_reads(journalled: Mapping[str, Path], said: Renderings) -> None:
+def test_run_prints_what_report_reads(journalled, said):
     """The JSON of the session that ran, of the one that resumed it, and of the app are one."""
     mine = {k: v for k, v in said.data.items() if k != "session"}
     for made in ("run", "app", "resumed"):
@@ -244,7 +239,7 @@ def test_run_prints_what_report_reads(journalled: Mapping[str, Path], said: Rend
         assert other == mine
 
 
-def test_headlines_too_long_for_a_line_lose_their_notes_and_no_figure(said: Renderings) -> None:
+def test_headlines_too_long_for_a_line_lose_their_notes_and_no_figure(said):
     short = plain(headline_spans(said.facts.headlines, 60))
     assert "before" not in short
     for headline in said.facts.headlines:

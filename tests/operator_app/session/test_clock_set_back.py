@@ -1,6 +1,5 @@
 """The session begun last is the latest, whatever was done to the clock."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import cycle
@@ -65,9 +64,7 @@ def imported(root: Path, days: float) -> Path:
         ((0.0, 365.0, 1.0, 0.5), (begun, imported)),
     ],
 )
-def test_they_are_listed_as_they_were_begun_or_imported(
-    tmp_path: Path, days: tuple[float, ...], makes: tuple[Callable[[Path, float], Path], ...]
-) -> None:
+def test_they_are_listed_as_they_were_begun_or_imported(tmp_path, days, makes):
     folders = []
     for day, make in zip(days, cycle(makes), strict=False):
         folders.append(make(tmp_path, day))
@@ -75,7 +72,7 @@ def test_they_are_listed_as_they_were_begun_or_imported(
     assert [entry.folder for entry in list_sessions(tmp_path)] == folders
 
 
-def test_a_session_that_went_away_or_is_damaged_keeps_its_place(tmp_path: Path) -> None:
+def test_a_session_that_went_away_or_is_damaged_keeps_its_place(tmp_path):
     first, second, third = (begun(tmp_path, day) for day in (0.0, 365.0, 1.0))
     (second / "journal.jsonl").unlink()
     fourth = begun(tmp_path, -1.0)
@@ -100,7 +97,7 @@ def without_order(folder: Path, after: str = "") -> None:
     path.write_bytes(b"".join(lines))
 
 
-def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path: Path) -> None:
+def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path):
     old = [begun(tmp_path, day) for day in (0.0, 365.0, 1.0, 2.0)]
     for folder, after in zip(old, ("", "", old[1].name, old[2].name), strict=True):
         without_order(folder, after)
@@ -110,5 +107,5 @@ def test_journals_of_earlier_versions_come_first_in_the_order_they_had(tmp_path:
 
 
 @pytest.mark.parametrize("order", [True, -1, 0, 2**60, "7", None, 1.5])
-def test_an_order_that_is_none_is_not_believed(order: object) -> None:
+def test_an_order_that_is_none_is_not_believed(order):
     assert order_of({"order": order}) == 0

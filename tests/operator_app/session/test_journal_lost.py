@@ -2,7 +2,6 @@
 
 import shutil
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,10 +18,9 @@ from operator_app.session.store.state import SessionState
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.answers import EndsWith
 from tests.oracles.hearing import Hearing
 from tests.oracles.live_source import FakeSource
-from tests.oracles.opened import MakeSession, opened
+from tests.oracles.opened import opened
 from tests.oracles.short_procedure import short_procedure
 
 PATIENCE_S = 60.0
@@ -32,7 +30,7 @@ def held(session: Session) -> bool:
     return all(joint.mode is JointMode.POSITION for joint in session.arm.snapshot().joints)
 
 
-def test_the_arm_is_held_and_the_rescued_session_goes_on(make_session: MakeSession) -> None:
+def test_the_arm_is_held_and_the_rescued_session_goes_on(make_session):
     session = make_session(load_procedure("hinge"), "datasheet")
     folder = session.journal.path.parent
     with pytest.raises(JournalLostError, match="deleted") as lost:
@@ -58,9 +56,7 @@ def one_bit(path: Path) -> None:
 @pytest.mark.parametrize(
     "harm", [lambda path: shutil.rmtree(path.parent), one_bit], ids=["gone", "changed"]
 )
-def test_what_became_of_a_journal_is_noticed_as_it_is_closed(
-    make_session: MakeSession, harm: Callable[[Path], None]
-) -> None:
+def test_what_became_of_a_journal_is_noticed_as_it_is_closed(make_session, harm):
     session = make_session(short_procedure(8), connect=True)
     harm(session.journal.path)
     session.close("done")
@@ -94,9 +90,7 @@ class Overwriter(Listener):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("when", ["pose", "verdict"])
-def test_a_changed_journal_gets_no_verdict_and_no_upload(
-    make_session: MakeSession, when: str
-) -> None:
+def test_a_changed_journal_gets_no_verdict_and_no_upload(make_session, when):
     procedure = short_procedure(8)
     session = make_session(procedure)
     before = session.arm.active_parameters()
@@ -116,9 +110,7 @@ def test_a_changed_journal_gets_no_verdict_and_no_upload(
 
 
 @pytest.mark.campaign
-def test_run_says_what_happened_and_where_everything_is(
-    tmp_path: Path, ends_with: EndsWith, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_run_says_what_happened_and_where_everything_is(tmp_path, ends_with, monkeypatch):
     root = tmp_path / "sessions"
     before = ConsoleListener.pose_captured
 
@@ -140,7 +132,7 @@ def test_run_says_what_happened_and_where_everything_is(
     ends_with(0, "run", "--resume", rescued, "--poses", "8", "--sessions", root)
 
 
-def test_the_app_and_plain_mode_say_it_hold_and_leave_in_order(tmp_path: Path) -> None:
+def test_the_app_and_plain_mode_say_it_hold_and_leave_in_order(tmp_path):
     source = FakeSource(tmp_path / "sessions")
     runner = source.new()
     folder = runner.session.journal.path.parent

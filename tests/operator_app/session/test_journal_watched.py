@@ -46,9 +46,7 @@ TAKEN_AWAY: Mapping[str, tuple[Callable[[Path], object], str]] = {
 
 
 @pytest.mark.parametrize("kind", TAKEN_AWAY)
-def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(
-    tmp_path: Path, kind: str
-) -> None:
+def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(tmp_path, kind):
     folder = tmp_path / "20261122-hinge"
     journal = Journal.create(folder)
     for name, data in EVENTS:
@@ -73,7 +71,7 @@ def test_a_journal_that_is_taken_away_accepts_nothing_and_loses_nothing(
     resumed.close()
 
 
-def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path: Path) -> None:
+def test_what_is_gone_is_noticed_before_the_arm_moves(tmp_path):
     journal = Journal.create(tmp_path / "session")
     journal.append("opened", {})
     journal.require_intact()
@@ -95,9 +93,7 @@ def one_bit(path: Path, line: int) -> None:
 
 @pytest.mark.parametrize("line", [1, 2, 3, 4])
 @pytest.mark.parametrize("resumed", [False, True])
-def test_one_bit_changed_in_place_is_noticed_when_it_is_read_back(
-    tmp_path: Path, line: int, resumed: bool
-) -> None:
+def test_one_bit_changed_in_place_is_noticed_when_it_is_read_back(tmp_path, line, resumed):
     folder = tmp_path / "session"
     journal = Journal.create(folder)
     for number in range(1, 4):
@@ -116,9 +112,7 @@ def test_one_bit_changed_in_place_is_noticed_when_it_is_read_back(
     assert [e.name for e in read_journal(rescued).events] == [*["pose"] * 3, "solved"]
 
 
-def test_a_rescue_goes_elsewhere_when_there_is_nothing_beside(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_rescue_goes_elsewhere_when_there_is_nothing_beside(tmp_path, monkeypatch):
     other = tmp_path / "tmp"
     other.mkdir()
     monkeypatch.setattr("tempfile.tempdir", str(other))

@@ -1,8 +1,7 @@
 """What a session notices by itself while it takes poses: a stuck sensor, a jump, an arm that cannot start to move."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,7 +15,6 @@ from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices, begin
 from operator_app.session.workflow.session import Session
 from tests.oracles.hearing import take_until
-from tests.oracles.opened import MakeSession
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
 
@@ -64,7 +62,7 @@ class Faulty(PlantArm):
 
 
 @pytest.fixture
-def begun(make_session: MakeSession) -> MakeSession:
+def begun(make_session):
     def make(name: str = "datasheet", poses: int = 8) -> Session:
         procedure = short_procedure(poses, name)
         return make_session(procedure, arm=Faulty(procedure, name), connect=True)
@@ -73,7 +71,7 @@ def begun(make_session: MakeSession) -> MakeSession:
 
 
 @pytest.fixture
-def session(begun: MakeSession) -> Session:
+def session(begun):
     """With its drives in place."""
     made = begun()
     made.set_modes((1, 5))
@@ -86,9 +84,7 @@ def kept_faults(session: Session) -> list[Mapping[str, object]]:
 
 
 @pytest.mark.parametrize(("name", "joint"), [("datasheet", 3), ("datasheet", 6), ("exact", 7)])
-def test_a_sensor_that_stands_still_is_named_and_its_pose_does_not_count(
-    begun: MakeSession, name: str, joint: int
-) -> None:
+def test_a_sensor_that_stands_still_is_named_and_its_pose_does_not_count(begun, name, joint):
     session = begun(name)
     session.arm.frozen = joint
     with pytest.raises(SensorFault, match=rf"joint {joint} reads the same count") as told:
@@ -101,9 +97,7 @@ def test_a_sensor_that_stands_still_is_named_and_its_pose_does_not_count(
     assert [fault["joint"] for fault in kept_faults(session)] == [joint]
 
 
-def test_after_a_jump_no_pose_counts_before_the_first_one_reads_as_it_did(
-    begun: MakeSession,
-) -> None:
+def test_after_a_jump_no_pose_counts_before_the_first_one_reads_as_it_did(begun):
     session = begun()
     arm = session.arm
     arm.jumps_at_capture = 5  # the first one is that of taking control
@@ -121,7 +115,7 @@ def test_after_a_jump_no_pose_counts_before_the_first_one_reads_as_it_did(
     assert session.state.repeats[-1].first.number == 1
 
 
-def test_a_pose_that_was_read_while_it_jumped_does_not_count(session: Session) -> None:
+def test_a_pose_that_was_read_while_it_jumped_does_not_count(session):
     session.capture()
     assert len(session.state.used_poses) == 1
     until = session.arm.snapshot().sync_count
@@ -136,7 +130,7 @@ def test_a_pose_that_was_read_while_it_jumped_does_not_count(session: Session) -
     assert "joint 4 read wrong at that time" in session.state.poses[0].excluded
 
 
-def test_an_arm_that_cannot_begin_to_move_passes_no_waypoint_over(session: Session) -> None:
+def test_an_arm_that_cannot_begin_to_move_passes_no_waypoint_over(session):
     session.arm.overloaded = True
     with pytest.raises(GuardError, match=r"cannot start to move: joint 2 needed 95 N m"):
         take_poses(session, Listener())
@@ -146,9 +140,7 @@ def test_an_arm_that_cannot_begin_to_move_passes_no_waypoint_over(session: Sessi
     assert {p.waypoint for p in session.state.poses} == {0, 1}
 
 
-def test_what_was_passed_over_is_tried_again_when_resumed(
-    session: Session, make_session: MakeSession
-) -> None:
+def test_what_was_passed_over_is_tried_again_when_resumed(session, make_session):
     session.record("waypoint_skipped", {"waypoint": 0, "reason": "joint 2 needed 95 N m"})
     assert session.state.next_waypoint == 1
     session.close("left")
@@ -156,7 +148,7 @@ def test_what_was_passed_over_is_tried_again_when_resumed(
 
 
 @pytest.mark.parametrize("poses", [10**6, 10**30])
-def test_poses_beyond_all_reason_are_refused(tmp_path: Path, poses: int) -> None:
+def test_poses_beyond_all_reason_are_refused(tmp_path, poses):
     with pytest.raises(SessionError, match="at most 100000"):
         begin("hinge", Choices(poses=poses), root=tmp_path)
 
@@ -170,8 +162,8 @@ def diverged(session: Session) -> DriveDiverged:
 
 
 def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_does_not_count(
-    session: Session,
-) -> None:
+    session,
+):
     session.record_stop_cause()
     why = diverged(session)
     for ask in (session.record_stop_cause, session.record_stop_cause, session.read):
@@ -191,9 +183,7 @@ def test_why_an_arm_was_stopped_by_itself_is_kept_once_and_the_pose_read_then_do
     ],
     ids=["reset", "connect anew", "close"],
 )
-def test_why_an_arm_was_stopped_is_kept_before_the_arm_forgets_it(
-    session: Session, forgets: Callable[[Session], object]
-) -> None:
+def test_why_an_arm_was_stopped_is_kept_before_the_arm_forgets_it(session, forgets):
     """Whoever presses the key is quicker than the watchman."""
     diverged(session)
     forgets(session)

@@ -1,7 +1,6 @@
 """An arm that stands outside its box is moved by nothing but an agreement: nor by the way back to its first pose."""
 
 import shutil
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import cache
@@ -18,9 +17,8 @@ from operator_app.errors import Cancelled, GuardError
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
-from operator_app.session.workflow.session import Session
 from tests.oracles.hearing import take_until
-from tests.oracles.opened import MakeSession, opened
+from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 
 POSES = 6
@@ -52,7 +50,7 @@ def procedure_of(case: str) -> Procedure:
 
 
 @pytest.fixture(scope="module")
-def left(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def left(tmp_path_factory):
     """Folders of sessions that were left, each made once."""
 
     @cache
@@ -80,13 +78,7 @@ CASES = pytest.mark.parametrize(
 
 
 @pytest.fixture
-def resumed(
-    left: Callable[[str], Path],
-    make_session: MakeSession,
-    tmp_path: Path,
-    case: str,
-    withdrawn: bool,
-) -> Session:
+def resumed(left, make_session, tmp_path, case, withdrawn):
     """A session that goes on; meanwhile joint 1 was moved out of its box."""
     procedure = procedure_of(case)
     shutil.copytree(left(case), tmp_path / "session")
@@ -98,7 +90,7 @@ def resumed(
 
 @pytest.mark.sample(2)
 @CASES
-def test_a_resume_does_not_drive_it_back_to_its_first_pose(resumed: Session) -> None:
+def test_a_resume_does_not_drive_it_back_to_its_first_pose(resumed):
     before = len(resumed.state.poses)
     with pytest.raises(GuardError, match=r"joint 1 is at \+102\.\d+ deg, outside") as refused:
         take_poses(resumed, Listener(), (1, 5))
@@ -109,7 +101,7 @@ def test_a_resume_does_not_drive_it_back_to_its_first_pose(resumed: Session) -> 
 
 @pytest.mark.sample(2)
 @CASES
-def test_with_an_agreement_it_goes_home_slowly_first(resumed: Session) -> None:
+def test_with_an_agreement_it_goes_home_slowly_first(resumed):
     state = resumed.state
     before = (len(state.repeats), len(state.poses))
     resumed.cancelled = lambda: (len(resumed.state.repeats), len(resumed.state.poses)) != before

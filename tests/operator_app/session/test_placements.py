@@ -2,7 +2,6 @@
 
 import io
 import signal
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +18,7 @@ from operator_app.session.store.replay import replay, session_state
 from operator_app.session.store.state import SessionState
 from operator_app.session.workflow.opening import Choices, begin, resume
 from operator_app.session.workflow.session import Session
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 from tests.oracles.journals import POSE, sources
-from tests.oracles.opened import MakeSession
 
 Q = [0.1, -0.2, 0.3, 1.4, -0.5, 0.6, 0.7]
 SETTINGS = {"poses": 12, "placements": 2, "interface": "loopback", "channel": "bench"}
@@ -41,13 +37,13 @@ def first_placement(poses: int = 12) -> list[Named]:
 
 
 @pytest.fixture
-def types(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+def types(monkeypatch):
     """Type this, and nothing after it."""
     return lambda text: monkeypatch.setattr("sys.stdin", io.StringIO(text))
 
 
 @pytest.fixture
-def session(make_session: MakeSession) -> Session:
+def session(make_session):
     return make_session(begin("hinge", Choices(poses=3), root=Path()).procedure)
 
 
@@ -63,7 +59,7 @@ def written(folder: Path, events: list[Named]) -> Path:
     return folder
 
 
-def test_a_new_mounting_begins_anew_and_keeps_the_poses() -> None:
+def test_a_new_mounting_begins_anew_and_keeps_the_poses():
     before = of(first_placement())
     state = of([*first_placement(), ("remounted", {"placement": 2})])
     assert (state.placement, len(state.used_poses), state.poses_here) == (2, 12, ())
@@ -78,7 +74,7 @@ def test_a_new_mounting_begins_anew_and_keeps_the_poses() -> None:
     assert state.wanted_poses(procedure.capture) == 24
 
 
-def test_poses_of_the_second_mounting_are_told_apart() -> None:
+def test_poses_of_the_second_mounting_are_told_apart():
     second = {**POSE, "number": 13, "mean_rad": Q, "waypoint": 0, "placement": 2}
     again = {"number": 2, "kind": "return", "of": 13, "placement": 2, **READING}
     events = [
@@ -97,7 +93,7 @@ def test_poses_of_the_second_mounting_are_told_apart() -> None:
     assert len(state.repeats) == 2
 
 
-def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path: Path) -> None:
+def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path):
     unread, short = first_placement()[:-1], first_placement(11)
     for k, (events, due) in enumerate(((first_placement(), True), (unread, False), (short, False))):
         folder = written(tmp_path / str(k), events)
@@ -108,9 +104,7 @@ def test_the_next_is_due_once_the_first_has_all_its_poses(tmp_path: Path) -> Non
     assert (opening.placement, opening.next_due) == (2, False)
 
 
-def test_the_operator_is_told_what_to_do_and_has_to_confirm(
-    tmp_path: Path, types: Callable[[str], None], approve: Approve
-) -> None:
+def test_the_operator_is_told_what_to_do_and_has_to_confirm(tmp_path, types, approve):
     folder = written(tmp_path / "a", first_placement())
     opening = resume(str(folder), Choices(), root=tmp_path)
     approve(" ".join(words(opening, drives_off=True)))
@@ -142,15 +136,13 @@ def test_the_operator_is_told_what_to_do_and_has_to_confirm(
     ],
 )
 def test_what_cannot_be_mounted_so_often_is_refused_before_anything(
-    arguments: list[str], words_said: str, tmp_path: Path, ends_with: EndsWith
-) -> None:
+    arguments, words_said, tmp_path, ends_with
+):
     assert words_said in ends_with(2, "run", *arguments, "--sessions", tmp_path).err
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_was_chosen_on_resuming_holds_in_the_next_placement(
-    tmp_path: Path, types: Callable[[str], None]
-) -> None:
+def test_what_was_chosen_on_resuming_holds_in_the_next_placement(tmp_path, types):
     """Else the third placement was forgotten, and what should not be uploaded was."""
     folder = written(tmp_path / "a", first_placement())
     chosen = Choices(placements=3, upload=False, channel="other")
@@ -164,8 +156,8 @@ def test_what_was_chosen_on_resuming_holds_in_the_next_placement(
 
 @pytest.mark.parametrize("left", ["remounting", "remounted"])
 def test_a_placement_that_nobody_confirmed_is_asked_for_before_anything_moves(
-    tmp_path: Path, types: Callable[[str], None], left: str
-) -> None:
+    tmp_path, types, left
+):
     """In a journal of an earlier version `remounted` may be what somebody was still to do."""
     folder = written(tmp_path / "a", [*first_placement(), (left, {"placement": 2})])
     opening = resume(str(folder), Choices(), root=tmp_path)
@@ -197,12 +189,8 @@ class Signalled(io.StringIO):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("more", [[], [("remounted", {"placement": 2})]])
 def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    ends_with: EndsWith,
-    number: signal.Signals,
-    more: list[Named],
-) -> None:
+    tmp_path, monkeypatch, ends_with, number, more
+):
     folder = written(tmp_path / "a", [*first_placement(), *more])
     before = (folder / "journal.jsonl").read_bytes()
     monkeypatch.setattr("sys.stdin", Signalled(number))
@@ -219,7 +207,7 @@ def test_a_signal_while_the_fixture_is_being_mounted_ends_in_words(
     assert (opening.next_due, opening.unconfirmed_placement) == (not more, bool(more))
 
 
-def test_nobody_is_sent_to_an_arm_that_did_not_answer(session: Session) -> None:
+def test_nobody_is_sent_to_an_arm_that_did_not_answer(session):
     session.arm.close = lambda: False
     session.close("the fixture is mounted anew")
     with pytest.raises(SessionError, match="did not answer"):
@@ -227,7 +215,7 @@ def test_nobody_is_sent_to_an_arm_that_did_not_answer(session: Session) -> None:
 
 
 @pytest.mark.parametrize("held", [True, False])
-def test_nobody_is_sent_to_an_arm_with_power_in_it(session: Session, held: bool) -> None:
+def test_nobody_is_sent_to_an_arm_with_power_in_it(session, held):
     """Where STOP holds its drives as well."""
     session.arm.left_powered = (2, 5)
     session.arm.close = lambda: held
@@ -239,9 +227,7 @@ def test_nobody_is_sent_to_an_arm_with_power_in_it(session: Session, held: bool)
     assert (session.not_held is None) is held
 
 
-def test_that_drives_are_off_is_said_only_where_somebody_has_looked(
-    tmp_path: Path, types: Callable[[str], None], ends_with: EndsWith
-) -> None:
+def test_that_drives_are_off_is_said_only_where_somebody_has_looked(tmp_path, types, ends_with):
     folder = written(tmp_path / "a", first_placement())
     types("")
     said = ends_with(2, "run", "--resume", folder, "--sessions", tmp_path).words
@@ -249,12 +235,7 @@ def test_that_drives_are_off_is_said_only_where_somebody_has_looked(
     assert "make sure that they are off" in said
 
 
-def test_the_app_does_not_call_an_arm_held_that_is_not(
-    tmp_path: Path,
-    types: Callable[[str], None],
-    monkeypatch: pytest.MonkeyPatch,
-    ends_with: EndsWith,
-) -> None:
+def test_the_app_does_not_call_an_arm_held_that_is_not(tmp_path, types, monkeypatch, ends_with):
     monkeypatch.setattr(CanopenArm, "close", lambda _: False)
     monkeypatch.setattr(CanopenArm, "left_powered", (1,))
     types("")
@@ -270,7 +251,7 @@ def one_pose_then(session: Session, event: str) -> Session:
     return session
 
 
-def test_nothing_connects_while_the_fixture_is_off(session: Session) -> None:
+def test_nothing_connects_while_the_fixture_is_off(session):
     """For verify and export as well: somebody may be holding the arm."""
     state = one_pose_then(session, "remounting").state
     assert (state.placement, state.mounted, state.unconfirmed_placement) == (2, False, True)
@@ -281,6 +262,6 @@ def test_nothing_connects_while_the_fixture_is_off(session: Session) -> None:
     assert session.connect() is session.identity
 
 
-def test_undo_takes_back_no_pose_of_another_placement(session: Session) -> None:
+def test_undo_takes_back_no_pose_of_another_placement(session):
     with pytest.raises(GuardError, match="this placement has no pose"):
         one_pose_then(session, "remounted").undo()

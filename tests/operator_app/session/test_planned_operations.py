@@ -9,7 +9,6 @@ from operator_app.session.ui.snapshot import Change, Level
 from operator_app.session.workflow.session import Session
 from solver.design.actions import GoTo
 from tests.oracles.journalled_sessions import Quiet, first_picture
-from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
@@ -32,7 +31,7 @@ class Publisher(Quiet):
 
 
 @pytest.fixture
-def session(make_session: MakeSession) -> Session:
+def session(make_session):
     return make_session(short_procedure(2, packaged="hinge_planned"))
 
 
@@ -41,7 +40,7 @@ def wanted_poses(session: Session) -> int:
 
 
 @pytest.mark.campaign
-def test_automatic_capture_follows_the_plan_and_can_be_ended(session: Session) -> None:
+def test_automatic_capture_follows_the_plan_and_can_be_ended(session):
     publisher = Publisher(session)
     work = Operations(session, publisher)
     work.connect()

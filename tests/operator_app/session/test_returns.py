@@ -20,7 +20,6 @@ from operator_app.session.workflow.planned_capture import PlannedCapture
 from operator_app.session.workflow.session import Session
 from solver.diagnostics import hypothesis_tests
 from tests.oracles.hearing import Hearing, take_until
-from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
@@ -48,7 +47,7 @@ def judged(session: Session) -> Repeat:
     )
 
 
-def test_it_ends_where_it_began(make_session: MakeSession) -> None:
+def test_it_ends_where_it_began(make_session):
     session = make_session(short_procedure(6), connect=True)
     take_poses(session, Listener(), (1, 5))
     (found,) = session.state.repeats
@@ -65,9 +64,7 @@ def test_it_ends_where_it_began(make_session: MakeSession) -> None:
     assert len(session.state.readings) == 1
 
 
-def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(
-    make_session: MakeSession,
-) -> None:
+def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(make_session):
     session = make_session(short_procedure(5), connect=True)
     take_until(session, 2)
     session.close("left")
@@ -85,9 +82,7 @@ def test_after_a_resume_it_looks_at_its_first_pose_before_it_goes_on(
     assert again.state.repeats == ()
 
 
-def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
-    make_session: MakeSession,
-) -> None:
+def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(make_session):
     def narrow(count: int) -> None:
         if count == 4:
             *others, last = session.model.joints
@@ -108,9 +103,7 @@ def test_a_first_pose_out_of_reach_is_said_and_the_capture_is_whole(
     assert notice.reported[0].startswith("joint 7")
 
 
-def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
-    make_session: MakeSession,
-) -> None:
+def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(make_session):
     session = make_session(short_procedure(7), connect=True)
     take_until(session, 6)
     session.cancelled = lambda: False
@@ -122,9 +115,7 @@ def test_a_capture_that_ended_early_says_what_was_not_tested_until_it_has_been(
     assert "NO_RETURN" not in {w.code for w in session.calibrate().warnings}
 
 
-def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(
-    make_session: MakeSession,
-) -> None:
+def test_where_no_way_leads_back_it_is_to_be_verified_and_not_to_be_resumed(make_session):
     """A planned capture that knows no way back knows none after a resume either."""
     session = make_session(short_procedure(4), connect=True)
     session.set_modes((1, 5))
@@ -162,9 +153,7 @@ def returns_of(solution: Solution) -> list[str]:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["exact", "datasheet"])
-def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
-    make_session: MakeSession, name: str
-) -> None:
+def test_a_sound_session_says_nothing_of_its_return_but_the_figure(make_session, name):
     solution = sessioned(make_session(short_procedure(20, name, samples=32), name))
     test = return_test(solution)
     assert test.code == "RETURN_20"
@@ -177,8 +166,8 @@ def test_a_sound_session_says_nothing_of_its_return_but_the_figure(
 @pytest.mark.parametrize("joint", [2, 3, 5, 7])
 @pytest.mark.parametrize("name", ["exact", "datasheet"])
 def test_a_joint_that_slipped_before_the_return_is_named_with_its_size_and_refused(
-    make_session: MakeSession, name: str, joint: int
-) -> None:
+    make_session, name, joint
+):
     session = make_session(short_procedure(20, name, samples=32), name)
     solution = sessioned(session, slip_rad=np.deg2rad(0.5), joint=joint)
     assert return_test(solution).fires
@@ -192,7 +181,7 @@ def test_a_joint_that_slipped_before_the_return_is_named_with_its_size_and_refus
 
 
 @pytest.mark.campaign
-def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSession) -> None:
+def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session):
     solution = sessioned(
         make_session(short_procedure(20, "as_reported", samples=32), "as_reported")
     )
@@ -202,7 +191,7 @@ def test_a_fixture_that_bends_is_no_encoder_that_slipped(make_session: MakeSessi
     assert solution.verdict is not Verdict.ACCEPTED
 
 
-def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession) -> None:
+def test_a_return_after_a_calibration_asks_for_another(make_session):
     session = make_session(short_procedure(20, "exact", samples=32))
     sessioned(session)
     assert session.recorded_calibration() is not None
@@ -219,16 +208,14 @@ def test_a_return_after_a_calibration_asks_for_another(make_session: MakeSession
         (Kind.FIXTURE_SLIPPED, Kind.REPEAT_FIXTURE_MOVED, False),
     ],
 )
-def test_only_the_same_slip_makes_a_return_say_nothing_new(
-    named: Kind, since: Kind, kept: bool
-) -> None:
+def test_only_the_same_slip_makes_a_return_say_nothing_new(named, since, kept):
     def cause(kind: Kind) -> Finding:
         return Finding(kind=kind, joint=3, names=("s_3",), blocking=True)
 
     assert not_yet_named((cause(since),), (cause(named),)) == (cause(since),) * kept
 
 
-def test_a_slip_that_a_return_proves_refuses_whatever_the_poses_said_of_it() -> None:
+def test_a_slip_that_a_return_proves_refuses_whatever_the_poses_said_of_it():
     step = Finding(kind=Kind.READING_STEP, joint=1)
     length = Finding(kind=Kind.LENGTH_OFF, names=("s_3",))
     returned = Finding(kind=Kind.REPEAT_READING_STEP, joint=1, blocking=True)
@@ -241,9 +228,7 @@ def test_a_slip_that_a_return_proves_refuses_whatever_the_poses_said_of_it() -> 
     assert proven_by_return((replace(other, blocking=False),), (step,)) == ((), (step,))
 
 
-def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused(
-    make_session: MakeSession,
-) -> None:
+def test_few_poses_with_a_slip_in_mid_session_that_the_return_proves_are_refused(make_session):
     """Seven poses: the slip makes sigmas so wide that no parameter is off by two of them."""
     session = make_session(short_procedure(7, "datasheet"), "datasheet", connect=True)
     whole = session.arm.capture

@@ -2,7 +2,6 @@
 
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,10 +18,9 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.opening import Choices
 from operator_app.session.workflow.remounting import record_remounted, record_remounting
-from operator_app.session.workflow.session import Session
 from operator_app.virtual_arms import virtual_arm
 from tests.oracles.hearing import take_until
-from tests.oracles.opened import MakeSession, opened
+from tests.oracles.opened import opened
 from tests.oracles.shop_floor_remounted import Remounted, remounted
 from tests.oracles.wrong_zero import WrongZero, reading_of
 
@@ -36,7 +34,7 @@ def arm_in(procedure: Procedure, placement: int) -> WrongZero:
 
 
 @pytest.fixture(scope="module")
-def first_done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedure]:
+def first_done(tmp_path_factory):
     """A session whose first placement is done, and whose hinge is mounted anew."""
     folder, procedure = tmp_path_factory.mktemp("first") / "session", load_procedure("hinge")
     capture = replace(procedure.capture, poses=POSES, samples_per_pose=8)
@@ -51,9 +49,7 @@ def first_done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Procedur
 
 
 @pytest.fixture
-def second(
-    first_done: tuple[Path, Procedure], tmp_path: Path, make_session: MakeSession
-) -> Session:
+def second(first_done, tmp_path, make_session):
     """The same session, its arm in the second placement."""
     folder, procedure = first_done
     shutil.copytree(folder, tmp_path / "session")
@@ -61,16 +57,14 @@ def second(
 
 
 @pytest.mark.parametrize(("joint", "degrees"), [(2, 30.0), (3, -30.0), (4, 30.0)])
-def test_a_slip_between_two_placements_is_told_before_anything_is_enabled(
-    second: Session, joint: int, degrees: float
-) -> None:
+def test_a_slip_between_two_placements_is_told_before_anything_is_enabled(second, joint, degrees):
     second.arm.off_rad[joint - 1] = np.deg2rad(degrees)
     with pytest.raises(GuardError, match=f"it closes with .*joint {joint} near"):
         take_poses(second, Listener(), (1, 5))
     assert second.arm.enabled == 0
 
 
-def test_a_sound_arm_goes_on_in_its_second_placement(second: Session) -> None:
+def test_a_sound_arm_goes_on_in_its_second_placement(second):
     take_until(second, POSES + 1)
     assert [p.placement for p in second.state.poses] == [1] * POSES + [2]
     events = read_journal(second.journal.path.parent).events
@@ -97,7 +91,7 @@ def _refused(q_rad: np.ndarray, known: KnownArm | None) -> bool:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["stated", "as_reported", "wild"])
-def test_of_the_shop_floors_arms_no_sound_one_is_refused_and_slips_are_found(kind: str) -> None:
+def test_of_the_shop_floors_arms_no_sound_one_is_refused_and_slips_are_found(kind):
     found, by_files, tried = 0, 0, 0
     for seed in range(2):
         case = remounted(kind, seed, poses=POSES, standings=2)
@@ -115,7 +109,7 @@ def test_of_the_shop_floors_arms_no_sound_one_is_refused_and_slips_are_found(kin
         assert by_files <= 4
 
 
-def test_offsets_are_known_as_well_as_it_says() -> None:
+def test_offsets_are_known_as_well_as_it_says():
     pulls = []
     for seed in range(6):
         case = remounted("stated", seed, poses=POSES, standings=1)
@@ -132,7 +126,7 @@ def test_offsets_are_known_as_well_as_it_says() -> None:
 
 
 @pytest.mark.campaign
-def test_a_hinge_that_stood_far_from_its_files_place_may_do_so_again() -> None:
+def test_a_hinge_that_stood_far_from_its_files_place_may_do_so_again():
     """Drawn evenly from 40 mm and 15 deg to either side where 30 mm and 10 deg are three sigmas."""
     found = [
         _known(remounted("wild", seed, poses=POSES, standings=1)).placement_ratio
@@ -141,7 +135,7 @@ def test_a_hinge_that_stood_far_from_its_files_place_may_do_so_again() -> None:
     assert 1.5 < np.mean(found) < 4.0
 
 
-def test_poses_that_fit_badly_tell_less_and_too_few_nothing() -> None:
+def test_poses_that_fit_badly_tell_less_and_too_few_nothing():
     procedure = load_procedure("hinge")
     case = remounted("stated", 0, poses=POSES, standings=1)
     poses = parse_poses(case.first.csv().encode(), "first.csv").poses

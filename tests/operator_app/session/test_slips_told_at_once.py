@@ -20,10 +20,8 @@ from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.session import Session
 from solver.chain.poses import PoseSet
-from tests.oracles.approved import Approve
 from tests.oracles.hearing import Hearing
 from tests.oracles.journalled_sessions import Quiet
-from tests.oracles.opened import MakeSession
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.shop_floor import Sizes, session
 
@@ -55,7 +53,7 @@ def seen(poses: PoseSet) -> bool:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("sizes", [Sizes(), AS_REPORTED], ids=["stated", "as reported"])
-def test_no_pose_of_a_sound_arm_is_out_of_line(sizes: Sizes) -> None:
+def test_no_pose_of_a_sound_arm_is_out_of_line(sizes):
     """Arms by the shop floor's generator; of 200 whole sessions none had one (three kinds of arms)."""
     for seed in range(2):
         poses = poses_of(seed, sizes)
@@ -64,14 +62,14 @@ def test_no_pose_of_a_sound_arm_is_out_of_line(sizes: Sizes) -> None:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [1, 2, 3, 4])
-def test_a_pose_after_a_slip_of_a_degree_is_out_of_line(joint: int) -> None:
+def test_a_pose_after_a_slip_of_a_degree_is_out_of_line(joint):
     for seed in range(2):
         poses = poses_of(seed)
         for count in (LEAST + 1, 20, 40):
             assert seen(first(poses, count, joint, DEGREE if seed else -DEGREE))
 
 
-def test_with_few_poses_before_it_nothing_is_said() -> None:
+def test_with_few_poses_before_it_nothing_is_said():
     poses = poses_of(0)
     assert not seen(first(poses, LEAST, 1, 5 * DEGREE))
     assert seen(first(poses, LEAST + 1, 1, 5 * DEGREE))
@@ -106,7 +104,7 @@ Begin = Callable[..., tuple[Session, Hearing]]
 
 
 @pytest.fixture
-def begin(make_session: MakeSession) -> Begin:
+def begin(make_session):
     """Begin a session whose encoder slips after so many poses, and back, and which is left after `most`."""
 
     def make(most: int, slips: dict[int, int], name: str = "hinge") -> tuple[Session, Hearing]:
@@ -128,9 +126,7 @@ PLANNED_CASE = pytest.mark.parametrize(
 
 
 @PLANNED_CASE
-def test_a_slip_of_a_joint_that_is_led_is_told_at_the_next_pose(
-    begin: Begin, name: str, after: int
-) -> None:
+def test_a_slip_of_a_joint_that_is_led_is_told_at_the_next_pose(begin, name, after):
     """In a planned capture as well, where a way leads back as long as the slip has not led to another plan.
 
     Pose 11 stands where the poses before it predict it by a degree only: after it the slip shows at pose 12.
@@ -144,7 +140,7 @@ def test_a_slip_of_a_joint_that_is_led_is_told_at_the_next_pose(
     assert f"Pose {after + 1} does not fit" in " ".join(hearing.said)
 
 
-def test_without_a_slip_it_goes_on(begin: Begin) -> None:
+def test_without_a_slip_it_goes_on(begin):
     session, hearing = begin(16, {})
     with pytest.raises(Cancelled):
         take_poses(session, hearing, (1, 5))
@@ -153,9 +149,7 @@ def test_without_a_slip_it_goes_on(begin: Begin) -> None:
 
 
 @PLANNED_CASE
-def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(
-    begin: Begin, name: str, after: int
-) -> None:
+def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(begin, name, after):
     """What slipped has come back by the time that the first pose is read again."""
     session, hearing = begin(after + 3, {after: DEGREE, after + 1: -DEGREE}, name)
     with pytest.raises(Cancelled):
@@ -166,8 +160,8 @@ def test_a_pose_that_is_odd_by_itself_costs_the_way_and_no_more(
 
 
 def test_a_slip_between_poses_taken_by_hand_is_said_and_automatic_capture_reads_the_first_again(
-    begin: Begin, approve: Approve
-) -> None:
+    begin, approve
+):
     session, hearing = begin(20, {LEAST: DEGREE})
     publisher = Quiet(session)
     by_hand = Operations(session, publisher)

@@ -75,11 +75,8 @@ OPEN = "the loop cannot close with the present joint readings"
     ids=["reset 1", "off 1", "off 2", "off 3", "off 4", "direction", "exchanged"],
 )
 def test_what_a_joint_cannot_read_is_named_and_nothing_is_enabled_whoever_agrees(
-    make_session: MakeSession,
-    harm: Callable[[WrongZero], None],
-    parts: tuple[str, str],
-    homing: bool,
-) -> None:
+    make_session, harm, parts, homing
+):
     arm = WrongZero(procedure_of())
     harm(arm)
     said = refused(make_session, arm, homing=homing)
@@ -111,15 +108,13 @@ def left_after(make_session: MakeSession, poses: int) -> WrongZero:
     ]
     + [pytest.param(counter_reset(1), "the counter of joint 1 is at zero", id="reset 1")],
 )
-def test_with_too_few_poses_to_tell_it_is_named_all_the_same(
-    make_session: MakeSession, poses: int, harm: Callable[[WrongZero], None], said: str
-) -> None:
+def test_with_too_few_poses_to_tell_it_is_named_all_the_same(make_session, poses, harm, said):
     arm = left_after(make_session, poses)
     harm(arm)
     assert said in refused(make_session, arm, homing=True, resume=True)
 
 
-def test_a_sound_arm_with_too_few_poses_to_tell_goes_on(make_session: MakeSession) -> None:
+def test_a_sound_arm_with_too_few_poses_to_tell_goes_on(make_session):
     arm = left_after(make_session, 2)
     session = make_session(procedure_of(40), arm=arm, resume=True, connect=True)
     take_until(session, 3)
@@ -132,9 +127,7 @@ def standings(folder: Path) -> list[dict[str, object]]:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("poses", [0, 1, 20])
-def test_why_it_was_refused_is_in_the_journal_and_that_it_passed(
-    make_session: MakeSession, tmp_path: Path, poses: int
-) -> None:
+def test_why_it_was_refused_is_in_the_journal_and_that_it_passed(make_session, tmp_path, poses):
     folder, arm = tmp_path / "session", left_after(make_session, poses)
     before = standings(folder)
     if poses:
@@ -155,9 +148,7 @@ def test_why_it_was_refused_is_in_the_journal_and_that_it_passed(
     assert session_state(read_journal(folder)).captured == poses
 
 
-def test_a_counter_out_of_its_range_is_in_the_journal_as_well(
-    make_session: MakeSession, tmp_path: Path
-) -> None:
+def test_a_counter_out_of_its_range_is_in_the_journal_as_well(make_session, tmp_path):
     arm = WrongZero(procedure_of())
     arm.reset_counter(2)
     said = refused(make_session, arm, homing=False)
@@ -166,9 +157,7 @@ def test_a_counter_out_of_its_range_is_in_the_journal_as_well(
     assert str(last["told"]) in said
 
 
-def test_where_the_files_say_too_little_no_agreement_drives_a_counter_at_zero(
-    make_session: MakeSession,
-) -> None:
+def test_where_the_files_say_too_little_no_agreement_drives_a_counter_at_zero(make_session):
     """The loop tells nothing then; the box of the procedure still knows that zero is outside."""
     vague = Tolerance(position_m=1.0, orientation_rad=np.deg2rad(120.0))
     procedure = procedure_of()

@@ -14,7 +14,6 @@ from operator_app.session.ui.snapshot import SessionSnapshot
 from operator_app.session.ui.steps import Step
 from operator_app.tui.app import SarcalApp
 from operator_app.tui.driver import watched
-from tests.oracles.live_source import FakeSource
 from tests.oracles.still_runner import StillSource
 
 PATIENCE_S = 30.0
@@ -149,7 +148,7 @@ async def running(app: SarcalApp, size: tuple[int, int] = (120, 36)) -> AsyncIte
 
 
 @pytest.fixture
-def drive(source: FakeSource):
+def drive(source):
     """Run the app and return its driver: ``async with drive() as d``."""
 
     @asynccontextmanager

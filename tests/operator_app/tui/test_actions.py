@@ -31,7 +31,7 @@ WHISTLE = Action(
 )
 
 
-async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, monkeypatch) -> None:
+async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, monkeypatch):
     monkeypatch.setattr(action_table, "ACTIONS", (*ACTIONS, WHISTLE))
 
     async with still(story()["start"], step=Step.CONNECT) as d:
@@ -54,7 +54,7 @@ async def test_a_new_entry_is_everywhere_and_works_everywhere(still, source, mon
     assert "Not done: there is nobody to hear it." in script.said
 
 
-async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) -> None:
+async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source):
     async with still(story()["captured"], step=Step.CAPTURE) as d:
         await d.press("m")
         await d.until(lambda: bool(d.app.screen.query(OptionList)), "the topics")
@@ -75,7 +75,7 @@ async def test_the_manual_is_read_on_the_screen_and_in_prompts(still, source) ->
     assert "Keys of the terminal app" in script.said
 
 
-def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
+def test_every_next_thing_is_an_action_of_its_step_or_of_all():
     for told in story().values():
         for s in (told, real(told)):
             for step in Step:
@@ -83,11 +83,11 @@ def test_every_next_thing_is_an_action_of_its_step_or_of_all() -> None:
                 assert not name or step in by_name(name).steps
 
 
-def test_every_action_of_the_screen_only_has_its_work_there() -> None:
+def test_every_action_of_the_screen_only_has_its_work_there():
     assert {a.name for a in ACTIONS if isinstance(a, OnScreen)} == set(ON_SCREEN)
 
 
-def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
+def test_a_footer_that_is_full_gives_up_the_ways_out_first():
     here = frozenset({Step.FIXTURE})
     more = tuple(
         OnScreen(name=f"more {k}", keys=(), shown="", label="", help="", steps=here, footer=here)
@@ -100,7 +100,7 @@ def test_a_footer_that_is_full_gives_up_the_ways_out_first() -> None:
     assert after == ["stop", "primary", "procedure", "help", "more 0", "more 1"]
 
 
-def test_guards_close_everything_that_works_while_work_is_in_hand() -> None:
+def test_guards_close_everything_that_works_while_work_is_in_hand():
     at_work = busy(story()["captured"], TaskKind.CALIBRATE, moves=False)
     free = {"stop_tested", "resume", "procedure", "confirm", "confirm_all", "suggest", "joints",
             "new_session", "acknowledge", "hold", "history", "manual"}  # fmt: skip

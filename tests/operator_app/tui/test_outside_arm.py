@@ -38,13 +38,13 @@ async def app_on(name: str, arm: Toy, folder: Path) -> AsyncIterator[Driver]:
 
 
 @pytest.fixture
-def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def installed(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(package(tmp_path / "package"))
     return tmp_path / "package"
 
 
 @pytest.mark.campaign
-async def test_an_arm_that_moves_is_calibrated_by_keys(installed: Path, tmp_path: Path) -> None:
+async def test_an_arm_that_moves_is_calibrated_by_keys(installed, tmp_path):
     with toy(installed) as arm:
         async with app_on("moving_line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)
@@ -66,7 +66,7 @@ async def test_an_arm_that_moves_is_calibrated_by_keys(installed: Path, tmp_path
             )
 
 
-async def test_an_arm_moved_by_hand_says_where_to_take_it(installed: Path, tmp_path: Path) -> None:
+async def test_an_arm_moved_by_hand_says_where_to_take_it(installed, tmp_path):
     with toy(installed, "--by-hand") as arm:
         async with app_on("line_arm", arm, tmp_path) as d:
             await d.to_step(Step.CAPTURE)

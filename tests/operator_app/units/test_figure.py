@@ -28,7 +28,7 @@ from operator_app.units import (
         (math.inf, 2, False, "n/a"),
     ],
 )
-def test_fixed(value: float, places: int, signed: bool, words: str) -> None:
+def test_fixed(value, places, signed, words):
     assert fixed(value, places, signed=signed) == words
 
 
@@ -48,11 +48,11 @@ def test_fixed(value: float, places: int, signed: bool, words: str) -> None:
         (math.nan, "n/a"),
     ],
 )
-def test_significant(value: float, words: str) -> None:
+def test_significant(value, words):
     assert significant(value) == words
 
 
-def test_places_show_two_digits_of_the_finest() -> None:
+def test_places_show_two_digits_of_the_finest():
     assert places_to_show([0.0007, 0.02]) == 5
     assert places_to_show([3.0]) == 1
     assert places_to_show([]) == 1
@@ -60,7 +60,7 @@ def test_places_show_two_digits_of_the_finest() -> None:
     assert places_to_show([1e-30]) == 9
 
 
-def test_places_needed_cut_nothing_off_a_round_number() -> None:
+def test_places_needed_cut_nothing_off_a_round_number():
     assert places_needed([10.0, 355.5, -0.25], least=1, most=6) == 2
     assert places_needed([100.0], least=1, most=6) == 1
     assert places_needed([1.0 / 3.0], least=1, most=6) == 6
@@ -76,11 +76,11 @@ def test_places_needed_cut_nothing_off_a_round_number() -> None:
         ("eqs. 10-13, SDA-0001, 2026-01-31", "eqs. 10-13, SDA-0001, 2026-01-31"),
     ],
 )
-def test_print_has_real_signs_and_raised_powers(plain: str, printed: str) -> None:
+def test_print_has_real_signs_and_raised_powers(plain, printed):
     assert typeset(plain) == printed
 
 
-def test_words() -> None:
+def test_words():
     assert plural(1, "pose") == "1 pose"
     assert plural(2, "pose") == "2 poses"
     assert names([1]) == "1"
@@ -88,7 +88,7 @@ def test_words() -> None:
     assert names([]) == ""
 
 
-def test_joints_in_words() -> None:
+def test_joints_in_words():
     assert joints_named((2,)) == "joint 2"
     assert joints_named((1, 5)) == "joints 1 and 5"
     assert joints_named((1, 2, 3)) == "joints 1, 2 and 3"

@@ -39,7 +39,7 @@ def shows_itself(tree: ast.AST) -> Iterator[str]:
                 yield f"line {node.lineno}: times {sides}"
 
 
-def test_no_face_and_no_command_converts_to_units_that_people_read() -> None:
+def test_no_face_and_no_command_converts_to_units_that_people_read():
     files = [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))]
     assert len(files) > 60
     assert all(p.is_file() for p in KEYED)
@@ -51,7 +51,7 @@ def test_no_face_and_no_command_converts_to_units_that_people_read() -> None:
     assert found == {}
 
 
-def test_the_scan_finds_a_conversion() -> None:
+def test_the_scan_finds_a_conversion():
     assert list(shows_itself(ast.parse("f'{math.degrees(x):.3f} deg'")))
     assert list(shows_itself(ast.parse("f'{1e3 * x:.3f} mm'")))
     assert not list(shows_itself(ast.parse("2.0 * x")))
@@ -67,13 +67,13 @@ def test_the_scan_finds_a_conversion() -> None:
         (DATA_AGE, 0.0124, "12 ms"),
     ],
 )
-def test_a_kind_gives_figures_alike(kind: Kind, value: float, shown: str) -> None:
+def test_a_kind_gives_figures_alike(kind, value, shown):
     assert kind(value).with_unit == shown
     assert kind(value, role="warn", key=("a",)).key == ("a",)
     assert kind(None).shown == "n/a"
 
 
-def test_every_kind_is_of_a_quantity() -> None:
+def test_every_kind_is_of_a_quantity():
     kinds = [k for k in vars(units).values() if isinstance(k, Kind)]
     assert len(kinds) > 15
     assert all(math.isfinite(k.quantity.per_si) for k in kinds)

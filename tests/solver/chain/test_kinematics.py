@@ -27,7 +27,7 @@ def columns_of(frames: Frames, links: int = LINKS) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_every_frame_agrees_with_pinocchio(seed: int) -> None:
+def test_every_frame_agrees_with_pinocchio(seed):
     chain = random_chain(seed)
     rotations, origins = PinocchioChain(LINKS).frames(*chain)
     frames = forward(*chain)
@@ -36,14 +36,14 @@ def test_every_frame_agrees_with_pinocchio(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_every_column_agrees_with_pinocchio(seed: int) -> None:
+def test_every_column_agrees_with_pinocchio(seed):
     chain = random_chain(seed)
     found = columns_of(forward(*chain))
     assert found.shape == (6, 5, LINKS)
     assert np.abs(found - PinocchioChain(LINKS).jacobian(*chain)).max() < 1e-12
 
 
-def test_entries_come_in_the_order_that_was_asked_for() -> None:
+def test_entries_come_in_the_order_that_was_asked_for():
     frames = forward(*random_chain(5))
     asked = Entries.of([3, 1, 4, 0, 2], [6, 0, 3, 2, 2])
     whole = columns_of(frames)
@@ -51,13 +51,13 @@ def test_entries_come_in_the_order_that_was_asked_for() -> None:
 
 
 @pytest.mark.parametrize("links", [1, 2, 12])
-def test_any_number_of_links(links: int) -> None:
+def test_any_number_of_links(links):
     chain = random_chain(links, links)
     found = columns_of(forward(*chain), links)
     assert np.abs(found - PinocchioChain(links).jacobian(*chain)).max() < 1e-12
 
 
-def test_leading_axes_broadcast_and_change_nothing() -> None:
+def test_leading_axes_broadcast_and_change_nothing():
     rng = np.random.default_rng(3)
     theta = rng.uniform(-3, 3, (4, 5, LINKS))
     constants = random_chain(4)[1:]
@@ -69,12 +69,12 @@ def test_leading_axes_broadcast_and_change_nothing() -> None:
     assert np.abs(columns[2, 3] - columns_of(one)).max() < 1e-15
 
 
-def test_table_columns_must_have_one_length() -> None:
+def test_table_columns_must_have_one_length():
     with pytest.raises(ValueError, match="one entry per link"):
         DhTable(theta_off_rad=np.zeros(3), s_m=np.zeros(3), a_m=np.zeros(2), alpha_rad=np.zeros(3))
 
 
-def test_table_is_read_only_and_detached() -> None:
+def test_table_is_read_only_and_detached():
     source = np.zeros(2)
     table = DhTable(theta_off_rad=source, s_m=source, a_m=source, alpha_rad=source)
     source[0] = 1.0
@@ -83,13 +83,13 @@ def test_table_is_read_only_and_detached() -> None:
         table.s_m[0] = 1.0
 
 
-def test_a_twist_of_zero_changes_no_digit() -> None:
+def test_a_twist_of_zero_changes_no_digit():
     chain = random_chain(6)
     plain, twisted = forward(*chain), forward(*chain, np.zeros(LINKS))
     assert np.array_equal(plain.axes_of, twisted.axes_of)
     assert np.array_equal(plain.origin_of, twisted.origin_of)
 
 
-def test_a_table_goes_through_its_stacked_columns() -> None:
+def test_a_table_goes_through_its_stacked_columns():
     rows = np.arange(15.0).reshape(5, 3)
     assert np.array_equal(DhTable.from_stacked(rows).stacked(), rows)

@@ -12,7 +12,6 @@ from solver.estimators.estimate import Estimate
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import estimate_with_errors
-from tests.oracles.approved import Approve
 from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import loop_of, paper_arm
@@ -32,7 +31,7 @@ def poses(**changes: Any) -> PoseSet:
     return PoseSet(**(values | changes))
 
 
-def test_facts() -> None:
+def test_facts():
     p = poses()
     assert len(p) == 3
     assert p.joint_count == 2
@@ -40,7 +39,7 @@ def test_facts() -> None:
     assert p.placements == (1, 2)
 
 
-def test_arrays_are_copies_and_read_only() -> None:
+def test_arrays_are_copies_and_read_only():
     q = np.zeros((3, 2))
     p = poses(q_rad=q)
     q[0, 0] = 7.0
@@ -72,13 +71,13 @@ def test_arrays_are_copies_and_read_only() -> None:
         {"notes": ("a",)},
     ],
 )
-def test_wrong_calls(change: dict[str, Any], approve: Approve) -> None:
+def test_wrong_calls(change, approve):
     with pytest.raises(ValueError) as refused:  # noqa: PT011 - its words are approved
         poses(**change)
     approve(str(refused.value))
 
 
-def test_digest_does_not_depend_on_order_notes_or_times() -> None:
+def test_digest_does_not_depend_on_order_notes_or_times():
     p, order = poses(), [2, 0, 1]
     turned = poses(
         **{
@@ -107,11 +106,11 @@ def test_digest_does_not_depend_on_order_notes_or_times() -> None:
         {"placement": np.array([1, 1, 3])},
     ],
 )
-def test_digest_sees_every_number_a_calibration_uses(change: dict[str, Any]) -> None:
+def test_digest_sees_every_number_a_calibration_uses(change):
     assert poses(**change).sha256() != poses().sha256()
 
 
-def test_digest_is_the_same_on_every_machine() -> None:
+def test_digest_is_the_same_on_every_machine():
     assert poses().sha256() == "4ab8a7e8f212833502b7ad33b333e0a0407ff08a94ed61ab3d66d1470b9f52d3"
 
 
@@ -136,14 +135,12 @@ def fitted(by: str, truth: Truth, order: np.ndarray) -> tuple[Estimate, list[flo
 
 
 @pytest.fixture(params=range(3))
-def shuffle(request: pytest.FixtureRequest) -> np.ndarray:
+def shuffle(request):
     return np.random.default_rng(request.param).permutation(len(Q))
 
 
 @pytest.mark.parametrize("by", ["paper", "implicit", "components"])
-def test_no_estimator_knows_the_order_of_its_poses(
-    by: str, truth: Truth, shuffle: np.ndarray
-) -> None:
+def test_no_estimator_knows_the_order_of_its_poses(by, truth, shuffle):
     (one, sizes), (other, others) = (fitted(by, truth, o) for o in (np.arange(len(Q)), shuffle))
     assert other.x == pytest.approx(one.x, rel=1e-12)
     assert other.covariance == pytest.approx(one.covariance, rel=1e-12)
@@ -156,13 +153,13 @@ def test_no_estimator_knows_the_order_of_its_poses(
         assert other.corrections == pytest.approx(one.corrections[shuffle], rel=1e-12)
 
 
-def test_nor_do_the_parts_that_are_held_out(shuffle: np.ndarray) -> None:
+def test_nor_do_the_parts_that_are_held_out(shuffle):
     for one, other in zip(fold_poses(Q, 5), fold_poses(Q[shuffle], 5), strict=True):
         assert set(shuffle[other]) == set(one)
     assert set(shuffle[far_block(Q[shuffle])]) == set(far_block(Q))
 
 
-def test_way_there_and_back() -> None:
+def test_way_there_and_back():
     order = canonical_order(Q)
     assert np.array_equal(Q[order][back_to_caller(order)], Q)
     assert np.all(np.diff(Q[order][:, 0]) >= 0.0)

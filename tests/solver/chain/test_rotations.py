@@ -21,13 +21,13 @@ def exp(v: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("angle", ANGLES + NEAR_PI)
-def test_logarithm_inverts_the_exponential(angle: float) -> None:
+def test_logarithm_inverts_the_exponential(angle):
     v = angle * directions()
     R = np.stack([exp(row) for row in v])
     assert rotation_vector(R) == pytest.approx(v, rel=1e-11, abs=1e-14)
 
 
-def test_half_turn_has_length_pi_about_the_right_axis() -> None:
+def test_half_turn_has_length_pi_about_the_right_axis():
     for axis in directions():
         R = 2.0 * np.outer(axis, axis) - np.eye(3)
         v = rotation_vector(R)
@@ -36,7 +36,7 @@ def test_half_turn_has_length_pi_about_the_right_axis() -> None:
 
 
 @pytest.mark.parametrize("angle", [0.0, *ANGLES[2:], np.pi - 1e-2, np.pi - 1e-4])
-def test_differential_agrees_with_pinocchio(angle: float) -> None:
+def test_differential_agrees_with_pinocchio(angle):
     for axis in directions():
         R = exp(angle * axis)
         expected = pin.Jlog3(R) @ R.T
@@ -44,6 +44,6 @@ def test_differential_agrees_with_pinocchio(angle: float) -> None:
         assert np.abs(found - expected).max() < (1e-12 if angle < 3.0 else 1e-10)
 
 
-def test_skew_is_the_cross_product() -> None:
+def test_skew_is_the_cross_product():
     v, w = np.random.default_rng(2).normal(size=(2, 5, 3))
     assert np.allclose((skew(v) @ w[..., None])[..., 0], np.cross(v, w), rtol=0, atol=1e-15)

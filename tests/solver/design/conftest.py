@@ -5,12 +5,11 @@ import pytest
 
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
-from solver.design.manifold import Manifold, Ranges, grow_manifold
+from solver.design.manifold import Ranges, grow_manifold
 from solver.design.plan import PlanningTask, StatedErrors, information_of
-from solver.design.pose_information import PoseInformation, pose_information
+from solver.design.pose_information import pose_information
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
-from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import ENCODER_SD
 from tests.solver.conftest import loop_of
@@ -41,27 +40,27 @@ def paper_ranges() -> Ranges:
 
 
 @pytest.fixture(scope="session")
-def loop() -> DhLoop:
+def loop():
     return loop_of(paper_truth())
 
 
 @pytest.fixture(scope="session")
-def x(loop: DhLoop) -> np.ndarray:
+def x(loop):
     return nominal_vector(loop.parameters)
 
 
 @pytest.fixture(scope="session")
-def ranges() -> Ranges:
+def ranges():
     return paper_ranges().within(np.deg2rad(3.0))
 
 
 @pytest.fixture(scope="session")
-def region(loop: DhLoop, x: np.ndarray, ranges: Ranges) -> Manifold:
+def region(loop, x, ranges):
     return grow_manifold(loop, x, HOME, ranges, step_rad=0.12)
 
 
 @pytest.fixture(scope="session")
-def task(loop: DhLoop) -> PlanningTask:
+def task(loop):
     return PlanningTask(
         model=loop,
         ranges=paper_ranges(),
@@ -73,6 +72,6 @@ def task(loop: DhLoop) -> PlanningTask:
 
 
 @pytest.fixture(scope="session")
-def told(loop: DhLoop, x: np.ndarray, region: Manifold) -> PoseInformation:
+def told(loop, x, region):
     errors = of_noise(SIGMA).at_readings(region.q)
     return pose_information(loop, x, region.q, region.q, region.u, errors)

@@ -16,7 +16,7 @@ from tests.solver.design.conftest import HOME, SIGMA, paper_ranges
 
 
 @pytest.fixture
-def task(task: PlanningTask) -> PlanningTask:
+def task(task):
     return replace(task, candidates=250)
 
 
@@ -61,7 +61,7 @@ def drive(campaign: Campaign, task, x, *, stop_planned: int = 0):
 
 
 @pytest.mark.campaign
-def test_precision_asked_for_ends_it_early(task, x) -> None:
+def test_precision_asked_for_ends_it_early(task, x):
     campaign = at_plan(task, x, poses=12, requested={"theta_off_1": 1e-3, "a_0": 1e-3})
     actions = drive(campaign, task, x)
     assert actions[-1].complete
@@ -70,7 +70,7 @@ def test_precision_asked_for_ends_it_early(task, x) -> None:
 
 
 @pytest.mark.campaign
-def test_precision_out_of_reach_is_said(task, x) -> None:
+def test_precision_out_of_reach_is_said(task, x):
     campaign = at_plan(task, x, poses=3, requested={"alpha_0": 1e-9})
     actions = drive(campaign, task, x)
     assert actions[-1].text.startswith("all 3 planned poses are taken; alpha_0")
@@ -78,7 +78,7 @@ def test_precision_out_of_reach_is_said(task, x) -> None:
 
 
 @pytest.mark.campaign
-def test_stopped_move_is_taken_back_and_planned_round(task, x) -> None:
+def test_stopped_move_is_taken_back_and_planned_round(task, x):
     campaign = at_plan(task, x, poses=3)
     actions = drive(campaign, task, x, stop_planned=1)
     whys = [a.why for a in actions if isinstance(a, GoTo)]
@@ -87,7 +87,7 @@ def test_stopped_move_is_taken_back_and_planned_round(task, x) -> None:
 
 
 @pytest.mark.campaign
-def test_stopped_again_and_again_gives_up(task, x) -> None:
+def test_stopped_again_and_again_gives_up(task, x):
     campaign = at_plan(task, x, poses=3, most_blocked=2)
     actions = drive(campaign, task, x, stop_planned=99)
     assert not actions[-1].complete
@@ -95,7 +95,7 @@ def test_stopped_again_and_again_gives_up(task, x) -> None:
 
 
 @pytest.mark.campaign
-def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> None:
+def test_goes_on_from_poses_taken_before_without_exploring_again(task, x):
     first = at_plan(task, x, poses=3)
     drive(first, task, x)
     taken = first.readings_rad[:-2]
@@ -109,7 +109,7 @@ def test_goes_on_from_poses_taken_before_without_exploring_again(task, x) -> Non
     assert at_plan(task, x, first.readings_rad, 3, poses=3).propose().complete
 
 
-def test_wrong_reports_are_wrong_calls(task) -> None:
+def test_wrong_reports_are_wrong_calls(task):
     campaign = Campaign(task=task, start_rad=HOME)
     with pytest.raises(ValueError, match="no move"):
         campaign.observe(HOME)
@@ -118,7 +118,7 @@ def test_wrong_reports_are_wrong_calls(task) -> None:
         campaign.captured(HOME)
 
 
-def test_interim_calibration_of_a_giving_fixture_is_not_overconfident(loop, x) -> None:
+def test_interim_calibration_of_a_giving_fixture_is_not_overconfident(loop, x):
     simulation = Simulation(poses=14, flexure_m=2e-3, flexure_rad=3e-3, wrist_sd=6e-3)
     found = implicit_interim(loop, NoiseModel(joint_variance=SIGMA**2))(simulation.readings(3))
     assert found.trusted
@@ -126,7 +126,7 @@ def test_interim_calibration_of_a_giving_fixture_is_not_overconfident(loop, x) -
     assert pull.max() < 6.0
 
 
-def test_watch_names_the_joint_and_the_reason() -> None:
+def test_watch_names_the_joint_and_the_reason():
     ranges = paper_ranges()
     trace = HOME + np.linspace(0.0, 0.2, 5)[:, None] * np.array([1.0, 1, 1, 0, 1, 1, 1])
     watch = path_watch(trace, np.deg2rad(5.0), ranges)
@@ -139,7 +139,7 @@ def test_watch_names_the_joint_and_the_reason() -> None:
     assert watch(out) == "joint 3 came close to the end of its range"
 
 
-def test_watch_lets_a_joint_leave_the_end_of_its_range() -> None:
+def test_watch_lets_a_joint_leave_the_end_of_its_range():
     ranges = paper_ranges()
     q = HOME.copy()
     q[5] = ranges.lower_rad[5] - 0.01

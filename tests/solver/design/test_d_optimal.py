@@ -21,7 +21,7 @@ def efficiency(first: float, second: float, parameters: int) -> float:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_exchange_is_as_good_as_exhaustive_search(seed: int) -> None:
+def test_exchange_is_as_good_as_exhaustive_search(seed):
     root = np.random.default_rng(seed).normal(size=(16, 2, 6))
     design = choose_poses(root, 5)
     best = exhaustive(root, 5)
@@ -31,7 +31,7 @@ def test_exchange_is_as_good_as_exhaustive_search(seed: int) -> None:
     assert efficiency(design.log_det, best, 6) > 0.99
 
 
-def test_captured_poses_are_taken_into_account() -> None:
+def test_captured_poses_are_taken_into_account():
     rng = np.random.default_rng(1)
     root = rng.normal(size=(15, 2, 6))
     # What is known already: everything but the last two parameters.
@@ -41,7 +41,7 @@ def test_captured_poses_are_taken_into_account() -> None:
     assert set(design.chosen) != set(choose_poses(root, 3).chosen)
 
 
-def test_gain_is_the_change_of_the_determinant() -> None:
+def test_gain_is_the_change_of_the_determinant():
     rng = np.random.default_rng(2)
     root = rng.normal(size=(40, 3, 5))
     M = np.cov(rng.normal(size=(5, 30)))
@@ -58,7 +58,7 @@ def with_effects(parameters: int, effects: int, seed: int = 0) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_what_effects_gain_does_not_count(seed: int) -> None:
+def test_what_effects_gain_does_not_count(seed):
     P, K = 3, 4
     root = with_effects(P, K, seed)
     covered = {}
@@ -72,14 +72,14 @@ def test_what_effects_gain_does_not_count(seed: int) -> None:
     assert set(design.chosen) != set(choose_poses(root[..., :P], 4).chosen)
 
 
-def test_scaling_a_parameter_changes_nothing(told) -> None:
+def test_scaling_a_parameter_changes_nothing(told):
     units = np.geomspace(1e-3, 1e3, len(told.parameters))
     plain, scaled = choose_poses(told.root, 8), choose_poses(told.root * units, 8)
     assert scaled.chosen == plain.chosen
     assert scaled.log_det - plain.log_det == pytest.approx(2.0 * np.log(units).sum(), abs=1e-6)
 
 
-def test_poses_keep_apart_when_asked(region, told) -> None:
+def test_poses_keep_apart_when_asked(region, told):
     design = choose_poses(told.root, 12, q=region.q, apart_rad=0.3)
     q = region.q[list(design.chosen)]
     gaps = np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)]
@@ -89,7 +89,7 @@ def test_poses_keep_apart_when_asked(region, told) -> None:
     assert np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)].min() < 0.3
 
 
-def test_only_allowed_poses_are_chosen(told) -> None:
+def test_only_allowed_poses_are_chosen(told):
     allowed = np.zeros(len(told.root), dtype=bool)
     allowed[::7] = True
     assert set(choose_poses(told.root, 9, allowed=allowed).chosen) <= set(np.flatnonzero(allowed))

@@ -9,7 +9,7 @@ from tests.oracles.loop_oracle import closure_rates, paper_truth
 TRUTH = paper_truth()
 
 
-def test_region_prefers_the_pair_that_reaches_most(loop, region) -> None:
+def test_region_prefers_the_pair_that_reaches_most(loop, region):
     ranked = rank_over_region(loop, region)
     assert len(ranked) == 21
     assert ranked[0].drives == (1, 5)
@@ -17,7 +17,7 @@ def test_region_prefers_the_pair_that_reaches_most(loop, region) -> None:
     assert "reaches" in ranked[0].reasons[0]
 
 
-def test_leverage_vanishes_with_the_passive_jacobian(loop, x, region) -> None:
+def test_leverage_vanishes_with_the_passive_jacobian(loop, x, region):
     """At a fold of a pair both measures go to zero together (oracle: complex-step Jacobian)."""
     motion = chain_motion(loop, x, region.q, region.u)
     angles = np.concatenate((region.u[:, :1], region.q), axis=1)
@@ -31,7 +31,7 @@ def test_leverage_vanishes_with_the_passive_jacobian(loop, x, region) -> None:
     assert motion.passive_conditioning((6, 7)) == pytest.approx(smallest, abs=1e-6)
 
 
-def test_pair_at_a_fold_is_refused_in_words(loop, x, region) -> None:
+def test_pair_at_a_fold_is_refused_in_words(loop, x, region):
     folded = int(np.argmin(region.motion.leverage((6, 7))))
     ranked = {r.drives: r for r in rank_at_pose(loop, x, region.q[folded])}
     assert not ranked[6, 7].usable
@@ -52,7 +52,7 @@ def measured_trial(loop, x, q, drives, size=0.02) -> TrialWiggles:
     return TrialWiggles(drives=drives, commanded_rad=np.array(commanded), moved_rad=np.array(moved))
 
 
-def test_trial_agrees_with_prediction(loop, x, region) -> None:
+def test_trial_agrees_with_prediction(loop, x, region):
     q = region.q[0]
     pairs = [(1, 5), (2, 5), (5, 7), (3, 6), (1, 4)]
     by_trial = rank_by_trial([measured_trial(loop, x, q, pair) for pair in pairs])
@@ -65,7 +65,7 @@ def test_trial_agrees_with_prediction(loop, x, region) -> None:
     assert by_trial[0].drives in expected[:2]
 
 
-def test_trial_that_stopped_ranks_last_and_says_why() -> None:
+def test_trial_that_stopped_ranks_last_and_says_why():
     still = np.zeros((2, 7))
     still[0, 0] = still[1, 1] = 0.02
     good = np.full((2, 7), 0.01) + still

@@ -50,7 +50,7 @@ def explore(explorer: Explorer, chain: ClosedChain, most: int = 500):
     return np.array(seen), np.array(captured)
 
 
-def test_explores_inside_ranges_and_comes_home(loop, x) -> None:
+def test_explores_inside_ranges_and_comes_home(loop, x):
     ranges = paper_ranges()
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=ranges)
     seen, captured = explore(explorer, ClosedChain(loop, x))
@@ -65,7 +65,7 @@ def test_explores_inside_ranges_and_comes_home(loop, x) -> None:
 
 
 @pytest.mark.campaign
-def test_steps_are_small(loop, x) -> None:
+def test_steps_are_small(loop, x):
     limits = ExplorationLimits()
     chain = ClosedChain(loop, x)
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges(), limits=limits)
@@ -78,7 +78,7 @@ def test_steps_are_small(loop, x) -> None:
         explorer.observe(before)
 
 
-def test_turns_back_before_a_tight_range(loop, x) -> None:
+def test_turns_back_before_a_tight_range(loop, x):
     """Joint 7 may move 12 degrees only: readings alone must keep it inside."""
     wide = paper_ranges()
     lower, upper = wide.lower_rad.copy(), wide.upper_rad.copy()
@@ -91,7 +91,7 @@ def test_turns_back_before_a_tight_range(loop, x) -> None:
 
 
 @pytest.mark.campaign
-def test_turns_back_before_a_fold(loop, x) -> None:
+def test_turns_back_before_a_fold(loop, x):
     """Driving joint 2 outwards folds the chain after some 45 degrees; the readings tell in time."""
     limits = ExplorationLimits(reach_rad=float(np.deg2rad(60.0)))
     everywhere = Ranges(lower_rad=HOME - 3.0, upper_rad=HOME + 3.0)
@@ -102,7 +102,7 @@ def test_turns_back_before_a_fold(loop, x) -> None:
     assert len(captured) > 5
 
 
-def test_turns_back_before_a_fold_two_steps_away(loop) -> None:
+def test_turns_back_before_a_fold_two_steps_away(loop):
     """A hinge tilted by 7 deg: joint 2 moves 1.8, then 2.1 times as far as joint 1; the loop ends in the third step.
 
     The virtual arm had tripped there for excess torque: the mean rate over the step, 2.4, was within its limit.
@@ -121,7 +121,7 @@ def test_turns_back_before_a_fold_two_steps_away(loop) -> None:
     assert len(captured) >= 8
 
 
-def test_a_stop_ends_the_ray_and_it_goes_back(loop, x) -> None:
+def test_a_stop_ends_the_ray_and_it_goes_back(loop, x):
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     chain = ClosedChain(loop, x)
     while not (step := explorer.propose()).capture:
@@ -135,7 +135,7 @@ def test_a_stop_ends_the_ray_and_it_goes_back(loop, x) -> None:
     assert explorer.propose() is not None
 
 
-def test_gives_up_when_the_arm_does_not_come_back() -> None:
+def test_gives_up_when_the_arm_does_not_come_back():
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     step = explorer.propose()
     away = HOME.copy()
@@ -148,13 +148,13 @@ def test_gives_up_when_the_arm_does_not_come_back() -> None:
     assert "does not return to the start" in explorer.failure
 
 
-def test_observing_nothing_is_a_wrong_call() -> None:
+def test_observing_nothing_is_a_wrong_call():
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     with pytest.raises(ValueError, match="nothing was proposed"):
         explorer.observe(HOME)
 
 
-def test_one_drive_alone_gives_poses_enough_to_calibrate(loop, x) -> None:
+def test_one_drive_alone_gives_poses_enough_to_calibrate(loop, x):
     """A rigid mount leaves one freedom and two rays: of every third step of them there were two poses."""
     offsets = np.array(loop.table.theta_off_rad)
     offsets[0] = close_loops(loop, x, HOME[None, :]).u[0, 0]

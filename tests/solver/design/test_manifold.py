@@ -13,7 +13,7 @@ from tests.oracles.loop_oracle import closed_poses, closure, paper_truth, produc
 TRUTH = paper_truth()
 
 
-def test_every_pose_closes_for_the_oracle_and_is_in_range(region, ranges) -> None:
+def test_every_pose_closes_for_the_oracle_and_is_in_range(region, ranges):
     error = closure(TRUTH, np.concatenate((region.u[:, :1], region.q), axis=1))
     assert np.abs(error).max() < 1e-8
     T = product(
@@ -27,7 +27,7 @@ def test_every_pose_closes_for_the_oracle_and_is_in_range(region, ranges) -> Non
     assert region.complete
 
 
-def test_region_covers_what_random_search_finds(region, ranges) -> None:
+def test_region_covers_what_random_search_finds(region, ranges):
     # Poses of the oracle, projected from random joint angles: a way that knows no growth.
     found = closed_poses(TRUTH, np.random.default_rng(0), 150, spread_deg=40.0)[:, 1:]
     inside = found[ranges.clearance(found) > 0.15]
@@ -37,13 +37,13 @@ def test_region_covers_what_random_search_finds(region, ranges) -> None:
     assert np.mean(gap < region.step_rad) > 0.9
 
 
-def test_spacing_is_even(region) -> None:
+def test_spacing_is_even(region):
     nearest = cKDTree(region.q).query(region.q, k=2)[0][:, 1]
     assert nearest.min() > 0.7 * region.step_rad
     assert np.percentile(nearest, 95) < 1.1 * region.step_rad
 
 
-def test_same_seed_same_poses(loop, x, ranges) -> None:
+def test_same_seed_same_poses(loop, x, ranges):
     first, again, other = (
         grow_manifold(loop, x, TRUTH.home, ranges, step_rad=0.3, seed=s) for s in (4, 4, 5)
     )
@@ -51,23 +51,23 @@ def test_same_seed_same_poses(loop, x, ranges) -> None:
     assert first.q.shape != other.q.shape or not np.array_equal(first.q, other.q)
 
 
-def test_candidates_come_in_the_number_asked_for(loop, x, ranges) -> None:
+def test_candidates_come_in_the_number_asked_for(loop, x, ranges):
     assert 600 < candidate_poses(loop, x, TRUTH.home, ranges, count=800).size < 1000
 
 
-def test_growth_stops_at_its_limit_and_says_so(loop, x, ranges) -> None:
+def test_growth_stops_at_its_limit_and_says_so(loop, x, ranges):
     cut = grow_manifold(loop, x, TRUTH.home, ranges, most=50)
     assert cut.size == 50
     assert not cut.complete
 
 
-def test_start_that_cannot_close_is_refused(loop, x, ranges) -> None:
+def test_start_that_cannot_close_is_refused(loop, x, ranges):
     apart = replace(loop, table=replace(loop.table, s_m=loop.table.s_m + 2.0 * (np.arange(8) == 1)))
     with pytest.raises(ValueError, match="does not close"):
         grow_manifold(apart, nominal_vector(apart.parameters), TRUTH.home, ranges)
 
 
-def test_rigid_fixture_leaves_a_curve(loop, x, region, ranges) -> None:
+def test_rigid_fixture_leaves_a_curve(loop, x, region, ranges):
     """With the hinge locked where it stands one freedom is left; growth follows it both ways."""
     offsets = np.array(loop.table.theta_off_rad)
     offsets[0] = region.u[0, 0]
@@ -84,7 +84,7 @@ def test_rigid_fixture_leaves_a_curve(loop, x, region, ranges) -> None:
     assert np.bincount(curve.neighbours.ravel(), minlength=curve.size).max() <= 4
 
 
-def test_a_curve_is_followed_where_the_hinge_turns_most() -> None:
+def test_a_curve_is_followed_where_the_hinge_turns_most():
     """Six joints in a hinge: here it turns by 0.8 of every step, and growth ended where it began."""
     table = DhTable(
         theta_off_rad=np.deg2rad([0.0, 58.436, 0.0, 180.0, 0.0, 0.0, 102.891]),

@@ -13,7 +13,7 @@ LIMITS = MotionLimits()
 
 
 @pytest.fixture(scope="module")
-def graph(region) -> PathGraph:
+def graph(region):
     return PathGraph(region, [(1, 5), (3, 5)], LIMITS)
 
 
@@ -22,7 +22,7 @@ def far_poses(graph: PathGraph, count: int) -> list[int]:
     return [int(k) for k in np.random.default_rng(0).choice(reached, count, replace=False)]
 
 
-def test_routes_arrive_inside_ranges_with_closed_loops(graph, loop, x, ranges) -> None:
+def test_routes_arrive_inside_ranges_with_closed_loops(graph, loop, x, ranges):
     here, drives = 0, (1, 5)
     for target in far_poses(graph, 12):
         route = graph.route(loop, x, ranges, source=here, target=target, drives=drives)
@@ -37,7 +37,7 @@ def test_routes_arrive_inside_ranges_with_closed_loops(graph, loop, x, ranges) -
         here, drives = target, route.legs[-1].drives
 
 
-def test_drives_go_straight_on_every_move(graph, loop, x, ranges) -> None:
+def test_drives_go_straight_on_every_move(graph, loop, x, ranges):
     (target,) = far_poses(graph, 1)
     route = graph.route(loop, x, ranges, source=0, target=target, drives=(1, 5))
     leg = route.legs[0]
@@ -53,14 +53,14 @@ def test_drives_go_straight_on_every_move(graph, loop, x, ranges) -> None:
         assert away < 1e-9
 
 
-def test_route_changes_drives_when_it_must(graph, loop, x, ranges) -> None:
+def test_route_changes_drives_when_it_must(graph, loop, x, ranges):
     only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))
     route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))
     assert route is not None
     assert {leg.drives for leg in route.legs} >= {(3, 5)}
 
 
-def test_no_route_out_of_an_island(region, loop, x, ranges) -> None:
+def test_no_route_out_of_an_island(region, loop, x, ranges):
     allowed = np.zeros(region.size, dtype=bool)
     allowed[[0, region.size - 1]] = True
     graph = PathGraph(region, [(1, 5)], LIMITS, allowed=allowed)
@@ -69,7 +69,7 @@ def test_no_route_out_of_an_island(region, loop, x, ranges) -> None:
 
 
 @pytest.mark.campaign
-def test_line_into_a_fold_is_not_safe(loop, x, region, ranges) -> None:
+def test_line_into_a_fold_is_not_safe(loop, x, region, ranges):
     # Driving joints 6 and 7 from the best posture for them outwards ends in a fold.
     # (with room to the ends of the ranges: whether a pose lies at one is the sampling's luck).
     room = ranges.clearance(region.q) > 0.1
@@ -85,7 +85,7 @@ def test_line_into_a_fold_is_not_safe(loop, x, region, ranges) -> None:
     assert still.safe(ranges, least_leverage=0.05, most_rate=20.0)[0]
 
 
-def test_tour_is_short() -> None:
+def test_tour_is_short():
     rng = np.random.default_rng(5)
     points = rng.uniform(size=(9, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
@@ -102,7 +102,7 @@ def test_tour_is_short() -> None:
     assert length(order) <= 1.15 * best
 
 
-def test_tour_ends_when_some_points_cannot_be_reached() -> None:
+def test_tour_ends_when_some_points_cannot_be_reached():
     rng = np.random.default_rng(6)
     points = rng.uniform(size=(12, 2))
     distances = np.linalg.norm(points[:, None] - points[None], axis=-1)
@@ -110,7 +110,7 @@ def test_tour_ends_when_some_points_cannot_be_reached() -> None:
     assert sorted(visiting_order(distances)) == list(range(1, 12))
 
 
-def test_distances_count_poses_that_only_another_pair_reaches(graph) -> None:
+def test_distances_count_poses_that_only_another_pair_reaches(graph):
     only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))[:5]
     points = [0, *far_poses(graph, 3), *(int(k) for k in only_both)]
     distances = graph.distances(points)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.closing import close_loops
-from solver.design.plan import PlanningTask, make_plan, prediction_sigma
+from solver.design.plan import make_plan, prediction_sigma
 from solver.design.stop_rule import standard_deviations
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
@@ -14,7 +14,7 @@ JUDGED = [k for k, name in enumerate(NAMES) if name not in ("theta_off_6", "thet
 
 
 @pytest.fixture(scope="module")
-def quick(task) -> PlanningTask:
+def quick(task):
     return replace(task, candidates=500)
 
 
@@ -23,21 +23,21 @@ def plan(task, x):
     return make_plan(task, x, HOME, 20)
 
 
-def test_condition_of_twenty_planned_poses(plan) -> None:
+def test_condition_of_twenty_planned_poses(plan):
     assert plan.design.scaled_condition_number < 18.0
     assert plan.design.rank == 14
     assert len(set(plan.visits)) == 20
     assert plan.manifold.size > 2500
 
 
-def test_planned_poses_are_inside_and_reachable(plan, task) -> None:
+def test_planned_poses_are_inside_and_reachable(plan, task):
     assert task.ranges.clearance(plan.poses_rad).min() >= np.deg2rad(3.0) - 1e-9
     assert plan.allowed[list(plan.visits)].all()
     assert plan.manifold.motion.leverage((1, 5))[list(plan.visits)].min() >= task.pose_leverage
 
 
 @pytest.mark.campaign
-def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
+def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x):
     """Cramer-Rao bounds of the second implementation, random poses as the data sets have them."""
     truth = paper_truth()
     plan = make_plan(task, x, HOME, 12)
@@ -51,7 +51,7 @@ def test_twelve_planned_beat_sixty_random_by_the_oracle(task, x) -> None:
 
 
 @pytest.mark.campaign
-def test_captured_poses_change_the_plan(task, x, plan) -> None:
+def test_captured_poses_change_the_plan(task, x, plan):
     first = plan.poses_rad[:10]
     more = make_plan(task, x, HOME, 10, captured=first)
     assert more.predicted_sigma == pytest.approx(plan.predicted_sigma, rel=0.15)
@@ -59,7 +59,7 @@ def test_captured_poses_change_the_plan(task, x, plan) -> None:
     assert standard_deviations(again) == pytest.approx(more.predicted_sigma, rel=1e-4)
 
 
-def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick) -> None:
+def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick):
     task = quick
     few = closed_poses(paper_truth(), np.random.default_rng(2), 5, spread_deg=8.0, box_deg=10.0)
     covariance = np.linalg.inv(known(task, x, few[:, 1:])) * 4.0
@@ -72,7 +72,7 @@ def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick) ->
     assert sigma.max() <= task.most_uncertain_rad
 
 
-def test_prediction_sigma_is_what_happens(loop, x, region) -> None:
+def test_prediction_sigma_is_what_happens(loop, x, region):
     """Move the parameters at random, hold the drives, close the loop: the scatter of free joints."""
     rng = np.random.default_rng(4)
     covariance = np.diag(np.full(14, 1e-4) ** 2)
@@ -88,7 +88,7 @@ def test_prediction_sigma_is_what_happens(loop, x, region) -> None:
     assert np.std(moved, axis=0).max() == pytest.approx(expected, rel=0.2)
 
 
-def test_avoids_where_a_move_was_stopped(quick, x, plan) -> None:
+def test_avoids_where_a_move_was_stopped(quick, x, plan):
     bad = plan.poses_rad[3]
     other = make_plan(quick, x, HOME, 8, avoid_rad=bad[None, :])
     assert np.linalg.norm(other.poses_rad - bad, axis=-1).min() > 0.15

@@ -8,7 +8,7 @@ from tests.solver.design.conftest import SIGMA, of_noise
 TRUTH = paper_truth()
 
 
-def test_agrees_with_the_oracle(loop, x, region, told) -> None:
+def test_agrees_with_the_oracle(loop, x, region, told):
     poses = [0, 5, 50, 200, 400, 700]
     angles = np.concatenate((region.u[poses], region.q[poses]), axis=1)
     expected = information(TRUTH, angles, told.parameters, SIGMA**2)
@@ -18,7 +18,7 @@ def test_agrees_with_the_oracle(loop, x, region, told) -> None:
     )
 
 
-def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, x, region) -> None:
+def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, x, region):
     poses = [0, 5, 50, 200, 400, 700, 900]
     q, sigma = region.q[poses], SIGMA.copy()
     sigma[5:] = 1.0
@@ -33,7 +33,7 @@ def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, 
     )
 
 
-def test_joints_without_noise_are_refused(loop, x, region) -> None:
+def test_joints_without_noise_are_refused(loop, x, region):
     q = region.q[:2]
     with pytest.raises(ValueError, match="have no noise"):
         pose_information(loop, x, q, q, region.u[:2], of_noise(np.zeros(7)).at_readings(q))

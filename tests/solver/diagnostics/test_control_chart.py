@@ -44,7 +44,7 @@ def histories(
 
 
 @pytest.mark.campaign
-def test_at_most_5_percent_of_200_sound_histories_raise_an_alarm() -> None:
+def test_at_most_5_percent_of_200_sound_histories_raise_an_alarm():
     alarms = [np.mean([bool(found) for _, found in histories(200, seed=s)]) for s in range(10)]
     assert np.mean(alarms) <= 0.02
     assert max(alarms) <= 0.05
@@ -52,15 +52,13 @@ def test_at_most_5_percent_of_200_sound_histories_raise_an_alarm() -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize(("entries", "sessions"), [(0.35, 0.0), (0.15, 0.2), (0.15, 0.35)])
-def test_nor_do_histories_whose_entries_or_sessions_scatter_unequally(
-    entries: float, sessions: float
-) -> None:
+def test_nor_do_histories_whose_entries_or_sessions_scatter_unequally(entries, sessions):
     found = histories(2000, seed=11, entries_differ=entries, sessions_differ=sessions)
     assert np.mean([bool(changes) for _, changes in found]) <= 0.05
 
 
 @pytest.mark.campaign
-def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10() -> None:
+def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10():
     named, placed = [], []
     for j, found in histories(1000, seed=77, shift_deg=0.05):
         own = [c for c in found if c.column == j and c.at >= 6]
@@ -70,7 +68,7 @@ def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10() -> None:
     assert np.mean(placed) >= 0.85
 
 
-def test_a_shift_is_named_once_with_session_and_size() -> None:
+def test_a_shift_is_named_once_with_session_and_size():
     rng = np.random.default_rng(3)
     values = rng.normal(0.0, 0.01, (20, 4))
     values[12:, 2] += 0.2
@@ -85,7 +83,7 @@ def test_a_shift_is_named_once_with_session_and_size() -> None:
     assert found.centre[17, 2] == pytest.approx(0.2, abs=0.02)
 
 
-def test_limits_are_of_the_scatter_and_not_of_what_was_stated() -> None:
+def test_limits_are_of_the_scatter_and_not_of_what_was_stated():
     rng = np.random.default_rng(4)
     values = rng.normal(0.0, 0.01, (40, 5))
     for stated in (0.01, 0.05, 0.002):
@@ -97,7 +95,7 @@ def test_limits_are_of_the_scatter_and_not_of_what_was_stated() -> None:
     assert 0.0 < CONTROL_CHART_FALSE_ALARM_PROBABILITY < 0.05
 
 
-def test_values_that_are_all_the_same_are_no_alarm() -> None:
+def test_values_that_are_all_the_same_are_no_alarm():
     values = np.tile([0.1, 0.2], (9, 1))
     assert control_chart(values, np.zeros((9, 2))).changes == ()
     values[8, 0] += 1e-6

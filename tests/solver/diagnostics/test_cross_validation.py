@@ -40,7 +40,7 @@ def verified(made: np.ndarray, new: np.ndarray) -> HeldOutPoses:
 
 
 @pytest.mark.campaign
-def test_verification_of_sound_poses_has_the_right_rate() -> None:
+def test_verification_of_sound_poses_has_the_right_rate():
     accepted, ratios, chances = 0, [], []
     for seed in range(60):
         q = SIMULATION.rereadings(seed)
@@ -58,7 +58,7 @@ def test_verification_of_sound_poses_has_the_right_rate() -> None:
     assert np.mean(chances) == pytest.approx(0.5, abs=0.04)
 
 
-def test_without_the_parameters_uncertainty_it_would_be_too_strict() -> None:
+def test_without_the_parameters_uncertainty_it_would_be_too_strict():
     q = SIMULATION.rereadings(0)
     honest = verified(q[:5], q[TEST])
     fit = fit_implicit(MODEL, q[:5], NOISE, TRUTH.values(NAMES))
@@ -67,7 +67,7 @@ def test_without_the_parameters_uncertainty_it_would_be_too_strict() -> None:
     assert (strict.pose_chi2 >= honest.pose_chi2 - 1e-9).all()
 
 
-def test_slipped_encoder_is_caught() -> None:
+def test_slipped_encoder_is_caught():
     q = SIMULATION.rereadings(1)
     q[TEST, 1] += 1e-3
     found = verified(q[TRAIN], q[TEST])
@@ -75,7 +75,7 @@ def test_slipped_encoder_is_caught() -> None:
     assert found.closed.all()
 
 
-def test_one_wrong_pose_is_the_worst() -> None:
+def test_one_wrong_pose_is_the_worst():
     q = SIMULATION.rereadings(1)
     q[37, 3] += 2e-3
     found = verified(q[TRAIN], q[TEST])
@@ -83,17 +83,17 @@ def test_one_wrong_pose_is_the_worst() -> None:
     assert found.pose_probability[7] < 1e-6
 
 
-def test_fixture_that_gave_way_only_later_is_caught() -> None:
+def test_fixture_that_gave_way_only_later_is_caught():
     later = Simulation(poses=10, wrist_sd=6e-3, flexure_m=1e-3).readings(0)
     assert not verified(SIMULATION.rereadings(2), later).chi2.accepted
 
 
-def test_nothing_to_verify_is_a_wrong_call() -> None:
+def test_nothing_to_verify_is_a_wrong_call():
     with pytest.raises(ValueError, match="no poses"):
         verified(SIMULATION.rereadings(0), np.zeros((0, 7)))
 
 
-def test_folds_are_a_partition() -> None:
+def test_folds_are_a_partition():
     q = SIMULATION.rereadings(0)
     parts = fold_poses(q, 7)
     assert sorted(np.concatenate(parts)) == list(range(50))
@@ -103,7 +103,7 @@ def test_folds_are_a_partition() -> None:
             fold_poses(q, folds)
 
 
-def test_far_block_is_compact_and_far() -> None:
+def test_far_block_is_compact_and_far():
     q = SIMULATION.rereadings(0)
     block = far_block(q, 0.2)
     rest = np.setdiff1d(np.arange(50), block)
@@ -120,7 +120,7 @@ def test_far_block_is_compact_and_far() -> None:
         far_block(q, 0.001)
 
 
-def test_hold_out_of_sound_poses() -> None:
+def test_hold_out_of_sound_poses():
     q = SIMULATION.rereadings(3)
     fit = implicit(q, NOISE.joint_variance)
     found = hold_out(fit, MODEL, q, NOISE, fold_poses(q, 5))
@@ -133,7 +133,7 @@ def test_hold_out_of_sound_poses() -> None:
     assert far.parts[0].verification.chi2.accepted
 
 
-def test_hold_out_uses_each_poses_own_variance() -> None:
+def test_hold_out_uses_each_poses_own_variance():
     q = SIMULATION.rereadings(3)
     own = NOISE.joint_variance * np.linspace(0.5, 2.0, 50)[:, None]
     part = (np.arange(10),)

@@ -1,7 +1,5 @@
 """Condition, rank and what cannot be seen, by name."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -21,7 +19,7 @@ from tests.oracles.loop_oracle import Truth, closed_poses, closure, closure_rate
 from tests.solver.conftest import NAMES, loop_of, read_poses
 
 
-def test_paper_like_condition_number(hinge_data: Path, truth: Truth) -> None:
+def test_paper_like_condition_number(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_exact.csv")[:40]
     found = identifiability(loop_of(truth), truth.values(NAMES), q)
     assert found.rank == 14
@@ -29,7 +27,7 @@ def test_paper_like_condition_number(hinge_data: Path, truth: Truth) -> None:
     assert 20.0 < found.scaled_condition_number < 45.0
 
 
-def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth: Truth) -> None:
+def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth):
     """Eqs. 10 to 13 by a second implementation, differenced, where the loops are open by milliradians."""
     random = np.random.default_rng(2)
     q = closed_poses(truth, random, 30)[:, 1:] + random.normal(0.0, 6e-3, (30, 7))
@@ -53,7 +51,7 @@ def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(tr
     assert abs(closed / found - 1.0) > 0.008
 
 
-def test_noise_makes_nothing_plainly_seen_that_is_blind(truth: Truth) -> None:
+def test_noise_makes_nothing_plainly_seen_that_is_blind(truth):
     """Two poses have ten equations for fourteen unknowns, however often they are read."""
     random = np.random.default_rng(3)
     model, x = loop_of(truth), truth.values(NAMES)
@@ -69,7 +67,7 @@ def test_noise_makes_nothing_plainly_seen_that_is_blind(truth: Truth) -> None:
     assert not well_conditioned_at_readings(estimate_paper(model, still, x0=x), still)
 
 
-def test_condition_and_observability_by_second_implementation(truth: Truth) -> None:
+def test_condition_and_observability_by_second_implementation(truth):
     closed = closed_poses(truth, np.random.default_rng(1), 30)
     found = identifiability(loop_of(truth), truth.values(NAMES), closed[:, 1:])
     _, by_name = closure_rates(truth, closed, NAMES)
@@ -89,7 +87,7 @@ def test_condition_and_observability_by_second_implementation(truth: Truth) -> N
     assert found.observability == pytest.approx(expected, rel=1e-8)
 
 
-def test_a_joint_held_still_is_named(truth: Truth) -> None:
+def test_a_joint_held_still_is_named(truth):
     # Poses with joint 5 almost locked: its offset is a constant of the geometry and no more.
     rng = np.random.default_rng(7)
     model = loop_of(truth)
@@ -105,7 +103,7 @@ def test_a_joint_held_still_is_named(truth: Truth) -> None:
     assert found.rank == 13
 
 
-def test_separate_blind_directions_are_named_apart() -> None:
+def test_separate_blind_directions_are_named_apart():
     J = np.random.default_rng(8).normal(size=(40, 5))
     J[:, 1] = 0.0
     J[:, 4] = 2.0 * J[:, 3]
@@ -120,16 +118,14 @@ def test_separate_blind_directions_are_named_apart() -> None:
     assert "q cannot be determined" in texts
 
 
-def test_fewer_rows_than_parameters() -> None:
+def test_fewer_rows_than_parameters():
     found = identifiability_of_jacobian(np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1)
     assert found.rank == 3
     assert {d.parameters for d in found.directions} == {("s",), ("t",)}
 
 
 @pytest.mark.parametrize("without", [(), (6, 7)])
-def test_the_same_as_on_closed_loops(
-    hinge_data: Path, truth: Truth, without: tuple[int, ...]
-) -> None:
+def test_the_same_as_on_closed_loops(hinge_data, truth, without):
     q = read_poses(hinge_data / "hinge_exact.csv")[:40]
     names = tuple(n for n in NAMES if n not in {f"theta_off_{j}" for j in without})
     x = truth.values(NAMES)
@@ -147,7 +143,7 @@ def test_the_same_as_on_closed_loops(
     assert [c for _, c in found.trend] == pytest.approx([c for _, c in there.trend], rel=1e-6)
 
 
-def test_rows_triangularised_in_blocks_are_judged_as_the_whole() -> None:
+def test_rows_triangularised_in_blocks_are_judged_as_the_whole():
     rng = np.random.default_rng(3)
     J = rng.normal(size=(600, 5, 6)) * 10.0 ** np.arange(-3, 3)
     J[..., 4] = 2.0 * J[..., 1]

@@ -6,12 +6,11 @@ import numpy as np
 
 from solver.diagnostics.pose_adjustment import adjust_poses
 from solver.estimators.implicit import NoiseModel
-from tests.oracles.loop_oracle import Truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
 
 
-def test_a_pose_whose_steps_are_zero_waits_for_the_others(truth: Truth) -> None:
+def test_a_pose_whose_steps_are_zero_waits_for_the_others(truth):
     """Its ratio of steps is 0/0."""
     rigid = replace(loop_of(truth), hinge=False)
     q = Simulation(poses=6, wrist_sd=6e-3).readings(0)

@@ -25,16 +25,16 @@ def found_in(q: np.ndarray, **options: tuple[int, ...]) -> tuple[RangeFinding, .
 
 
 @pytest.fixture
-def q() -> np.ndarray:
+def q():
     return Simulation(poses=30).readings(5)
 
 
-def test_sound_readings_are_inside(q: np.ndarray) -> None:
+def test_sound_readings_are_inside(q):
     assert found_in(q) == ()
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_just_outside_is_noise_and_a_little_further_is_named(q: np.ndarray, side: float) -> None:
+def test_just_outside_is_noise_and_a_little_further_is_named(q, side):
     end = ARM.upper_rad[2] if side > 0 else ARM.lower_rad[2]
     q[7, 2] = end + side * np.deg2rad(0.9)
     assert found_in(q) == ()
@@ -44,13 +44,13 @@ def test_just_outside_is_noise_and_a_little_further_is_named(q: np.ndarray, side
     assert found.reading_rad == q[7, 2]
 
 
-def test_radians_are_refused_with_the_unit(q: np.ndarray) -> None:
+def test_radians_are_refused_with_the_unit(q):
     with pytest.raises(ReadingsOutOfRangeError, match="taken as radians") as error:
         found_in(np.deg2rad(q))
     assert "RADIANS" in [mistake.code for mistake in error.value.causes]
 
 
-def test_readings_of_another_arm_are_refused_by_joint_and_pose(q: np.ndarray) -> None:
+def test_readings_of_another_arm_are_refused_by_joint_and_pose(q):
     q[:, 5] += np.deg2rad(100.0)
     with pytest.raises(ReadingsOutOfRangeError, match=r"joint 6 reads .* deg in pose") as error:
         found_in(q)
@@ -58,9 +58,7 @@ def test_readings_of_another_arm_are_refused_by_joint_and_pose(q: np.ndarray) ->
     assert [f.joint for f in error.value.findings] == [6]
 
 
-def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(
-    q: np.ndarray,
-) -> None:
+def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(q):
     q[:, 1] -= 2.0 * np.pi
     (found,) = found_in(q)
     assert (found.joint, found.fault) == (2, ReadingFault.WHOLE_TURN)
@@ -70,7 +68,7 @@ def test_an_encoder_that_counts_from_another_turn_is_said_so_and_an_rvdt_cannot(
         found_in(q)
 
 
-def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(q: np.ndarray) -> None:
+def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(q):
     middle = ARM.joints[5].middle_rad
     q[[3, 9], 5] = middle + np.deg2rad(60.0) - LSB_RAD
     assert found_in(q) == ()
@@ -79,12 +77,12 @@ def test_an_rvdt_that_sits_at_its_end_in_several_poses_is_saturated(q: np.ndarra
     assert (found.joint, found.fault, found.poses) == (6, ReadingFault.SATURATED, (3, 9, 20))
 
 
-def test_readings_that_are_not_used_are_not_judged(q: np.ndarray) -> None:
+def test_readings_that_are_not_used_are_not_judged(q):
     q[:, 5] += np.deg2rad(100.0)
     assert found_in(q, unsensed_joints=(6,)) == ()
 
 
-def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(q: np.ndarray) -> None:
+def test_a_sign_and_exchanged_columns_are_named_where_the_ranges_tell(q):
     turned = q.copy()
     turned[:, 1] *= -1.0
     with pytest.raises(ReadingsOutOfRangeError, match="sign of joint 2"):

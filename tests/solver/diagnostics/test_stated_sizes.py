@@ -39,7 +39,7 @@ def shares(found: Calibrated) -> tuple[dict[str, float], dict[str, float]]:
     return {names[k]: of_stated[k] for k in noise}, {names[k]: of_believed[k] for k in noise}
 
 
-def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has() -> None:
+def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has():
     found = [shares(fitted(session(seed))) for seed in range(3301, 3307)]
     of_hinge = np.mean([of_stated["fixture_m"] for of_stated, _ in found])
     assert of_hinge == pytest.approx(SCATTER, rel=0.25)
@@ -47,7 +47,7 @@ def test_a_hinge_scatters_by_the_share_of_its_give_that_the_generator_has() -> N
         assert (of_believed["rvdt_6"], of_believed["rvdt_7"]) == (1.0, 1.0)
 
 
-def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is() -> None:
+def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is():
     taken = session(3303)
     readings = taken.readings.copy()
     readings[:, :5] += 3e-4 * np.random.default_rng(1).normal(size=(len(taken), 5))
@@ -59,7 +59,7 @@ def test_joints_that_play_as_stated_are_no_quieter_for_a_hinge_that_is() -> None
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", [3007, 3010, 3012])
-def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed: int) -> None:
+def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed):
     case = CASES["joint slips 50 counts"](seed)
     (cause,) = case.causes
     trial = judged(fitted(case.taken))
@@ -70,7 +70,7 @@ def test_fifty_counts_that_louder_noise_hid_are_a_step_of_that_joint(seed: int) 
 
 
 @pytest.mark.campaign
-def test_sound_sessions_show_no_step() -> None:
+def test_sound_sessions_show_no_step():
     worst = [judged(fitted(session(seed))).step for seed in range(3310, 3316)]
     assert all(step is not None and step.chi2 < 0.7 * step.threshold for step in worst)
     slipped = slipped_joint(3310, counts=50, only=(1, 2, 3, 4, 5))

@@ -18,7 +18,7 @@ SIMULATION = Simulation(poses=30, wrist_sd=6e-3)
 NOISE = NoiseModel(joint_variance=SIMULATION.sigma() ** 2)
 
 
-def test_normal_intervals_under_a_noise_model(truth: Truth) -> None:
+def test_normal_intervals_under_a_noise_model(truth):
     found = estimate_implicit(loop_of(truth), SIMULATION.rereadings(0), NOISE)
     for k, interval in enumerate(intervals(found)):
         assert interval.name == NAMES[k]
@@ -29,14 +29,14 @@ def test_normal_intervals_under_a_noise_model(truth: Truth) -> None:
     assert wider[0].high - wider[0].value == pytest.approx(2.575829 * wider[0].sd, rel=1e-6)
 
 
-def test_students_intervals_when_residuals_give_the_scale(truth: Truth) -> None:
+def test_students_intervals_when_residuals_give_the_scale(truth):
     found = estimate_paper(loop_of(truth), SIMULATION.rereadings(0)[:4])
     assert found.dof == 6
     one = intervals(found)[0]
     assert (one.high - one.value) / one.sd == pytest.approx(2.446912, rel=1e-6)
 
 
-def test_correlations() -> None:
+def test_correlations():
     covariance = np.array([[4.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
     expected = [[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
     assert correlations(covariance) == pytest.approx(np.array(expected))
@@ -44,7 +44,7 @@ def test_correlations() -> None:
         assert correlations(scale * covariance) == pytest.approx(np.array(expected))
 
 
-def test_chi2_band() -> None:
+def test_chi2_band():
     # 99 % band of chi2 with 100 degrees of freedom, from tables: 67.328 .. 140.169
     found = chi2_test(100.0, 100)
     assert (found.low, found.high) == pytest.approx((0.67328, 1.40169), rel=1e-5)
@@ -66,7 +66,7 @@ def fitted(truth: Truth, q: np.ndarray, *, loose: bool = False) -> Calibrated:
 
 
 @pytest.mark.parametrize("loose", [False, True])
-def test_jackknife_is_that_of_fits_without_each_pose(truth: Truth, loose: bool) -> None:
+def test_jackknife_is_that_of_fits_without_each_pose(truth, loose):
     q = SIMULATION.rereadings(1)
     found = fitted(truth, q, loose=loose)
     rest = [fitted(truth, np.delete(q, k, axis=0), loose=loose).estimate.x for k in range(len(q))]
@@ -76,7 +76,7 @@ def test_jackknife_is_that_of_fits_without_each_pose(truth: Truth, loose: bool) 
     assert jackknife(found.linear) == pytest.approx(full, rel=0.02)
 
 
-def test_jackknife_needs_a_pose_to_spare(truth: Truth) -> None:
+def test_jackknife_needs_a_pose_to_spare(truth):
     found = fitted(truth, SIMULATION.rereadings(0)[:3])
     with pytest.raises(TooFewPosesError):
         jackknife(found.linear)

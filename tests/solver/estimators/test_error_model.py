@@ -9,7 +9,7 @@ from solver.estimators.error_model import MeasuredDistance, distance_and_rates, 
 POINTS = [(f"ground_x[{k}]", f"ground_y[{k}]", f"ground_z[{k}]") for k in (1, 2)]
 
 
-def test_rates_are_those_of_the_distance() -> None:
+def test_rates_are_those_of_the_distance():
     rng = np.random.default_rng(0)
     x, step = rng.normal(size=8), 1e-6
     _, rates = distance_and_rates((1, 2, 4), (5, 6, 7), x)
@@ -21,7 +21,7 @@ def test_rates_are_those_of_the_distance() -> None:
     assert rates == pytest.approx(numeric, abs=1e-9)
 
 
-def test_rows_are_in_units_of_their_sigma() -> None:
+def test_rows_are_in_units_of_their_sigma():
     names = [n for point in POINTS for n in point]
     x = np.array([0.0, 0.0, 0.0, 0.03, 0.04, 0.0])
     known = MeasuredDistance(first=POINTS[0], second=POINTS[1], value_m=0.049, sigma_m=5e-4)

@@ -1,7 +1,5 @@
 """The implicit estimator: planted truth, ODRPACK, the Cramer-Rao bound, unsensed joints."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -10,7 +8,7 @@ from solver.errors import TooFewPosesError
 from solver.estimators.implicit import NoiseModel, estimate_implicit, fit_implicit
 from solver.estimators.paper import estimate_paper
 from tests.oracles.implicit_odr import fit as odr_fit
-from tests.oracles.loop_oracle import Truth, cramer_rao
+from tests.oracles.loop_oracle import cramer_rao
 from tests.oracles.simulated_loops import ENCODER_SD, Simulation
 from tests.solver.conftest import NAMES, loop_of, read_poses
 from tests.solver.estimators.test_paper import EXACT, start_off
@@ -28,7 +26,7 @@ def noise_of(simulation: Simulation) -> NoiseModel:
     return NoiseModel(joint_variance=simulation.sigma() ** 2)
 
 
-def test_exact_data_set_gives_the_truth_back(hinge_data: Path, truth: Truth) -> None:
+def test_exact_data_set_gives_the_truth_back(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_exact.csv")
     model = loop_of(start_off(truth, np.random.default_rng(2)))
     found = estimate_implicit(model, q, noise_of(WRIST))
@@ -36,7 +34,7 @@ def test_exact_data_set_gives_the_truth_back(hinge_data: Path, truth: Truth) -> 
     assert np.abs(found.x - truth.values(NAMES)).max() < 1e-8
 
 
-def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data: Path, truth: Truth) -> None:
+def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_rvdt1pct.csv")
     found = estimate_implicit(loop_of(truth, unsensed=(6, 7)), q, noise_of(WRIST))
     error = found.x - truth.values(UNSENSED)
@@ -49,7 +47,7 @@ def test_curved_wrist_does_not_spoil_the_arm_when_unsensed(hinge_data: Path, tru
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("seed", seeds(8))
-def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
+def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
     q = EXACT.readings(seed=0)
     model = loop_of(start_off(truth, np.random.default_rng(seed)))
     found = estimate_implicit(model, q, noise_of(WRIST))
@@ -59,7 +57,7 @@ def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("seed", seeds(10))
-def test_agrees_with_odrpack(truth: Truth, seed: int) -> None:
+def test_agrees_with_odrpack(truth, seed):
     q = WRIST.readings(seed)
     mine = fit_implicit(loop_of(truth), q, noise_of(WRIST), truth.values(NAMES))
     sd = np.sqrt(np.diagonal(mine.covariance))
@@ -70,7 +68,7 @@ def test_agrees_with_odrpack(truth: Truth, seed: int) -> None:
     assert np.abs(mine.corrections - corrections).max() < 1e-6 * 6e-3
 
 
-def test_covariance_is_the_bound_of_the_second_implementation(truth: Truth) -> None:
+def test_covariance_is_the_bound_of_the_second_implementation(truth):
     rng = np.random.default_rng(5)
     closed = EXACT.closed(rng)
     q = closed[:, 1:]
@@ -86,7 +84,7 @@ def test_covariance_is_the_bound_of_the_second_implementation(truth: Truth) -> N
         assert found.covariance == pytest.approx(bound, rel=1e-5, abs=1e-8 * np.abs(bound).max())
 
 
-def test_adjusted_readings_close_exactly(truth: Truth) -> None:
+def test_adjusted_readings_close_exactly(truth):
     q = WRIST.readings(1)
     model = loop_of(truth)
     found = fit_implicit(model, q, noise_of(WRIST), truth.values(NAMES))
@@ -97,13 +95,13 @@ def test_adjusted_readings_close_exactly(truth: Truth) -> None:
     assert found.chi2 == pytest.approx(weighted.sum(), rel=1e-6)
 
 
-def test_too_few_poses_with_unsensed_joints(truth: Truth) -> None:
+def test_too_few_poses_with_unsensed_joints(truth):
     q = EXACT.readings(0)
     with pytest.raises(TooFewPosesError, match="at least 5 poses"):
         estimate_implicit(loop_of(truth, unsensed=(6, 7)), q[:4], noise_of(WRIST))
 
 
-def test_progress_may_cancel(truth: Truth) -> None:
+def test_progress_may_cancel(truth):
     class CancelledError(Exception):
         pass
 
@@ -114,6 +112,6 @@ def test_progress_may_cancel(truth: Truth) -> None:
         estimate_implicit(loop_of(truth), WRIST.readings(0), noise_of(WRIST), progress=cancel)
 
 
-def test_encoder_specification_is_its_quantisation() -> None:
+def test_encoder_specification_is_its_quantisation():
     # The simulations and the sensor models have to mean the same arm.
     assert Encoder(counts_per_rev=400_000).sigma_rad == pytest.approx(ENCODER_SD)

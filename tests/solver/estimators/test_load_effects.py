@@ -33,12 +33,12 @@ MASSES = LinkMasses(
 
 
 @pytest.fixture(scope="module")
-def model() -> DhLoop:
+def model():
     return loop_of(paper_truth())
 
 
 @pytest.fixture(scope="module")
-def q() -> np.ndarray:
+def q():
     return Simulation(poses=POSES).readings(0)
 
 

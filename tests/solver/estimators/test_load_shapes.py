@@ -7,11 +7,9 @@ import pytest
 
 from solver.chain.parameters import nominal_vector
 from solver.estimators.effects import Linearisation, LinearModel, State
-from solver.estimators.error_model import ErrorModel
 from solver.estimators.layout import Layout
 from solver.estimators.load_effects import load_basis
 from solver.estimators.variance_components import settle
-from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import paper_truth
 from tests.oracles.simulated_loops import Simulation
 from tests.solver.conftest import NAMES, loop_of
@@ -22,17 +20,17 @@ GIVE = (3e-4, 2e-4)
 
 
 @pytest.fixture(scope="module")
-def model() -> DhLoop:
+def model():
     return loop_of(paper_truth(), names=(*NAMES, *SOFT))
 
 
 @pytest.fixture(scope="module")
-def q() -> np.ndarray:
+def q():
     return Simulation(poses=POSES).readings(0)
 
 
 @pytest.fixture(scope="module")
-def errors(model: DhLoop, q: np.ndarray) -> ErrorModel:
+def errors(model, q):
     x = nominal_vector(model.parameters)
     loads = load_basis(model, x, q, model.initial_unsensed(x, q), MASSES, give=GIVE)
     side = np.sign(np.random.default_rng(0).normal(size=q.shape))

@@ -35,7 +35,7 @@ def everything_stated(truth: Truth, poses: int = POSES) -> ErrorModel:
 
 
 @pytest.fixture(scope="module")
-def design() -> LinearModel:
+def design():
     truth = paper_truth()
     model = loop_of(truth, names=(*NAMES, *SOFT))
     return LinearModel(model, Simulation(poses=POSES).readings(0), everything_stated(truth))
@@ -52,7 +52,7 @@ def system_of(design: LinearModel, w: np.ndarray) -> System:
 
 
 @pytest.fixture(scope="module")
-def system(design: LinearModel) -> System:
+def system(design):
     return system_of(design, np.random.default_rng(1).normal(size=(POSES, 5)) * 1e-3)
 
 
@@ -96,7 +96,7 @@ class Dense:
         return float(-0.5 * (log_det + self.w @ self.P @ self.w))
 
 
-def test_everything_agrees_with_dense_matrices(design: LinearModel, system: System) -> None:
+def test_everything_agrees_with_dense_matrices(design, system):
     v = variances(design)
     fit, dense = LinearFit(design, system, v), Dense(design, system, v)
     P, w = dense.P, dense.w
@@ -117,7 +117,7 @@ def test_everything_agrees_with_dense_matrices(design: LinearModel, system: Syst
     assert fit.covariance[np.ix_(where, where)] == pytest.approx(of_soft, rel=1e-5, abs=1e-14)
 
 
-def test_repeatability_and_budget_add_up(design: LinearModel, system: System) -> None:
+def test_repeatability_and_budget_add_up(design, system):
     v = variances(design)
     fit, dense = LinearFit(design, system, v), Dense(design, system, v)
     gain = np.linalg.solve(dense.M, dense.A.T @ np.linalg.inv(dense.V))
@@ -144,7 +144,7 @@ def test_repeatability_and_budget_add_up(design: LinearModel, system: System) ->
     assert budget["instrument"][hard] == pytest.approx(measured, rel=1e-4)
 
 
-def test_score_of_further_columns(design: LinearModel, system: System) -> None:
+def test_score_of_further_columns(design, system):
     fit = LinearFit(design, system, variances(design))
     dense = Dense(design, system, fit.v)
     G = np.random.default_rng(3).normal(size=(POSES, 5, 4))
@@ -158,7 +158,7 @@ def test_score_of_further_columns(design: LinearModel, system: System) -> None:
     assert np.all(np.abs(own) < 1e-6 * size)
 
 
-def test_poses_held_out_are_predicted_by_the_others(design: LinearModel, system: System) -> None:
+def test_poses_held_out_are_predicted_by_the_others(design, system):
     fit = LinearFit(design, system, variances(design))
     dense = Dense(design, system, fit.v)
     out = np.array([2, 7])
@@ -184,7 +184,7 @@ def test_poses_held_out_are_predicted_by_the_others(design: LinearModel, system:
     assert np.all(single[1] == 5)
 
 
-def test_more_equations_held_out_than_there_are_columns() -> None:
+def test_more_equations_held_out_than_there_are_columns():
     rng = np.random.default_rng(3)
     poses, w = 30, rng.normal(size=(30, 5)) * 1e-4
     exact = ErrorModel(joint_variance=np.full((poses, 7), 1e-8))
@@ -208,7 +208,7 @@ def test_more_equations_held_out_than_there_are_columns() -> None:
     assert chi2 == pytest.approx(difference @ np.linalg.solve(covariance, difference), rel=1e-6)
 
 
-def test_score_is_the_slope_of_the_likelihood(design: LinearModel, system: System) -> None:
+def test_score_is_the_slope_of_the_likelihood(design, system):
     v = variances(design)
     found = LinearFit(design, system, v).derivatives
     for k, name in enumerate(c.name for c in design.components):
@@ -217,7 +217,7 @@ def test_score_is_the_slope_of_the_likelihood(design: LinearModel, system: Syste
         assert found.score[k] * v[k] == pytest.approx((up - down) / 2e-4, rel=1e-3, abs=1e-4), name
 
 
-def test_information_of_effects_and_across(design: LinearModel, system: System) -> None:
+def test_information_of_effects_and_across(design, system):
     v = variances(design)
     found = LinearFit(design, system, v).derivatives
     dense = Dense(design, system, v)
@@ -236,7 +236,7 @@ def test_information_of_effects_and_across(design: LinearModel, system: System) 
     assert value == pytest.approx(expected, rel=0.05)
 
 
-def test_smooth_columns_span_the_process_they_stand_for() -> None:
+def test_smooth_columns_span_the_process_they_stand_for():
     q = Simulation(poses=40).readings(0)
     few, many = (pose_process(q).leading(columns) for columns in (10, 100))
     assert few.phi.shape == (40, 10)
@@ -249,7 +249,7 @@ def test_smooth_columns_span_the_process_they_stand_for() -> None:
     assert np.allclose(apart.phi[:20] @ apart.phi[20:].T, 0.0, atol=1e-9)
 
 
-def test_every_source_begins_at_its_statement_and_may_be_found_smaller(design: LinearModel) -> None:
+def test_every_source_begins_at_its_statement_and_may_be_found_smaller(design):
     # Smooth or on one side all of it, and 0.4 of it new in every pose besides.
     starts = {c.name: c.start for c in design.components}
     assert starts["fixture_m"] == pytest.approx(0.4**2 * 2e-4**2)
@@ -266,7 +266,7 @@ def test_every_source_begins_at_its_statement_and_may_be_found_smaller(design: L
     assert all(c.floor < 2e-3 * c.start for c in design.components if c.scaled)
 
 
-def test_a_fit_that_is_no_number_is_no_perfect_fit(design: LinearModel, system: System) -> None:
+def test_a_fit_that_is_no_number_is_no_perfect_fit(design, system):
     v = variances(design)
     v[0] = np.nan
     try:

@@ -40,7 +40,7 @@ class Study:
 
 
 @pytest.fixture(scope="module")
-def small() -> Study:
+def small():
     simulation = Simulation(poses=60, wrist_sd=6e-3)
     truth = simulation.truth
     closed = closed_poses(truth, np.random.default_rng(0), simulation.poses)
@@ -64,7 +64,7 @@ def small() -> Study:
     return Study(np.sqrt(np.diagonal(bound)), *(np.array(v) for v in zip(*runs, strict=True)))
 
 
-def test_errors_are_at_the_bound(small: Study) -> None:
+def test_errors_are_at_the_bound(small):
     low, high = np.sqrt(chi2.ppf([CHANCE, 1.0 - CHANCE], RUNS) / RUNS)
     assert (low, high) == pytest.approx((0.72, 1.31), abs=0.02)
     ratios = small.ratio(small.implicit)
@@ -74,25 +74,25 @@ def test_errors_are_at_the_bound(small: Study) -> None:
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.1)
 
 
-def test_errors_have_no_bias(small: Study) -> None:
+def test_errors_have_no_bias(small):
     error = small.bound / np.sqrt(RUNS)
     assert np.abs(small.implicit.mean(axis=0) / error).max() < 4.5
 
 
-def test_intervals_cover(small: Study) -> None:
+def test_intervals_cover(small):
     hits = small.covered.sum(axis=0)
     assert hits.min() >= binom.ppf(CHANCE, RUNS, 0.95)
     assert hits.max() <= binom.isf(CHANCE, RUNS, 0.95)
     assert small.covered.mean() == pytest.approx(0.95, abs=0.03)
 
 
-def test_chi2_per_dof_is_one(small: Study) -> None:
+def test_chi2_per_dof_is_one(small):
     total = RUNS * (60 * 5 - len(PARAMETERS))
     low, high = chi2.ppf([CHANCE, 1.0 - CHANCE], total) / total
     assert low < small.chi2_per_dof.mean() < high
 
 
-def test_paper_is_far_from_the_bound_where_encoders_are(small: Study) -> None:
+def test_paper_is_far_from_the_bound_where_encoders_are(small):
     ratios = small.ratio(small.paper)
     assert ratios[:5].min() > 50.0
     assert 1.5 < ratios[5:7].max() < 50.0

@@ -1,7 +1,5 @@
 """The paper's estimator: planted truth, starts from afar, too few poses, its own figures."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -23,7 +21,7 @@ def start_off(truth: Truth, rng: np.random.Generator) -> Truth:
     return truth.with_values(NAMES, truth.values(NAMES) + steps)
 
 
-def test_exact_data_set_gives_the_truth_back(hinge_data: Path, truth: Truth) -> None:
+def test_exact_data_set_gives_the_truth_back(hinge_data, truth):
     q = read_poses(hinge_data / "hinge_exact.csv")
     found = estimate_paper(loop_of(start_off(truth, np.random.default_rng(1))), q)
     assert found.converged
@@ -33,14 +31,14 @@ def test_exact_data_set_gives_the_truth_back(hinge_data: Path, truth: Truth) -> 
 
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("seed", range(12))
-def test_starts_10_deg_and_30_mm_off_converge(truth: Truth, seed: int) -> None:
+def test_starts_10_deg_and_30_mm_off_converge(truth, seed):
     q = EXACT.readings(seed=0)
     found = estimate_paper(loop_of(start_off(truth, np.random.default_rng(seed))), q)
     assert found.converged
     assert np.abs(found.x - truth.values(NAMES)).max() < 1e-9
 
 
-def test_two_poses_are_too_few_and_three_are_needed(truth: Truth) -> None:
+def test_two_poses_are_too_few_and_three_are_needed(truth):
     q = EXACT.readings(seed=0)
     with pytest.raises(TooFewPosesError, match="at least 3 poses are needed") as refused:
         estimate_paper(loop_of(truth), q[:2])
@@ -49,7 +47,7 @@ def test_two_poses_are_too_few_and_three_are_needed(truth: Truth) -> None:
     assert estimate_paper(loop_of(truth), q[:3]).dof == 1
 
 
-def test_flipped_poses_are_named(truth: Truth) -> None:
+def test_flipped_poses_are_named(truth):
     # A loop whose last twist differs by half a turn closes upside down: same readings, other branch.
     q = EXACT.readings(seed=0)[:20]
     model = loop_of(truth)
@@ -60,7 +58,7 @@ def test_flipped_poses_are_named(truth: Truth) -> None:
     assert error.flipped.all()
 
 
-def test_covariance_is_the_scaled_normal_matrix(truth: Truth) -> None:
+def test_covariance_is_the_scaled_normal_matrix(truth):
     q = Simulation(poses=30).readings(seed=3)
     model = loop_of(truth)
     found = estimate_paper(model, q)
@@ -72,7 +70,7 @@ def test_covariance_is_the_scaled_normal_matrix(truth: Truth) -> None:
     assert np.abs(J.T @ r).max() < 1e-9
 
 
-def test_both_readings_of_sigma(truth: Truth) -> None:
+def test_both_readings_of_sigma(truth):
     found = estimate_paper(loop_of(truth), Simulation(poses=30).readings(seed=3))
     rotations, positions = found.residual[:, :2], found.residual[:, 2:]
     sigmas = found.sigmas

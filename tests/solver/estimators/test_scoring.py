@@ -23,13 +23,13 @@ def found(score: list[float], information: list[list[float]]) -> Derivatives:
     )
 
 
-def test_a_step_is_newtons_where_nothing_bounds_it() -> None:
+def test_a_step_is_newtons_where_nothing_bounds_it():
     taken = step(fit_of([1.0, 1.0]), found([0.2, -0.1], [[2.0, 0.5], [0.5, 1.0]]))
     expected = np.linalg.solve([[2.0, 0.5], [0.5, 1.0]], [0.2, -0.1])
     np.testing.assert_allclose(taken.change, expected, rtol=1e-6)
 
 
-def test_a_variance_of_which_nothing_is_told_stays_and_the_others_move() -> None:
+def test_a_variance_of_which_nothing_is_told_stays_and_the_others_move():
     """Rounding may leave less than nothing on the diagonal, and something beside it."""
     for nothing in (0.0, -1e-9):
         taken = step(fit_of([1.0, 1.0]), found([0.2, 0.3], [[2.0, 1e10], [1e10, nothing]]))
@@ -47,11 +47,11 @@ def steps_away(ascent: Ascent, *largest: float) -> list[bool]:
     return said
 
 
-def test_an_ascent_is_fast_where_its_steps_shrink_fast() -> None:
+def test_an_ascent_is_fast_where_its_steps_shrink_fast():
     assert steps_away(Ascent(), 1.0, 0.2, 0.03, 0.02) == [False, True, True, False]
 
 
-def test_steps_of_two_likelihoods_are_not_compared_and_the_pace_of_the_first_holds() -> None:
+def test_steps_of_two_likelihoods_are_not_compared_and_the_pace_of_the_first_holds():
     """Where gravity's sign goes the first step of the new likelihood took another round for nothing."""
     assert steps_away(Ascent(fast=True), 0.5, 0.4) == [True, False]
     assert steps_away(Ascent(fast=False), 0.5, 0.1) == [False, True]

@@ -32,7 +32,7 @@ def central(f, x: np.ndarray, h: float = 1e-6) -> np.ndarray:
 
 
 @pytest.mark.parametrize("size", [0.0, 0.01, 0.3])
-def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(size: float) -> None:
+def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(size):
     model = loop_of(TRUTH)
     x = perturbed(model, size)
     pin_m, axis = model.stands_at(x)
@@ -50,7 +50,7 @@ def test_what_is_drawn_is_as_far_apart_as_the_loop_is_open(size: float) -> None:
 
 @pytest.mark.parametrize("names", [NAMES, ALL_ENTRIES])
 @pytest.mark.parametrize("size", HARD_ERRORS)
-def test_loop_agrees_with_pinocchio(names: tuple[str, ...], size: float) -> None:
+def test_loop_agrees_with_pinocchio(names, size):
     model = loop_of(TRUTH, names=names)
     x = perturbed(model, size)
     error = model.loop(x, Q, U)
@@ -72,7 +72,7 @@ def test_loop_agrees_with_pinocchio(names: tuple[str, ...], size: float) -> None
 
 
 @pytest.mark.parametrize("size", HARD_ERRORS)
-def test_reduced_jacobian_by_central_differences(size: float) -> None:
+def test_reduced_jacobian_by_central_differences(size):
     model = loop_of(TRUTH)
     x = perturbed(model, size)
     found = model.reduced(x, Q)
@@ -82,7 +82,7 @@ def test_reduced_jacobian_by_central_differences(size: float) -> None:
 
 
 @pytest.mark.parametrize("tilt", [3.0, np.pi - 1e-2, np.pi - 1e-3])
-def test_jacobians_hold_near_a_half_turn(tilt: float) -> None:
+def test_jacobians_hold_near_a_half_turn(tilt):
     # A twist of the last link tips the hand almost over: the far end of both rotation charts.
     model = loop_of(TRUTH)
     x = TRUTH.values(NAMES)
@@ -96,7 +96,7 @@ def test_jacobians_hold_near_a_half_turn(tilt: float) -> None:
     assert np.linalg.norm(reduced.residual[:, :2], axis=1) == pytest.approx(tilt, abs=1e-9)
 
 
-def test_reduced_is_eq_10_to_13() -> None:
+def test_reduced_is_eq_10_to_13():
     model = loop_of(TRUTH)
     x = perturbed(model, 1e-3)
     found = model.reduced(x, Q)
@@ -115,13 +115,13 @@ def test_reduced_is_eq_10_to_13() -> None:
         assert found.unsensed[pose, 0] == pytest.approx(-turn, abs=1e-13)
 
 
-def test_hinge_angle_of_closed_poses_is_found() -> None:
+def test_hinge_angle_of_closed_poses_is_found():
     found = loop_of(TRUTH).initial_unsensed(TRUTH.values(NAMES), Q)
     difference = (found - U + np.pi) % (2.0 * np.pi) - np.pi
     assert np.abs(difference).max() < 1e-12
 
 
-def test_upside_down_hand_is_flagged_and_not_closed() -> None:
+def test_upside_down_hand_is_flagged_and_not_closed():
     model = loop_of(TRUTH)
     x = TRUTH.values(NAMES)
     x[NAMES.index("alpha_7")] += np.pi
@@ -131,7 +131,7 @@ def test_upside_down_hand_is_flagged_and_not_closed() -> None:
     assert not model.reduced(TRUTH.values(NAMES), Q).flipped.any()
 
 
-def test_unsensed_joints_have_columns_and_no_reading() -> None:
+def test_unsensed_joints_have_columns_and_no_reading():
     model = loop_of(TRUTH, unsensed=(6, 7))
     x = nominal_vector(model.parameters)
     u = np.concatenate((U, CLOSED[:, 6:8] + TRUTH.theta_off[6:8]), axis=1)
@@ -152,7 +152,7 @@ def test_unsensed_joints_have_columns_and_no_reading() -> None:
     ]
 
 
-def test_eight_equal_descriptions_close_alike() -> None:
+def test_eight_equal_descriptions_close_alike():
     model = loop_of(TRUTH)
     x = TRUTH.values(NAMES)
     all_of_them = model.equivalents(x)
@@ -163,7 +163,7 @@ def test_eight_equal_descriptions_close_alike() -> None:
         assert nearest_equivalent(model, y, x) == pytest.approx(x, abs=1e-12)
 
 
-def test_a_pose_cannot_depend_on_its_neighbours() -> None:
+def test_a_pose_cannot_depend_on_its_neighbours():
     model = loop_of(TRUTH)
     x = perturbed(model, 1e-3)
     whole = model.reduced(x, Q)
@@ -172,7 +172,7 @@ def test_a_pose_cannot_depend_on_its_neighbours() -> None:
         assert np.array_equal(alone.residual[0], whole.residual[pose])
 
 
-def test_projected_jacobian_is_free_of_the_hinge() -> None:
+def test_projected_jacobian_is_free_of_the_hinge():
     model = loop_of(TRUTH)
     A, B = reduced_jacobian(model, TRUTH.values(NAMES), Q, U)
     assert A.shape == (8, 5, 14)
@@ -186,11 +186,11 @@ def test_projected_jacobian_is_free_of_the_hinge() -> None:
 
 
 @pytest.mark.parametrize(("parameters", "rows", "needed"), [(14, 5, 3), (12, 3, 5), (11, 6, 2)])
-def test_poses_needed(parameters: int, rows: int, needed: int) -> None:
+def test_poses_needed(parameters, rows, needed):
     assert poses_needed(parameters, rows) == needed
 
 
-def test_entries_must_exist_once_and_have_a_sensor() -> None:
+def test_entries_must_exist_once_and_have_a_sensor():
     with pytest.raises(ValueError, match="does not have"):
         loop_of(TRUTH, names=("theta_off_9",))
     with pytest.raises(ValueError, match="twice"):

@@ -23,9 +23,7 @@ def arm_and_ball(real: RealArm, folder: Path) -> tuple[str, str]:
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("real", [ARMS[0], *ARMS[2:]], ids=lambda a: a.name)
-def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(
-    real: RealArm, tmp_path: Path
-) -> None:
+def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(real, tmp_path):
     """Refused, or 5 m off (parallel joints), before every stated unknown had its prior; chi2/dof 0.18 and 12."""
     arm, ball = arm_and_ball(real, tmp_path)
     placement, q = real.readings()
@@ -52,7 +50,7 @@ def test_a_makers_urdf_and_raw_logs_give_a_calibration_that_predicts(
 
 
 @pytest.mark.campaign
-def test_the_distance_of_two_sockets_is_what_a_caliper_says(tmp_path: Path) -> None:
+def test_the_distance_of_two_sockets_is_what_a_caliper_says(tmp_path):
     """Sockets of the Panda's block are 50 mm apart by design; of every pair in its own place."""
     placement, q = ARMS[1].readings()
     result = sarcal.calibrate(

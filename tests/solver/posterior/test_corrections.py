@@ -5,7 +5,6 @@ import pytest
 import sarcal
 
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
@@ -13,25 +12,23 @@ from tests.solver.posterior.reference_corrections import corrected
 
 
 @pytest.fixture(scope="module")
-def made() -> sarcal.Simulation:
+def made():
     return sarcal.simulate(arm="sarcos_dextrous", fixture="hinge", poses=40, seed=0)
 
 
 @pytest.fixture(scope="module")
-def result(made: sarcal.Simulation) -> sarcal.Result:
+def result(made):
     return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=made.poses)
 
 
 @pytest.fixture(scope="module")
-def solution(made: sarcal.Simulation, tmp_path_factory: pytest.TempPathFactory) -> Solution:
+def solution(made, tmp_path_factory):
     file = made.poses.to_csv(tmp_path_factory.mktemp("poses") / "poses.csv")
     poses = load_poses(file, joint_count=7).poses
     return calibrate(load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses)
 
 
-def test_thirty_lines_without_a_library_give_the_same_readings(
-    made: sarcal.Simulation, result: sarcal.Result, solution: Solution
-) -> None:
+def test_thirty_lines_without_a_library_give_the_same_readings(made, result, solution):
     data = result.to_json()
     kinds = {c["kind"] for c in data["corrections"]}
     assert kinds == {"harmonic", "linearity", "gravity", "offset"}
@@ -44,8 +41,8 @@ def test_thirty_lines_without_a_library_give_the_same_readings(
 
 
 def test_the_whole_model_has_the_tool_where_parameters_and_corrections_have_it(
-    made: sarcal.Simulation, result: sarcal.Result, solution: Solution
-) -> None:
+    made, result, solution
+):
     q = made.poses.q_rad
     by_table, whole = (result.fk(q, corrections=c)[:, :3, 3] for c in (False, True))
     apart = np.linalg.norm(by_table - whole, axis=1)

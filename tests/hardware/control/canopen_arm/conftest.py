@@ -1,6 +1,5 @@
 """The arm on its fake bus, connected, and driven."""
 
-from collections.abc import Iterator
 from contextlib import ExitStack
 from typing import Any
 
@@ -9,16 +8,16 @@ import pytest
 from hardware.control.canopen_arm import CanopenArm
 from hardware.timing import Pace
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import Connect, drive, hasty, make
+from tests.hardware.on_fake_bus import drive, hasty, make
 
 
 @pytest.fixture
-def bus() -> FakeArmBus:
+def bus():
     return FakeArmBus()
 
 
 @pytest.fixture
-def connected(bus: FakeArmBus) -> Iterator[Connect]:
+def connected(bus):
     """Connect an arm of these options, on the fixture's bus or another; it is closed in the end."""
     with ExitStack() as stack:
 
@@ -33,16 +32,16 @@ def connected(bus: FakeArmBus) -> Iterator[Connect]:
 
 
 @pytest.fixture
-def arm(connected: Connect) -> CanopenArm:
+def arm(connected):
     return connected()
 
 
 @pytest.fixture
-def driven(arm: CanopenArm) -> CanopenArm:
+def driven(arm):
     return drive(arm)
 
 
 @pytest.fixture
-def live(connected: Connect) -> CanopenArm:
+def live(connected):
     """A driven arm ten times as fast as one is: nothing is asked of it, and SYNCs go on."""
     return drive(connected(pace=Pace.REAL_TIME, timing=hasty(speed=10.0)))

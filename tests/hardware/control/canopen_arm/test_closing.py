@@ -7,21 +7,20 @@ import time
 import numpy as np
 import pytest
 
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveFault
 from hardware.timing import Pace
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import Connect, capture_for_ever, wait_for
+from tests.hardware.fake_arm import JOINTS
+from tests.hardware.on_fake_bus import capture_for_ever, wait_for
 
 
-def test_fast_forward_sends_no_sync_between_commands(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_fast_forward_sends_no_sync_between_commands(driven, bus):
     before = bus.syncs
     for _ in range(50):
         driven.active_parameters()
     assert bus.syncs == before
 
 
-def test_real_time_sends_one_sync_a_period_always(connected: Connect, bus: FakeArmBus) -> None:
+def test_real_time_sends_one_sync_a_period_always(connected, bus):
     arm = connected(pace=Pace.REAL_TIME)
     reached = threading.Event()
     times: list[float] = []
@@ -37,7 +36,7 @@ def test_real_time_sends_one_sync_a_period_always(connected: Connect, bus: FakeA
     assert np.median(np.diff(times)) == pytest.approx(0.01, abs=0.002)
 
 
-def test_the_operator_is_heard_ten_times_a_second(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_the_operator_is_heard_ten_times_a_second(driven, bus):
     start, first = time.monotonic(), [i for i, _ in bus.sent].count(0x77F)
     while time.monotonic() - start < 0.45:
         driven.capture(1)
@@ -45,9 +44,7 @@ def test_the_operator_is_heard_ten_times_a_second(driven: CanopenArm, bus: FakeA
     assert 3 <= heard <= 6
 
 
-def test_closing_holds_disables_and_gives_the_token_back(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_closing_holds_disables_and_gives_the_token_back(driven, bus):
     bus.drives[3].counts = 3333
     driven.close()
     assert bus.token == 0
@@ -58,7 +55,7 @@ def test_closing_holds_disables_and_gives_the_token_back(
     assert not [t for t in threading.enumerate() if t.name == "sarcal-control"]
 
 
-def test_closing_after_stop_does_not_lift_the_stop(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_closing_after_stop_does_not_lift_the_stop(driven, bus):
     driven.stop()
     assert driven.close(), "whoever answers is held"
     assert driven.left_powered == (1, 2, 3, 4, 5, 6, 7)
@@ -66,9 +63,7 @@ def test_closing_after_stop_does_not_lift_the_stop(driven: CanopenArm, bus: Fake
     assert bus.token == 0
 
 
-def test_a_drive_that_does_not_switch_off_is_no_arm_let_go(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_drive_that_does_not_switch_off_is_no_arm_let_go(driven, bus):
     """Somebody is sent to the fixture on this word."""
     bus.drives[1].ignores = (0x0000,)
     assert not driven.close()
@@ -79,9 +74,7 @@ def test_a_drive_that_does_not_switch_off_is_no_arm_let_go(
 
 
 @pytest.mark.parametrize("gone", ["dead", "mute", "silent"])
-def test_a_node_that_is_silent_keeps_no_other_drive_enabled(
-    driven: CanopenArm, bus: FakeArmBus, gone: str
-) -> None:
+def test_a_node_that_is_silent_keeps_no_other_drive_enabled(driven, bus, gone):
     """They missed this program's heartbeat only, a second or more after it had gone."""
     setattr(bus, gone, {3})
     with pytest.raises(BusError, match=r"has gone silent: no .* from node 3"):
@@ -92,7 +85,7 @@ def test_a_node_that_is_silent_keeps_no_other_drive_enabled(
     assert bus.token == 0
 
 
-def test_a_drive_that_ignored_stop_is_not_held_by_it(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_drive_that_ignored_stop_is_not_held_by_it(driven, bus):
     bus.drives[1].ignores = (0x0002,)
     driven.stop()
     assert not driven.close()
@@ -100,9 +93,7 @@ def test_a_drive_that_ignored_stop_is_not_held_by_it(driven: CanopenArm, bus: Fa
 
 
 @pytest.mark.parametrize(("node", "code"), [(16, 0x5441), (16, 0x1000), (2, 0x8612)])
-def test_what_a_node_reported_before_keeps_no_drive_enabled(
-    driven: CanopenArm, bus: FakeArmBus, node: int, code: int
-) -> None:
+def test_what_a_node_reported_before_keeps_no_drive_enabled(driven, bus, node, code):
     """A supervisor's words count as a stop, but no drive was stopped by them."""
     bus.say(0x80 + node, struct.pack("<HB5x", code, 0x81))
     wait_for(lambda: bool(driven.snapshot().faults))
@@ -111,9 +102,7 @@ def test_what_a_node_reported_before_keeps_no_drive_enabled(
     assert bus.statuses == {0x40}
 
 
-def test_an_arm_whose_drives_were_never_commanded_is_let_go(
-    arm: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_an_arm_whose_drives_were_never_commanded_is_let_go(arm, bus):
     """The token was taken, then a fault came before the first command."""
     bus.trip(3, 0x8311)
     wait_for(lambda: bool(arm.snapshot().faults))
@@ -124,7 +113,7 @@ def test_an_arm_whose_drives_were_never_commanded_is_let_go(
     assert bus.token == 0
 
 
-def test_an_arm_let_go_and_taken_again_is_judged_anew(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_an_arm_let_go_and_taken_again_is_judged_anew(arm, bus):
     arm.take_control()
     bus.drives[1].ignores = (0x0000,)
     assert not arm.close()
@@ -135,9 +124,7 @@ def test_an_arm_let_go_and_taken_again_is_judged_anew(arm: CanopenArm, bus: Fake
     assert arm.left_powered == ()
 
 
-def test_stop_while_closing_stops_the_drives_and_latches(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_stop_while_closing_stops_the_drives_and_latches(driven, bus):
     start = bus.syncs
     bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
     driven.close()
@@ -147,9 +134,7 @@ def test_stop_while_closing_stops_the_drives_and_latches(
     assert driven.snapshot().stopped
 
 
-def test_stop_reaches_the_drives_to_the_last_moment_of_closing(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_stop_reaches_the_drives_to_the_last_moment_of_closing(driven, bus):
     before = []
 
     def stop() -> None:
@@ -162,7 +147,7 @@ def test_stop_reaches_the_drives_to_the_last_moment_of_closing(
     assert [bus.words(j, before[0]) for j in bus.drives] == [[0x0002]] * JOINTS
 
 
-def test_closing_twice_at_once_closes_once(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_closing_twice_at_once_closes_once(driven, bus):
     other = threading.Thread(target=driven.close)
     waited = []
 

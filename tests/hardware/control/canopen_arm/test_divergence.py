@@ -4,11 +4,10 @@ import can
 import pytest
 
 from hardware.arm import JointMode
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, DriveDiverged
 from hardware.timing import Pace
 from tests.hardware.fake_arm import JOINTS, FakeArmBus, FakeDrive
-from tests.hardware.on_fake_bus import TWO_DRIVEN, Connect, capture_for_ever, drive, wait_for
+from tests.hardware.on_fake_bus import TWO_DRIVEN, capture_for_ever, drive, wait_for
 
 FAR, WINDOW = 1600, 1111
 """Counts: how far it goes, and the degree that a drive without 6065h is allowed."""
@@ -35,9 +34,7 @@ def creep_when_stopped(bus: FakeArmBus, *joints: int) -> None:
         axis.noise = creep
 
 
-def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(driven, bus):
     diverge(bus, 5)
     since = len(bus.sent)
     with pytest.raises(DriveDiverged, match=r"joint 5 is \+1\d\d\d counts from its target") as told:
@@ -53,9 +50,7 @@ def test_the_arm_is_stopped_and_the_drive_that_is_astray_loses_its_power(
     assert found.stopped_for == str(told.value)
 
 
-def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(driven, bus):
     diverge(bus, 2)
     with pytest.raises(DriveDiverged):
         driven.move({5: 1.2}, speed_rad_per_s=0.2)
@@ -72,9 +67,7 @@ def test_whatever_is_asked_then_the_cause_is_said_and_not_that_stop_was_pressed(
     assert {word for j in bus.drives for word in bus.words(j, begun)} <= {0x0000, 0x0002}
 
 
-def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(
-    connected: Connect, bus: FakeArmBus
-) -> None:
+def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(connected, bus):
     arm = connected(pace=Pace.REAL_TIME)
     arm.take_control()
     arm.set_modes([JointMode.POSITION] * JOINTS)
@@ -87,9 +80,7 @@ def test_it_is_seen_and_stopped_while_nobody_asks_for_anything(
     assert bus.drives[3].status == 0x40
 
 
-def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(driven, bus):
     diverge(bus, 5)
     rpdo, lost = bus.drives[5].rpdo, []
 
@@ -105,9 +96,7 @@ def test_its_power_stays_off_though_the_frame_that_took_it_is_lost(
     wait_for(lambda: len(lost) == 2 and bus.drives[5].status == 0x40)
 
 
-def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more(
-    connected: Connect,
-) -> None:
+def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more(connected):
     """STOP has a handle of its own: the frame that takes one drive's power must not stand before it."""
 
     class Full(FakeArmBus):
@@ -131,8 +120,8 @@ def test_the_others_are_stopped_though_the_main_handle_takes_no_frame_any_more(
 
 
 def test_after_a_reset_a_drive_that_was_mended_goes_on_and_one_that_was_not_is_stopped_again(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+    driven, bus
+):
     diverge(bus, 5)
     with pytest.raises(DriveDiverged):
         capture_for_ever(driven)
@@ -151,8 +140,8 @@ def test_after_a_reset_a_drive_that_was_mended_goes_on_and_one_that_was_not_is_s
 
 
 def test_closing_leaves_the_others_held_and_why_it_was_stopped_is_known_to_the_next_connection(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+    driven, bus
+):
     diverge(bus, 5)
     with pytest.raises(DriveDiverged) as told:
         capture_for_ever(driven)
@@ -176,8 +165,8 @@ def test_closing_leaves_the_others_held_and_why_it_was_stopped_is_known_to_the_n
 
 @pytest.mark.parametrize("joints", [(5,), (2, 5)])
 def test_drives_that_creep_on_after_a_stop_lose_their_power_and_the_operator_is_told(
-    live: CanopenArm, bus: FakeArmBus, joints: tuple[int, ...]
-) -> None:
+    live, bus, joints
+):
     live.stop()
     creep_when_stopped(bus, *joints)
     wait_for(lambda: {bus.drives[j].status for j in joints} == {0x40})
@@ -192,9 +181,7 @@ def test_drives_that_creep_on_after_a_stop_lose_their_power_and_the_operator_is_
     assert (live.snapshot().stopped, live.snapshot().stopped_for) == (False, "")
 
 
-def test_it_is_watched_though_its_drive_stopped_by_itself_and_nobody_pressed_stop(
-    live: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_it_is_watched_though_its_drive_stopped_by_itself_and_nobody_pressed_stop(live, bus):
     for axis in bus.drives.values():
         axis.status = 0x07
     creep_when_stopped(bus, 5)
@@ -202,7 +189,7 @@ def test_it_is_watched_though_its_drive_stopped_by_itself_and_nobody_pressed_sto
     assert live.snapshot().stopped
 
 
-def test_a_free_joint_may_be_moved_after_a_stop(live: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_free_joint_may_be_moved_after_a_stop(live, bus):
     live.stop()
     creep_when_stopped(bus, 3)
     since = bus.syncs

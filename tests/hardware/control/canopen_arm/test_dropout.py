@@ -1,7 +1,5 @@
 """A drive whose enable goes, and no word of it: named, not switched on again, and the others stopped."""
 
-from collections.abc import Callable
-
 import pytest
 
 from hardware.control.canopen_arm import CanopenArm
@@ -38,8 +36,8 @@ def move_to_and_fro(arm: CanopenArm) -> None:
 @pytest.mark.parametrize("doing", [capture_for_ever, settle_for_ever, move_to_and_fro])
 @pytest.mark.parametrize("joint", [2, 3, 5, 7])
 def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
-    driven: CanopenArm, bus: FakeArmBus, doing: Callable[[CanopenArm], None], joint: int
-) -> None:
+    driven, bus, doing, joint
+):
     driven.capture(20)
     drop(bus, joint)
     since = len(bus.sent)
@@ -62,8 +60,8 @@ def test_whichever_it_is_ends_what_is_under_way_by_its_name_and_stays_off(
 @pytest.mark.parametrize("after", range(1, 10))
 @pytest.mark.parametrize("state", [SWITCHED_ON, OFF, STOPPED])
 def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_either(
-    arm: CanopenArm, bus: FakeArmBus, after: int, state: int
-) -> None:
+    arm, bus, after, state
+):
     arm.take_control()
     drop(bus, 3, after=after, to=state)
     since = len(bus.sent)
@@ -81,9 +79,7 @@ def test_one_that_leaves_as_soon_as_it_was_enabled_is_not_switched_on_again_eith
 
 
 @pytest.mark.parametrize("state", [SWITCHED_ON, READY, OFF, STOPPED])
-def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(
-    arm: CanopenArm, bus: FakeArmBus, state: int
-) -> None:
+def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(arm, bus, state):
     begun = bus.syncs
 
     def happen(sync: int) -> None:
@@ -102,7 +98,7 @@ def test_one_that_leaves_while_another_is_still_being_enabled_ends_that(
     assert ENABLED not in bus.statuses
 
 
-def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_nothing_is_enabled_before_it_is_reset(driven, bus):
     driven.capture(20)
     drop(bus, 3)
     with pytest.raises(DriveDropout):
@@ -119,7 +115,7 @@ def test_nothing_is_enabled_before_it_is_reset(driven: CanopenArm, bus: FakeArmB
     driven.capture(50)
 
 
-def test_it_stays_off_though_nobody_asks_for_anything(live: CanopenArm, bus: FakeArmBus) -> None:
+def test_it_stays_off_though_nobody_asks_for_anything(live, bus):
     begun = bus.syncs
     wait_for(lambda: bus.syncs > begun + 20)
     drop(bus, 3, after=10)
@@ -133,9 +129,7 @@ def test_it_stays_off_though_nobody_asks_for_anything(live: CanopenArm, bus: Fak
     assert bus.drives[3].status == OFF
 
 
-def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code(driven, bus):
     driven.capture(20)
     start = bus.syncs
 
@@ -151,9 +145,7 @@ def test_a_trip_whose_emergency_comes_after_its_statusword_is_called_by_its_code
     assert {drive.mode for j, drive in bus.drives.items() if j != 5} == {8}
 
 
-def test_a_drive_that_says_no_more_that_it_follows_is_named(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_drive_that_says_no_more_that_it_follows_is_named(driven, bus):
     driven.capture(20)
     bus.deaf = {5}
     with pytest.raises(DriveDropout, match=r"joint 5: .* no longer follows .*bit 12"):
@@ -165,9 +157,7 @@ def test_a_drive_that_says_no_more_that_it_follows_is_named(
     driven.capture(80)
 
 
-def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(driven, bus):
     driven.capture(20)
     bus.deaf = {5}
     bus.drives[5].noise = lambda _sync: 1600
@@ -176,9 +166,7 @@ def test_one_that_goes_astray_is_stopped_though_it_says_that_it_does_not_follow(
     assert bus.drives[5].status == OFF
 
 
-def test_a_node_that_is_cut_off_is_named_and_not_a_neighbour_that_stops_for_it(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_node_that_is_cut_off_is_named_and_not_a_neighbour_that_stops_for_it(driven, bus):
     """The others stop by themselves at once; that the node is missed, answers and heartbeat, shows later."""
     driven.capture(20)
     at = bus.syncs + 30

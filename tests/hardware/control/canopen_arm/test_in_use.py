@@ -47,7 +47,7 @@ class Asked(FakeArmBus):
 
 
 @pytest.fixture
-def bus() -> Asked:
+def bus():
     return Asked()
 
 
@@ -70,19 +70,19 @@ def after(bus: Asked, looks: int, what: bytes, happens: Callable[[], None]) -> N
 
 
 @pytest.mark.parametrize("state", [ENABLED, QUICK_STOP])
-def test_an_operator_who_was_late_is_heard_before_his_arm_is_reset(bus: Asked, state: int) -> None:
+def test_an_operator_who_was_late_is_heard_before_his_arm_is_reset(bus, state):
     bus.drives[2].status = state
     after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_operator", True))
     assert refused(bus, ControlDenied).holder == 127
 
 
-def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus: Asked) -> None:
+def test_a_command_that_comes_late_is_named_before_anything_is_reset(bus):
     bus.drives[2].status = ENABLED
     after(bus, 7, STATUSWORD, lambda: setattr(bus, "other_master", ((0x202, bytes(7)),)))
     refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(202h\)")
 
 
-def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus: Asked) -> None:
+def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus):
     for drive in bus.drives.values():
         drive.status = ENABLED
     bus.token = 127
@@ -99,7 +99,7 @@ def test_drives_that_let_go_since_their_operator_was_killed_are_connected_to(bus
     arm.close()
 
 
-def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus: Asked) -> None:
+def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus):
     bus.drives[2].status, bus.drives[5].status = ENABLED, QUICK_STOP
     said = str(refused(bus, ArmInUse))
     assert (
@@ -110,14 +110,14 @@ def test_drives_that_stay_enabled_are_named_with_what_to_do_and_not_reset(bus: A
         assert way in said
 
 
-def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus: Asked) -> None:
+def test_nobody_is_waited_for_shorter_than_the_drives_wait_themselves(bus):
     for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
         bus.objects[2, 0x1016, sub] = value
     bus.drives[2].status = ENABLED
     assert refused(bus, ArmInUse).listened_s == pytest.approx(0.6)
 
 
-def test_whoever_asks_for_it_takes_them_over(bus: Asked) -> None:
+def test_whoever_asks_for_it_takes_them_over(bus):
     bus.drives[2].status = ENABLED
     arm = real(bus)
     arm.take_over()
@@ -126,7 +126,7 @@ def test_whoever_asks_for_it_takes_them_over(bus: Asked) -> None:
     arm.close()
 
 
-def test_what_this_program_left_stopped_itself_it_connects_to_again(bus: Asked) -> None:
+def test_what_this_program_left_stopped_itself_it_connects_to_again(bus):
     arm = real(bus)
     arm.connect()
     arm.take_control()
@@ -144,7 +144,7 @@ def test_what_this_program_left_stopped_itself_it_connects_to_again(bus: Asked) 
     again.close()
 
 
-def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus: Asked) -> None:
+def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus):
     arm = real(bus)
     arm.connect()
     bus.drives[2].status = ENABLED
@@ -158,7 +158,7 @@ def test_what_somebody_else_enabled_is_not_taken_for_left_behind(bus: Asked) -> 
     assert bus.resets == resets
 
 
-def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus: Asked) -> None:
+def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus):
     arm = real(bus)
     arm.take_over()
     bus.dead = {3}
@@ -171,13 +171,13 @@ def test_drives_are_taken_over_by_the_connection_it_was_asked_for_only(bus: Aske
     assert bus.resets == resets
 
 
-def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus: Asked) -> None:
+def test_drives_that_were_stopped_are_somebodys_while_he_holds_the_token(bus):
     bus.drives[5].status, bus.token = QUICK_STOP, 127
     refused(bus, ArmInUse, r"joint 5 \(node 5\) is in state quick stop active")
 
 
 @pytest.mark.parametrize("look", [1, 3])
-def test_a_drive_whose_answer_is_lost_is_what_it_was(bus: Asked, look: int) -> None:
+def test_a_drive_whose_answer_is_lost_is_what_it_was(bus, look):
     bus.drives[2].status = ENABLED
     bus.lost[2, STATUSWORD] = look
     refused(bus, ArmInUse, r"joint 2 \(node 2\) is in state operation enabled")
@@ -185,14 +185,14 @@ def test_a_drive_whose_answer_is_lost_is_what_it_was(bus: Asked, look: int) -> N
 
 
 @pytest.mark.parametrize("look", [1, 3])
-def test_a_token_is_held_though_the_answer_is_lost(bus: Asked, look: int) -> None:
+def test_a_token_is_held_though_the_answer_is_lost(bus, look):
     bus.token = 99
     bus.lost[16, TOKEN] = look
     after(bus, 5, TOKEN, lambda: setattr(bus, "other_master", ((0x700 + 99, b"\x05"),)))
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(bus: Asked) -> None:
+def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(bus):
     """Its holder was killed: this program's heartbeat has the same node, and must not keep his token alive."""
     for sub, value in ((0, b"\x01"), (1, struct.pack("<L", 127 << 16 | 400))):
         bus.objects[16, 0x1016, sub] = value
@@ -205,7 +205,7 @@ def test_a_token_is_waited_for_as_long_as_the_supervisor_waits(bus: Asked) -> No
     arm.close()
 
 
-def test_a_predecessors_token_is_not_this_programs(bus: Asked) -> None:
+def test_a_predecessors_token_is_not_this_programs(bus):
     bus.token = 127
     arm = real(bus)
     arm.connect()
@@ -217,18 +217,18 @@ def test_a_predecessors_token_is_not_this_programs(bus: Asked) -> None:
     assert not [data for i, data in bus.sent[since:] if 0x200 < i < 0x280 or i == 0x610]
 
 
-def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus: Asked) -> None:
+def test_what_somebody_commands_while_the_drives_are_asked_is_not_forgotten(bus):
     bus.on_read = lambda reads: bus.say(0x202, bytes(7)) if len(reads) == 1 else None
     refused(bus, OtherMaster, r"Another program .* a command to joint 2 \(202h\)")
 
 
-def test_a_token_whose_holder_is_heard_is_his(bus: Asked) -> None:
+def test_a_token_whose_holder_is_heard_is_his(bus):
     bus.token = 99
     bus.other_master = ((0x700 + 99, b"\x05"),)
     assert refused(bus, ControlDenied).holder == 99
 
 
-def test_an_arm_at_rest_is_asked_once(bus: Asked) -> None:
+def test_an_arm_at_rest_is_asked_once(bus):
     arm = real(bus)
     arm.connect()
     before = [data[1:4] for identifier, data in bus.sent[: 7 + 1] if 0x600 < identifier < 0x680]
@@ -236,7 +236,7 @@ def test_an_arm_at_rest_is_asked_once(bus: Asked) -> None:
     arm.close()
 
 
-def test_who_stopped_the_nodes_comes_before_that_they_have_stopped() -> None:
+def test_who_stopped_the_nodes_comes_before_that_they_have_stopped():
     nodes = NodeMonitor(sarcos())
     nodes.note(0x703, b"\x05", 0.0, 0)
     nodes.note_command(0x000, b"\x80\x00")

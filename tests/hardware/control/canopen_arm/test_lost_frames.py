@@ -10,7 +10,7 @@ import pytest
 from hardware.canopen.sdo import ObjectAccess
 from hardware.errors import BusError, FramesLost
 from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import Connect, hasty, make
+from tests.hardware.on_fake_bus import hasty, make
 
 HASTY = hasty(sdo_timeout_s=0.05)
 
@@ -42,9 +42,7 @@ def requests(bus: FakeArmBus) -> int:
     return sum(0x600 < i < 0x680 and data[0] != 0x80 for i, data in bus.sent)
 
 
-def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(
-    bus: FakeArmBus,
-) -> None:
+def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(bus):
     bus.loses = one_in(10)
     with pytest.raises(FramesLost, match=r"of the requests \d of \d+ to node 1") as lost:
         make(bus, timing=HASTY).connect()
@@ -54,15 +52,13 @@ def test_a_bus_that_loses_every_tenth_frame_is_named_long_before_all_was_asked(
     assert asked <= requests(bus) < 60, "of more than 500"
 
 
-def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(
-    connected: Connect, bus: FakeArmBus
-) -> None:
+def test_a_bus_that_loses_one_frame_in_a_hundred_will_do(connected, bus):
     bus.loses = one_in(100)
     connected(timing=HASTY)
     assert requests(bus) > 500
 
 
-def test_what_was_asked_once_only_says_nothing_of_the_bus() -> None:
+def test_what_was_asked_once_only_says_nothing_of_the_bus():
     """Drives in the NMT state STOPPED answer nothing, and are asked whether they are in use before their reset."""
     lost = [True] * 16 + [False] * 8 + [True]
 
@@ -79,7 +75,7 @@ def test_what_was_asked_once_only_says_nothing_of_the_bus() -> None:
     assert not lost
 
 
-def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus: FakeArmBus) -> None:
+def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus):
     bus.loses = lambda identifier, data: (identifier, data[1:3]) == (0x604, b"\x14\x10")
     with pytest.raises(BusError, match="Node 4 does not answer when asked for 1014h") as silent:
         make(bus, timing=HASTY).connect()
@@ -95,9 +91,7 @@ def test_a_node_that_answers_nothing_any_more_is_no_bus_that_loses_frames(bus: F
         pytest.param(first(0x000, b"\x01\x04", b"\x01\x10"), id="start"),
     ],
 )
-def test_a_node_that_is_heard_is_told_once_more(
-    connected: Connect, bus: FakeArmBus, lost: Callable[[int, bytes], bool]
-) -> None:
+def test_a_node_that_is_heard_is_told_once_more(connected, bus, lost):
     bus.loses = lost
     arm = connected()
     arm.take_control()

@@ -1,20 +1,17 @@
 """A drive whose frames carry something else is refused by name before anything is enabled."""
 
 import struct
-from collections.abc import Iterator
 
 import pytest
 
 from hardware.errors import MappingMismatch
-from tests.hardware.fake_arm import FakeArmBus
-from tests.hardware.on_fake_bus import Connect, make
-from tests.oracles.approved import Approve
+from tests.hardware.on_fake_bus import make
 
 ABSENT = 0x06020000
 
 
 @pytest.fixture
-def bus(bus: FakeArmBus) -> Iterator[FakeArmBus]:
+def bus(bus):
     yield bus
     # Whatever was refused, no drive was told anything.
     assert not [i for i, _ in bus.sent if 0x200 < i <= 0x207]
@@ -46,9 +43,7 @@ def u32(value: int) -> bytes:
         ((2, 0x1800, 6), b"\x01"),
     ],
 )
-def test_what_differs_is_named_with_node_object_expected_and_found(
-    bus: FakeArmBus, place: tuple[int, int, int], value: bytes | int, approve: Approve
-) -> None:
+def test_what_differs_is_named_with_node_object_expected_and_found(bus, place, value, approve):
     bus.objects[place] = value
     with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
@@ -73,9 +68,7 @@ RPDO, TPDO = 0x1400, 0x1800
         *((TPDO, 2, cob_id) for cob_id in (0x583, 0x605, 0x610, 0x704, 0x710, 0x77F)),
     ],
 )
-def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(
-    bus: FakeArmBus, record: int, number: int, cob_id: int
-) -> None:
+def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(bus, record, number, cob_id):
     bus.objects[4, record + number - 1, 1] = u32(cob_id)
     with pytest.raises(MappingMismatch) as refused:
         make(bus).connect()
@@ -85,7 +78,7 @@ def test_a_pdo_that_nobody_uses_on_an_identifier_of_the_arm_is_refused(
     )
 
 
-def test_a_record_far_behind_the_others_is_found(bus: FakeArmBus) -> None:
+def test_a_record_far_behind_the_others_is_found(bus):
     """Looked for is until 16 in a row are absent."""
     for at in (8, 20, 36):
         bus.objects[4, RPDO + at, 1] = u32(0x80000000)
@@ -94,7 +87,7 @@ def test_a_record_far_behind_the_others_is_found(bus: FakeArmBus) -> None:
         make(bus).connect()
 
 
-def test_everything_that_differs_is_named_at_once(bus: FakeArmBus) -> None:
+def test_everything_that_differs_is_named_at_once(bus):
     bus.objects[3, 0x1A00, 2] = u32(0x606C0020)
     bus.objects[5, 0x1400, 2] = b"\x00"
     with pytest.raises(MappingMismatch) as refused:
@@ -102,7 +95,7 @@ def test_everything_that_differs_is_named_at_once(bus: FakeArmBus) -> None:
     assert [text[:7] for text in refused.value.differences] == ["node 3,", "node 5,"]
 
 
-def test_a_further_pdo_elsewhere_is_nobodys_business(connected: Connect, bus: FakeArmBus) -> None:
+def test_a_further_pdo_elsewhere_is_nobodys_business(connected, bus):
     bus.objects[4, 0x1401, 1] = u32(0x304)
     bus.objects[4, 0x1404, 1] = u32(0x80000201)
     bus.objects[4, 0x1801, 1] = u32(0x80000181)
@@ -113,7 +106,7 @@ def test_a_further_pdo_elsewhere_is_nobodys_business(connected: Connect, bus: Fa
     connected()
 
 
-def test_a_map_that_reads_well_and_a_frame_that_does_not_agree(bus: FakeArmBus) -> None:
+def test_a_map_that_reads_well_and_a_frame_that_does_not_agree(bus):
     """What the dictionary says and what the drive sends are two things."""
     bus.objects[2, 0x6064, 0] = struct.pack("<l", 150_000)
     with pytest.raises(MappingMismatch) as refused:

@@ -2,13 +2,11 @@
 
 import pytest
 
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import CommandRefused, ControlDenied, DriveFault, ModeNotReached
-from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import POSITION, TWO_DRIVEN, frames
 
 
-def test_taking_control_enables_every_drive_where_it_is(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_taking_control_enables_every_drive_where_it_is(arm, bus):
     before = [drive.counts for drive in bus.drives.values()]
     arm.take_control()
     assert bus.token == 127
@@ -19,7 +17,7 @@ def test_taking_control_enables_every_drive_where_it_is(arm: CanopenArm, bus: Fa
     assert {joint.mode for joint in snapshot.joints} == {POSITION}
 
 
-def test_a_token_held_by_somebody_else_is_respected(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_token_held_by_somebody_else_is_respected(arm, bus):
     bus.token = 42
     with pytest.raises(ControlDenied) as denied:
         arm.take_control()
@@ -27,26 +25,26 @@ def test_a_token_held_by_somebody_else_is_respected(arm: CanopenArm, bus: FakeAr
     assert frames(bus, 0x200) == []
 
 
-def test_an_operator_who_appears_later_is_respected(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_an_operator_who_appears_later_is_respected(arm, bus):
     bus.say(0x77F, b"\x05")
     arm.active_parameters()  # its answer came after the heartbeat
     with pytest.raises(ControlDenied):
         arm.take_control()
 
 
-def test_a_faulted_drive_is_named_when_control_is_taken(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_faulted_drive_is_named_when_control_is_taken(arm, bus):
     bus.drives[4].status = 0x08
     with pytest.raises(DriveFault) as fault:
         arm.take_control()
     assert (fault.value.joint, fault.value.code) == (4, 0x8611)
 
 
-def test_modes_are_read_back(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_modes_are_read_back(driven, bus):
     assert [drive.mode for drive in bus.drives.values()] == [10, 8, 10, 10, 8, 10, 10]
     assert [joint.mode for joint in driven.snapshot().joints] == TWO_DRIVEN
 
 
-def test_a_mode_that_is_not_reached_is_named(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_mode_that_is_not_reached_is_named(arm, bus):
     arm.take_control()
     bus.drives[3].follows_mode = False
     with pytest.raises(ModeNotReached) as late:
@@ -54,21 +52,19 @@ def test_a_mode_that_is_not_reached_is_named(arm: CanopenArm, bus: FakeArmBus) -
     assert (late.value.joint, late.value.wanted, late.value.actual) == (3, "free", "position")
 
 
-def test_modes_need_enabled_drives(arm: CanopenArm) -> None:
+def test_modes_need_enabled_drives(arm):
     with pytest.raises(CommandRefused, match="switch on disabled"):
         arm.set_modes(TWO_DRIVEN)
 
 
-def test_holding_puts_free_joints_where_they_are(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_holding_puts_free_joints_where_they_are(driven, bus):
     bus.drives[3].counts = 3456
     driven.hold()
     assert bus.drives[3].target == 3456
     assert {drive.mode for drive in bus.drives.values()} == {8}
 
 
-def test_a_drive_that_never_says_that_it_follows_its_target_is_not_moved_unwatched(
-    arm: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_drive_that_never_says_that_it_follows_its_target_is_not_moved_unwatched(arm, bus):
     bus.says_it_follows = False
     arm.take_control()
     with pytest.raises(ModeNotReached, match=r"joint 2 .* position .* bit 12") as deaf:

@@ -13,14 +13,12 @@ import numpy as np
 import pytest
 
 from hardware.arm import ArmSnapshot
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import CommandRefused, DriveFault, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import PER_RAD, Connect, drive, frames
-from tests.oracles.approved import Approve
+from tests.hardware.on_fake_bus import PER_RAD, drive, frames
 
 
-def test_a_move_reaches_its_targets_in_small_steps(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_move_reaches_its_targets_in_small_steps(driven, bus):
     result = driven.move({2: 0.2, 5: -0.1}, speed_rad_per_s=0.5)
     assert result.reached
     assert result.reason == ""
@@ -32,7 +30,7 @@ def test_a_move_reaches_its_targets_in_small_steps(driven: CanopenArm, bus: Fake
     assert not driven.snapshot().moving
 
 
-def test_the_same_moves_take_the_same_syncs_every_time(connected: Connect) -> None:
+def test_the_same_moves_take_the_same_syncs_every_time(connected):
     buses = FakeArmBus(), FakeArmBus()
     for fake in buses:
         arm = drive(connected(fake))
@@ -47,9 +45,7 @@ def test_the_same_moves_take_the_same_syncs_every_time(connected: Connect) -> No
     ("targets", "speed"),
     [({2: 3.0}, 0.5), ({2: math.nan}, 0.5), ({2: 0.1}, 5.0), ({2: 0.1}, 0.0), ({3: 0.1}, 0.5)],
 )
-def test_a_move_out_of_bounds_never_starts(
-    driven: CanopenArm, bus: FakeArmBus, targets: dict[int, float], speed: float, approve: Approve
-) -> None:
+def test_a_move_out_of_bounds_never_starts(driven, bus, targets, speed, approve):
     before = len(frames(bus, 0x200))
     with pytest.raises(CommandRefused) as refused:
         driven.move(targets, speed_rad_per_s=speed)
@@ -57,9 +53,7 @@ def test_a_move_out_of_bounds_never_starts(
     assert len(frames(bus, 0x200)) == before
 
 
-def test_a_watch_ends_the_move_with_its_words_and_deceleration(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_watch_ends_the_move_with_its_words_and_deceleration(driven, bus):
     seen: list[ArmSnapshot] = []
 
     def watch(snapshot: ArmSnapshot) -> str | None:
@@ -77,9 +71,7 @@ def test_a_watch_ends_the_move_with_its_words_and_deceleration(
     assert bus.drives[2].counts == bus.drives[2].target
 
 
-def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(driven, bus):
     def watch(snapshot: ArmSnapshot) -> str | None:
         if snapshot.joints[1].position_rad > 0.2:
             raise RuntimeError("broken watch")
@@ -90,7 +82,7 @@ def test_an_exception_of_the_watch_arrives_when_the_arm_is_at_rest(
     assert driven.move({2: 0.0}, speed_rad_per_s=0.5).reached
 
 
-def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven, bus):
     seen = threading.Event()
 
     def press_in_the_middle(_sync: int) -> None:
@@ -116,9 +108,7 @@ def test_ctrl_c_in_a_move_leaves_the_arm_at_rest(driven: CanopenArm, bus: FakeAr
     assert bus.drives[2].target == rest
 
 
-def test_a_tripped_drive_ends_the_move_and_all_others_hold(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_tripped_drive_ends_the_move_and_all_others_hold(driven, bus):
     start = bus.syncs
     bus.on_sync = lambda sync: bus.trip(5, 0x8311) if sync == start + 40 else None
     with pytest.raises(DriveFault) as fault:
@@ -149,9 +139,7 @@ def after_braking_began(bus: FakeArmBus, syncs: int, act: Callable[[], None]) ->
 
 
 @pytest.mark.parametrize("joint", [2, 5])
-def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(
-    driven: CanopenArm, bus: FakeArmBus, joint: int
-) -> None:
+def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(driven, bus, joint):
     after_braking_began(bus, 10, lambda: bus.trip(joint, 0x8311))
     with pytest.raises(DriveFault) as fault:
         driven.move({2: 1.0}, speed_rad_per_s=0.5, watch=brake_at(0.2))
@@ -159,9 +147,7 @@ def test_a_drive_that_trips_while_braking_is_named_and_all_others_hold(
     assert {drive.mode for j, drive in bus.drives.items() if j != joint} == {8}
 
 
-def test_an_external_stop_while_braking_is_a_stop_at_once(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_an_external_stop_while_braking_is_a_stop_at_once(driven, bus):
     external = struct.pack("<HB5x", 0x5441, 0x81)
     after_braking_began(bus, 10, lambda: bus.say(0x90, external))
     with pytest.raises(Stopped, match="external stop"):

@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from hardware.control.canopen_arm import CanopenArm
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
+from tests.hardware.fake_arm import JOINTS
 from tests.hardware.on_fake_bus import PER_RAD
 
 
-def test_settling_waits_for_the_spread_to_shrink(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_settling_waits_for_the_spread_to_shrink(driven, bus):
     start = bus.syncs
     bus.drives[4].noise = lambda sync: 500 if sync < start + 30 and sync % 2 else 0
     spread = [100 / PER_RAD] * JOINTS
@@ -18,7 +17,7 @@ def test_settling_waits_for_the_spread_to_shrink(driven: CanopenArm, bus: FakeAr
     assert 38 <= bus.syncs - start <= 41
 
 
-def test_settling_gives_up_after_its_syncs(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_settling_gives_up_after_its_syncs(driven, bus):
     start = bus.syncs
     bus.drives[4].noise = lambda sync: 500 * (sync % 2)
     spread = [100 / PER_RAD] * JOINTS
@@ -26,7 +25,7 @@ def test_settling_gives_up_after_its_syncs(driven: CanopenArm, bus: FakeArmBus) 
     assert bus.syncs - start == 60
 
 
-def test_a_reading_is_mean_sd_and_count_of_the_samples(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_reading_is_mean_sd_and_count_of_the_samples(driven, bus):
     noise = [3, -1, 4, 1, -5, 9, -2, 6]
     start = bus.syncs
     bus.drives[6].noise = lambda sync: noise[(sync - start - 1) % len(noise)]
@@ -41,14 +40,12 @@ def test_a_reading_is_mean_sd_and_count_of_the_samples(driven: CanopenArm, bus: 
     assert reading.first_sync == driven.snapshot().sync_count - len(noise) + 1
 
 
-def test_one_sample_has_no_deviation(driven: CanopenArm) -> None:
+def test_one_sample_has_no_deviation(driven):
     assert np.all(driven.capture(1).sd_rad == 0.0)
 
 
 @pytest.mark.parametrize("fault", ["silent", "twice"])
-def test_a_sample_that_is_not_whole_is_no_part_of_a_reading(
-    driven: CanopenArm, bus: FakeArmBus, fault: str
-) -> None:
+def test_a_sample_that_is_not_whole_is_no_part_of_a_reading(driven, bus, fault):
     start = bus.syncs
 
     def disturb(sync: int) -> None:

@@ -1,18 +1,13 @@
 """What the arm records of its bus: everything, in order, under a name of its own."""
 
-from pathlib import Path
-
 import can
 import pytest
 
 from hardware.errors import BusError
-from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import Connect
+from tests.hardware.fake_arm import JOINTS
 
 
-def test_the_recording_has_stop_and_every_frame_before_its_answer(
-    connected: Connect, bus: FakeArmBus, tmp_path: Path
-) -> None:
+def test_the_recording_has_stop_and_every_frame_before_its_answer(connected, bus, tmp_path):
     arm = connected(record_to=tmp_path / "bus.blf")
     arm.take_control()
     arm.stop()
@@ -34,9 +29,7 @@ def test_the_recording_has_stop_and_every_frame_before_its_answer(
 
 
 @pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
-def test_a_channel_of_any_name_is_recorded(
-    connected: Connect, bus: FakeArmBus, tmp_path: Path, suffix: str
-) -> None:
+def test_a_channel_of_any_name_is_recorded(connected, bus, tmp_path, suffix):
     """python-can takes digits at the end of a channel's name for a number, and packs it into two bytes."""
     received = bus._recv_internal
 
@@ -54,9 +47,7 @@ def test_a_channel_of_any_name_is_recorded(
         assert sum(frame.arbitration_id == 0x701 for frame in recorded) >= 1
 
 
-def test_connecting_again_leaves_the_recording_before_alone(
-    connected: Connect, tmp_path: Path
-) -> None:
+def test_connecting_again_leaves_the_recording_before_alone(connected, tmp_path):
     arm = connected(record_to=tmp_path / "bus.blf")
     arm.close()
     first = (tmp_path / "bus.blf").read_bytes()
@@ -67,6 +58,6 @@ def test_connecting_again_leaves_the_recording_before_alone(
         assert sum(frame.arbitration_id == 0x701 for frame in again) >= 1
 
 
-def test_a_recording_that_cannot_start_is_said(connected: Connect, tmp_path: Path) -> None:
+def test_a_recording_that_cannot_start_is_said(connected, tmp_path):
     with pytest.raises(BusError, match="cannot be recorded"):
         connected(record_to=tmp_path / "missing" / "bus.blf")

@@ -5,15 +5,11 @@ import struct
 import can
 import pytest
 
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused
-from tests.hardware.fake_arm import FakeArmBus
 from tests.hardware.on_fake_bus import PER_RAD, capture_for_ever, wait_for
 
 
-def test_a_joint_that_stops_answering_is_named_and_nothing_hangs(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_joint_that_stops_answering_is_named_and_nothing_hangs(driven, bus):
     bus.silent = {6}
     with pytest.raises(BusError, match="no answer to SYNC from node 6"):
         driven.move({2: 0.5}, speed_rad_per_s=0.5)
@@ -23,9 +19,7 @@ def test_a_joint_that_stops_answering_is_named_and_nothing_hangs(
     assert driven_again.joints[5].age_s > driven_again.joints[0].age_s
 
 
-def test_an_arm_that_was_stopped_and_then_fell_silent_is_not_said_to_be_held(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_an_arm_that_was_stopped_and_then_fell_silent_is_not_said_to_be_held(driven, bus):
     bus.dead = {16}
     with pytest.raises(BusError, match="no heartbeat from node 16"):
         capture_for_ever(driven)
@@ -33,7 +27,7 @@ def test_an_arm_that_was_stopped_and_then_fell_silent_is_not_said_to_be_held(
     assert not driven.close()
 
 
-def test_a_broken_bus_is_a_bus_error_everywhere(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_broken_bus_is_a_bus_error_everywhere(driven, bus):
     bus.broken = can.CanOperationError("cable cut")
     with pytest.raises(BusError, match="cable cut"):
         driven.capture(5)
@@ -44,13 +38,13 @@ def test_a_broken_bus_is_a_bus_error_everywhere(driven: CanopenArm, bus: FakeArm
     driven.close()
 
 
-def test_a_node_that_restarts_is_named(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_node_that_restarts_is_named(driven, bus):
     bus.restart(3)
     with pytest.raises(BusError, match="Node 3 has left operation"):
         capture_for_ever(driven)
 
 
-def test_a_target_the_drive_refuses_is_no_trip(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_target_the_drive_refuses_is_no_trip(driven, bus):
     bus.say(0x82, struct.pack("<HB5x", 0x8612, 0x81))
     with pytest.raises(CommandRefused, match="joint 2: target refused"):
         capture_for_ever(driven)
@@ -59,7 +53,7 @@ def test_a_target_the_drive_refuses_is_no_trip(driven: CanopenArm, bus: FakeArmB
     driven.capture(1)
 
 
-def test_one_lost_answer_does_not_end_a_move(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_one_lost_answer_does_not_end_a_move(driven, bus):
     start = bus.syncs
 
     def lose_one(sync: int) -> None:
@@ -69,7 +63,7 @@ def test_one_lost_answer_does_not_end_a_move(driven: CanopenArm, bus: FakeArmBus
     assert driven.move({2: 0.2}, speed_rad_per_s=0.5).reached
 
 
-def test_frames_that_mean_nothing_are_passed_over(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_frames_that_mean_nothing_are_passed_over(driven, bus):
     for identifier, data in (
         (0x181, b""),  # a TPDO1 of another length
         (0x703, b"\x05\x05"),

@@ -8,7 +8,6 @@ import can
 import pytest
 
 from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import BusError, CommandRefused, Stopped
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
 from tests.hardware.on_fake_bus import (
@@ -22,7 +21,7 @@ from tests.hardware.on_fake_bus import (
 )
 
 
-def test_stop_reaches_all_drives_and_latches(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_stop_reaches_all_drives_and_latches(driven, bus):
     driven.stop()
     assert bus.statuses == {0x07}
     assert driven.snapshot().stopped
@@ -36,9 +35,7 @@ def test_stop_reaches_all_drives_and_latches(driven: CanopenArm, bus: FakeArmBus
     assert bus.statuses == {0x07}
 
 
-def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_command_under_way_when_stop_comes_is_followed_by_quick_stop(driven, bus):
     """STOP strikes from another thread between the loop's look at the latch and its frame, and waits for no lock."""
     presses: list[threading.Thread] = []
 
@@ -70,7 +67,7 @@ STAGES = {
 
 
 @pytest.mark.parametrize("stage", STAGES)
-def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage: str) -> None:
+def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage):
     """By the time a STOP is pressed the bus may be open, and a drive may be moving for whoever was before us."""
 
     class Pressed(FakeArmBus):
@@ -105,7 +102,7 @@ def test_stop_while_connecting_is_latched_and_sent_and_ends_it(stage: str) -> No
     arm.close()
 
 
-def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus: FakeArmBus) -> None:
+def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus):
     def opened(_: BusSettings) -> can.BusABC:
         arm.stop()
         return bus
@@ -116,9 +113,7 @@ def test_stop_before_the_bus_is_open_is_latched_and_ends_connecting(bus: FakeArm
     assert bus.sent == []
 
 
-def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(driven, bus):
     for _ in range(3):
         driven.stop()
     bus.trip(3, 0x7305)
@@ -136,9 +131,7 @@ def test_one_reset_lifts_all_stops_before_it_and_moves_nothing(
     assert [drive.counts for drive in bus.drives.values()] == positions
 
 
-def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(driven, bus):
     """On a busy machine it may still wait to be looked at when RESET has its turn."""
     driven.stop()
     first = bus.syncs + 1
@@ -149,15 +142,13 @@ def test_an_emergency_that_is_read_after_reset_is_over_when_the_drive_says_so(
     driven.take_control()
 
 
-def test_an_external_stop_is_a_stop(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_an_external_stop_is_a_stop(driven, bus):
     bus.say(0x90, struct.pack("<HB5x", 0x5441, 0x81))
     with pytest.raises(Stopped, match="external stop"):
         capture_for_ever(driven)
 
 
-def test_reset_forgets_an_emergency_that_nobody_says_is_over(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_reset_forgets_an_emergency_that_nobody_says_is_over(driven, bus):
     bus.say(0x90, struct.pack("<HB5x", 0x5441, 0x81))
     wait_for(lambda: bool(driven.snapshot().faults))
     driven.reset_stop()
@@ -165,7 +156,7 @@ def test_reset_forgets_an_emergency_that_nobody_says_is_over(
     driven.take_control()
 
 
-def test_a_stop_while_being_reset_stays(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_stop_while_being_reset_stays(driven, bus):
     driven.stop()
     start = bus.syncs
     bus.on_sync = lambda sync: driven.stop() if sync == start + 2 else None
@@ -174,7 +165,7 @@ def test_a_stop_while_being_reset_stays(driven: CanopenArm, bus: FakeArmBus) -> 
     assert driven.snapshot().stopped
 
 
-def test_a_stop_outlives_the_connection(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_stop_outlives_the_connection(driven, bus):
     driven.stop()
     driven.close()
     driven.connect()
@@ -189,6 +180,6 @@ def test_a_stop_outlives_the_connection(driven: CanopenArm, bus: FakeArmBus) -> 
     assert driven.move({2: 0.1}, speed_rad_per_s=0.1).reached
 
 
-def test_a_connected_arm_is_not_connected_again(arm: CanopenArm) -> None:
+def test_a_connected_arm_is_not_connected_again(arm):
     with pytest.raises(ValueError, match="already"):
         arm.connect()

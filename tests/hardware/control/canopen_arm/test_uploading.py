@@ -3,14 +3,12 @@
 import hashlib
 import struct
 import time
-from collections.abc import Iterator
 
 import pytest
 from canopen.sdo.exceptions import SdoCommunicationError
 
 from hardware.arm import DriveState
 from hardware.canopen.uploading import MAX_UPLOADS
-from hardware.control.canopen_arm import CanopenArm
 from hardware.errors import (
     BusError,
     ControlDenied,
@@ -37,17 +35,17 @@ class Clock:
 
 
 @pytest.fixture
-def clock() -> Clock:
+def clock():
     return Clock()
 
 
 @pytest.fixture
-def pace() -> Pace:
+def pace():
     return Pace.FAST_FORWARD
 
 
 @pytest.fixture
-def arm(bus: FakeArmBus, clock: Clock, pace: Pace) -> Iterator[CanopenArm]:
+def arm(bus, clock, pace):
     """Of an operator's program that waits no longer than a fake arm needs."""
     timing = hasty(speed=10.0, heartbeat_timeout_s=0.35, sdo_timeout_s=0.1)
     made = make(bus, pace=pace, timing=timing, clock=clock)
@@ -56,7 +54,7 @@ def arm(bus: FakeArmBus, clock: Clock, pace: Pace) -> Iterator[CanopenArm]:
     made.close()
 
 
-def test_an_upload_is_staged_read_back_and_committed(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_an_upload_is_staged_read_back_and_committed(driven, bus):
     receipt = driven.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert receipt.sha256 == SHA256
@@ -65,29 +63,27 @@ def test_an_upload_is_staged_read_back_and_committed(driven: CanopenArm, bus: Fa
     assert driven.active_parameters() == DOCUMENT
 
 
-def test_an_upload_enables_no_drive(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_an_upload_enables_no_drive(arm, bus):
     arm.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert {j.drive for j in arm.snapshot().joints} == {DriveState.SWITCH_ON_DISABLED}
 
 
 @pytest.mark.parametrize("document", [b"", b"abc", b"abcd", b"abcdefg", bytes(range(256))])
-def test_any_length_survives(driven: CanopenArm, bus: FakeArmBus, document: bytes) -> None:
+def test_any_length_survives(driven, bus, document):
     if document:
         driven.upload_parameters(document)
     assert driven.active_parameters() == document
 
 
-def test_a_refusal_carries_the_controllers_words(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_refusal_carries_the_controllers_words(driven, bus):
     bus.document, bus.refusal = b"the one before", "serial SDA-0007 is another arm"
     with pytest.raises(UploadRefused, match="serial SDA-0007 is another arm"):
         driven.upload_parameters(DOCUMENT)
     assert driven.active_parameters() == b"the one before"
 
 
-def test_a_document_that_comes_back_different_is_dropped(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_document_that_comes_back_different_is_dropped(driven, bus):
     bus.document, bus.corrupts = b"the one before", True
     with pytest.raises(UploadRefused, match=f"byte {len(DOCUMENT) - 1} differs"):
         driven.upload_parameters(DOCUMENT)
@@ -115,9 +111,7 @@ COMMIT = b"\x2f\x02\x20\x00\x02"
 COMMITTED = b"\x60\x02\x20\x00"
 
 
-def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(driven, bus):
     def loses(identifier: int, data: bytes) -> bool:
         return identifier == 0x590 and bus.document == DOCUMENT
 
@@ -128,9 +122,7 @@ def test_a_supervisor_that_falls_silent_at_the_commit_leaves_it_unknown(
     assert driven.active_parameters() == DOCUMENT
 
 
-def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_since(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_since(driven, bus):
     """Its answer was lost, and it was repeated: what 2003h says counts, and not why the repetition is refused."""
     asked = 0
 
@@ -151,8 +143,8 @@ def test_a_commit_that_was_done_at_last_is_no_refusal_though_control_was_lost_si
 
 @pytest.mark.parametrize("times", [1, 100])
 def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_to_be_dropped(
-    driven: CanopenArm, bus: FakeArmBus, times: int
-) -> None:
+    driven, bus, times
+):
     """As a supervisor does whose operator is missed for a moment."""
     dropped = 0
 
@@ -186,9 +178,7 @@ def test_a_document_dropped_before_its_commit_came_is_uploaded_again_and_known_t
         pytest.param(Loses(0x590, COMMITTED, skip=1), id="the commit's answer"),
     ],
 )
-def test_a_lost_frame_has_it_written_checked_or_looked_for_again(
-    driven: CanopenArm, bus: FakeArmBus, loses: Loses
-) -> None:
+def test_a_lost_frame_has_it_written_checked_or_looked_for_again(driven, bus, loses):
     bus.document, bus.loses = b"the one before", loses
     receipt = driven.upload_parameters(DOCUMENT)
     assert (receipt.length, receipt.sha256) == (len(DOCUMENT), SHA256)
@@ -196,9 +186,7 @@ def test_a_lost_frame_has_it_written_checked_or_looked_for_again(
     assert bus.document == DOCUMENT
 
 
-def test_frames_lost_each_time_are_a_silence_and_no_refusal(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_frames_lost_each_time_are_a_silence_and_no_refusal(driven, bus):
     """The node refuses the segment that closes a transfer which it has given up: not the reason."""
     bus.document, bus.loses = b"the one before", Loses(0x610, b"\x10", times=MAX_UPLOADS, skip=3)
     with pytest.raises(BusError, match="Node 16 does not answer when asked for 2000h"):
@@ -222,7 +210,7 @@ class Lapses:
 
 
 @pytest.fixture
-def late(driven: CanopenArm, clock: Clock) -> CanopenArm:
+def late(driven, clock):
     """An arm whose operator's program was late for a moment."""
     clock.late_s = 0.74
     wait_for(lambda: driven.snapshot().lateness.times > 0)
@@ -230,18 +218,14 @@ def late(driven: CanopenArm, clock: Clock) -> CanopenArm:
 
 
 @pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_control_that_lapsed_by_our_own_lateness_is_taken_again(
-    late: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_control_that_lapsed_by_our_own_lateness_is_taken_again(late, bus):
     bus.document, bus.loses = b"the one before", Lapses(bus)
     late.upload_parameters(DOCUMENT)
     assert bus.document == DOCUMENT
     assert bus.token == 127
 
 
-def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(driven, bus):
     bus.document, bus.loses = b"the one before", Lapses(bus)
     with pytest.raises(ControlDenied) as denied:
         driven.upload_parameters(DOCUMENT)
@@ -251,9 +235,7 @@ def test_control_that_lapsed_while_nobody_here_was_late_is_not_taken_again(
 
 
 @pytest.mark.parametrize("pace", [Pace.REAL_TIME])
-def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(
-    late: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(late, bus):
     bus.document, bus.loses = b"the one before", Lapses(bus, always=True)
     with pytest.raises(HostLatencyExceeded) as exceeded:
         late.upload_parameters(DOCUMENT)
@@ -262,7 +244,7 @@ def test_what_comes_of_our_own_lateness_is_not_put_down_to_the_cable(
     assert bus.document == b"the one before"
 
 
-def test_a_refusal_after_a_silence_is_a_refusal(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_refusal_after_a_silence_is_a_refusal(driven, bus):
     bus.refusal = "another arm"
     try:
         raise SdoCommunicationError("No SDO response received")
@@ -272,9 +254,7 @@ def test_a_refusal_after_a_silence_is_a_refusal(driven: CanopenArm, bus: FakeArm
 
 
 @pytest.mark.parametrize("frame", [2, 3, 9])
-def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(
-    driven: CanopenArm, bus: FakeArmBus, frame: int
-) -> None:
+def test_ctrl_c_in_an_upload_is_an_interrupt_and_the_next_one_works(driven, bus, frame):
     sent = []
 
     def interrupt(identifier: int, data: bytes) -> None:

@@ -9,7 +9,6 @@ import can
 import pytest
 
 from hardware.buses.python_can import BusSettings
-from hardware.control.canopen_arm import CanopenArm
 from hardware.control.control_loop import MAX_IDLE_POLL_S
 from hardware.errors import (
     BusError,
@@ -24,8 +23,7 @@ from hardware.errors import (
 from hardware.monitors.node_monitor import NodeMonitor
 from hardware.timing import Pace, Timing
 from tests.hardware.fake_arm import JOINTS, FakeArmBus
-from tests.hardware.on_fake_bus import Connect, capture_for_ever, frames, hasty, wait_for
-from tests.oracles.approved import Approve
+from tests.hardware.on_fake_bus import capture_for_ever, frames, hasty, wait_for
 from tests.oracles.profiles import sarcos
 
 
@@ -40,9 +38,7 @@ from tests.oracles.profiles import sarcos
         (0x603, bytes.fromhex("c07d600108000000")),
     ],
 )
-def test_whoever_else_commands_is_named(
-    driven: CanopenArm, bus: FakeArmBus, frame: tuple[int, bytes], approve: Approve
-) -> None:
+def test_whoever_else_commands_is_named(driven, bus, frame, approve):
     bus.say(*frame)
     with pytest.raises(OtherMaster) as refused:
         capture_for_ever(driven)
@@ -50,16 +46,14 @@ def test_whoever_else_commands_is_named(
     driven.hold()
 
 
-def test_whoever_only_asks_or_stops_is_welcome(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_whoever_only_asks_or_stops_is_welcome(driven, bus):
     bus.say(0x610, bytes.fromhex("4000200000000000"))
     bus.say(0x610, bytes.fromhex("a400200020000000"))  # a block upload
     bus.say(0x203, struct.pack("<Hib", 0x02, 0, 8))
     driven.capture(20)
 
 
-def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(driven, bus):
     bus.say(0x703, b"\x00")
     bus.say(0x703, b"\x05")
     with pytest.raises(NodeRestarted, match=r"joint 3 \(node 3\) has restarted") as told:
@@ -68,18 +62,14 @@ def test_a_node_that_is_back_in_operation_has_restarted_all_the_same(
 
 
 @pytest.mark.parametrize("joint", [1, 4, 7])
-def test_two_answers_to_every_sync_end_a_capture(
-    driven: CanopenArm, bus: FakeArmBus, joint: int
-) -> None:
+def test_two_answers_to_every_sync_end_a_capture(driven, bus, joint):
     bus.twice = {joint}
     with pytest.raises(DuplicateNodeId, match=f"two devices answer as node {joint}"):
         driven.capture(50)
 
 
 @pytest.mark.campaign
-def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(driven, bus):
     def normal_priority(sync: int) -> None:
         bus.silent = {1 + sync % JOINTS}
 
@@ -88,9 +78,7 @@ def test_where_hardly_any_sync_is_answered_by_all_a_capture_ends(
         driven.capture(1)
 
 
-def test_two_devices_with_one_number_are_named_when_connecting(
-    connected: Connect, bus: FakeArmBus
-) -> None:
+def test_two_devices_with_one_number_are_named_when_connecting(connected, bus):
     bus.twins = {5}
     with pytest.raises(DuplicateNodeId, match="two devices answer as node 5"):
         connected()
@@ -99,8 +87,8 @@ def test_two_devices_with_one_number_are_named_when_connecting(
 
 @pytest.mark.parametrize("node", [1, 7])
 def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_named(
-    driven: CanopenArm, bus: FakeArmBus, node: int
-) -> None:
+    driven, bus, node
+):
     bus.twins = {node}
     with suppress(
         DuplicateNodeId
@@ -110,9 +98,7 @@ def test_a_second_device_that_comes_in_mid_session_and_answers_to_objects_is_nam
         driven.hold()
 
 
-def test_an_object_answered_twice_now_and_then_is_no_second_device(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_an_object_answered_twice_now_and_then_is_no_second_device(driven, bus):
     asked = itertools.count()
     bus.doubles = lambda node: node == 4 and next(asked) % 2 == 0
     for _ in range(10):
@@ -130,35 +116,31 @@ def test_an_object_answered_twice_now_and_then_is_no_second_device(
     ],
 )
 def test_an_answer_to_sync_that_is_no_longer_the_position_is_no_reading(
-    driven: CanopenArm, bus: FakeArmBus, changed: dict[tuple[int, int, int], bytes], words: str
-) -> None:
+    driven, bus, changed, words
+):
     driven.capture(3)
     bus.objects |= {**changed, (4, 0x6064, 0): struct.pack("<l", 5000)}
     with pytest.raises(MappingChanged, match=f"the set-up of these nodes was changed.*{words}"):
         driven.capture(3)
 
 
-def test_why_a_move_ends_early_is_looked_for_in_the_maps_first(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_why_a_move_ends_early_is_looked_for_in_the_maps_first(driven, bus):
     bus.objects[4, 0x6064, 0] = struct.pack("<l", 5000)
     with pytest.raises(MappingChanged, match="node 4, 6064h"):
         driven.move({2: 0.3}, speed_rad_per_s=0.5, watch=lambda _: "joint 4 does not follow")
 
 
-def test_noise_is_no_other_map(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_noise_is_no_other_map(driven, bus):
     bus.drives[4].noise = lambda sync: 1000 * (sync * sync % 7 == 1)
     assert driven.capture(3).samples == 3
 
 
-def test_a_pose_does_not_wait_for_an_object_that_is_not_given(
-    driven: CanopenArm, bus: FakeArmBus
-) -> None:
+def test_a_pose_does_not_wait_for_an_object_that_is_not_given(driven, bus):
     bus.objects[1, 0x6064, 0] = 0x08000000
     assert driven.capture(3).samples == 3
 
 
-def test_a_slow_heartbeat_is_waited_for(connected: Connect, bus: FakeArmBus) -> None:
+def test_a_slow_heartbeat_is_waited_for(connected, bus):
     bus.heartbeat_ms = 800
     arm = connected()
     bus.mute = {3}
@@ -167,12 +149,12 @@ def test_a_slow_heartbeat_is_waited_for(connected: Connect, bus: FakeArmBus) -> 
         arm.capture(1)
 
 
-def test_other_bits_of_the_device_type_are_the_makers(connected: Connect, bus: FakeArmBus) -> None:
+def test_other_bits_of_the_device_type_are_the_makers(connected, bus):
     bus.objects[2, 0x1000, 0] = struct.pack("<L", 0x47020192)
     connected()
 
 
-def test_the_patience_for_an_object_is_a_setting(connected: Connect, bus: FakeArmBus) -> None:
+def test_the_patience_for_an_object_is_a_setting(connected, bus):
     arm = connected(timing=hasty(sdo_timeout_s=0.05))
     bus.dead = {3}
     begun = time.monotonic()
@@ -181,7 +163,7 @@ def test_the_patience_for_an_object_is_a_setting(connected: Connect, bus: FakeAr
     assert time.monotonic() - begun < 2.9, "three times the usual second"
 
 
-def test_a_joint_that_jumps_ends_what_is_under_way(driven: CanopenArm, bus: FakeArmBus) -> None:
+def test_a_joint_that_jumps_ends_what_is_under_way(driven, bus):
     driven.capture(20)
     bus.drives[3].counts += 500
     with pytest.raises(SensorFault, match=r"joint 3 jumped by \+500 counts") as told:
@@ -193,7 +175,7 @@ def test_a_joint_that_jumps_ends_what_is_under_way(driven: CanopenArm, bus: Fake
     driven.reset_stop()
 
 
-def test_a_trip_from_before_is_known_when_connected(connected: Connect, bus: FakeArmBus) -> None:
+def test_a_trip_from_before_is_known_when_connected(connected, bus):
     bus.drives[4].status = 0x08
     arm = connected()
     (fault,) = arm.snapshot().faults
@@ -202,7 +184,7 @@ def test_a_trip_from_before_is_known_when_connected(connected: Connect, bus: Fak
         arm.take_control()
 
 
-def test_control_that_is_not_given_is_nobody_elses(arm: CanopenArm, bus: FakeArmBus) -> None:
+def test_control_that_is_not_given_is_nobody_elses(arm, bus):
     bus.denies_control, bus.refusal = True, "the heartbeat of node 127 is not heard"
     with pytest.raises(ControlDenied, match="refused: the heartbeat of node 127") as denied:
         arm.take_control()
@@ -227,9 +209,7 @@ class Babbling(FakeArmBus):
 
 
 @pytest.mark.parametrize("pace", list(Pace))
-def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(
-    connected: Connect, pace: Pace
-) -> None:
+def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(connected, pace):
     bus = Babbling()
     arm = connected(bus, pace=pace, timing=hasty(heartbeat_timeout_s=5.0, lost_after_s=5.0))
     arm.take_control()
@@ -248,9 +228,7 @@ def test_with_a_frame_always_waiting_sync_and_heartbeat_go_on(
     bus.silent = set()
 
 
-def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_is_one(
-    connected: Connect,
-) -> None:
+def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_is_one(connected):
     class Noting(FakeArmBus):
         """Notes how long its reader is ready to wait."""
 
@@ -270,7 +248,7 @@ def test_who_has_nothing_to_do_looks_for_a_task_less_and_less_often_until_there_
     assert timing.idle_poll_s in waits_s, "the next task may follow at once"
 
 
-def test_an_adapter_that_opens_once_connects_and_stops(connected: Connect, bus: FakeArmBus) -> None:
+def test_an_adapter_that_opens_once_connects_and_stops(connected, bus):
     def only_once(_: BusSettings) -> can.BusABC:
         raise BusError("the adapter is in use")
 
@@ -280,7 +258,7 @@ def test_an_adapter_that_opens_once_connects_and_stops(connected: Connect, bus: 
     assert bus.statuses == {0x07}
 
 
-def test_a_drive_that_goes_on_complaining_is_one_fault() -> None:
+def test_a_drive_that_goes_on_complaining_is_one_fault():
     nodes = NodeMonitor(sarcos(7))
     for sync in range(5000):
         for code in (0x8311, 0x7305):

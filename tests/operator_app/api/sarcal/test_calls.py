@@ -1,7 +1,6 @@
 """What a program may get wrong: an error that names the argument, what was given and what to give."""
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,6 @@ import pytest
 import sarcal
 from sarcal.calls import one_blas_thread
 from threadpoolctl import threadpool_info, threadpool_limits
-
-from tests.oracles.answers import EndsWith
-from tests.oracles.approved import Approve
 
 EXACT = Path(__file__).parents[3] / "data/hinge/hinge_exact.csv"
 HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
@@ -69,17 +65,13 @@ def with_nan(value: float) -> np.ndarray:
         (lambda: sarcal.compare("a.yaml", "b.yaml", level=2), ValueError),
     ],
 )  # fmt: skip
-def test_an_argument_that_is_none_is_named(
-    call: Callable[[], object], kind: type[Exception], approve: Approve
-) -> None:
+def test_an_argument_that_is_none_is_named(call, kind, approve):
     with pytest.raises(kind) as refused:
         call()
     approve(str(refused.value))
 
 
-def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(
-    result: sarcal.Result,
-) -> None:
+def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(result):
     q = result.poses.q_rad
     for frame in ("Tip", "base", ""):
         with pytest.raises(ValueError, match=f"frame='{frame}': give 'tip' or 'flange'"):
@@ -98,7 +90,7 @@ def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(
     assert result.fk((q[0] + 2.0 * np.pi).tolist()).shape == (4, 4)
 
 
-def test_one_number_counts_for_all_poses(tmp_path: Path) -> None:
+def test_one_number_counts_for_all_poses(tmp_path):
     def file(poses: sarcal.Poses) -> bytes:
         return poses.to_csv(tmp_path / "poses.csv").read_bytes()
 
@@ -112,14 +104,12 @@ def test_one_number_counts_for_all_poses(tmp_path: Path) -> None:
     assert file(a_joint) != file(sarcal.poses_of(q_rad=Q, sd_rad=np.zeros((12, 7))))
 
 
-def test_a_simulation_goes_in_as_its_poses() -> None:
+def test_a_simulation_goes_in_as_its_poses():
     made = sarcal.simulate(**HINGE, poses=12)
     assert sarcal.load_poses(made, joint_count=7) is made.poses
 
 
-def test_measured_endpoints_that_take_no_part_are_said(
-    result: sarcal.Result, tmp_path: Path, ends_with: EndsWith
-) -> None:
+def test_measured_endpoints_that_take_no_part_are_said(result, tmp_path, ends_with):
     q = result.poses.q_rad
     measured = sarcal.poses_of(q_rad=q, endpoint_m=np.zeros((len(q), 3)))
     said = "measured endpoints (x_m,y_m,z_m), which a hinge fixture does not use"
@@ -128,9 +118,7 @@ def test_measured_endpoints_that_take_no_part_are_said(
     assert said in ends_with(0, "solve", measured.to_csv(tmp_path / "measured.csv")).words
 
 
-def test_what_cannot_be_compared_is_one_of_our_errors(
-    result: sarcal.Result, tmp_path: Path
-) -> None:
+def test_what_cannot_be_compared_is_one_of_our_errors(result, tmp_path):
     ours = result.export(tmp_path / "ours.yaml")
     other = tmp_path / "other.yaml"
     other.write_text(ours.read_text().replace("sarcos_dextrous", "another"))
@@ -143,15 +131,13 @@ def test_what_cannot_be_compared_is_one_of_our_errors(
         sarcal.compare(ours, tmp_path / "nothing")
 
 
-def test_a_number_that_no_file_holds_is_named() -> None:
+def test_a_number_that_no_file_holds_is_named():
     for name in ("placement", "samples"):
         with pytest.raises(ValueError, match=rf"{name} contains 1{'0' * 30}: give numbers below"):
             sarcal.poses_of(q_rad=Q, **{name: 10**30})
 
 
-def test_into_a_file_that_is_none_or_the_target_itself(
-    result: sarcal.Result, tmp_path: Path
-) -> None:
+def test_into_a_file_that_is_none_or_the_target_itself(result, tmp_path):
     own = tmp_path / "own.urdf"
     with pytest.raises(sarcal.ConfigError, match=r"own\.urdf: there is no such file"):
         result.export(tmp_path / "out.urdf", into=own)
@@ -167,7 +153,7 @@ def blas_threads() -> set[int]:
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_one_thread_inside_and_the_callers_setting_afterwards(fails: bool) -> None:
+def test_one_thread_inside_and_the_callers_setting_afterwards(fails):
     inside = []
 
     @one_blas_thread
@@ -189,5 +175,5 @@ def test_one_thread_inside_and_the_callers_setting_afterwards(fails: bool) -> No
 @pytest.mark.parametrize(
     "name", ["calibrate", "compare", "load_result", "plan", "simulate", "verify"]
 )
-def test_whatever_computes_is_limited(name: str) -> None:
+def test_whatever_computes_is_limited(name):
     assert hasattr(getattr(sarcal, name), "__wrapped__")

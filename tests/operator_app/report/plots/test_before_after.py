@@ -1,7 +1,6 @@
 """Before and after stand side by side, drawn to scale and in agreement with the page's tables."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,12 +8,11 @@ import sarcal
 
 from operator_app.config.poses_file import load_poses
 from operator_app.report.plots.before_after import arm_pair, hand_pair
-from operator_app.report.subject import Subject
 from tests.oracles.open_arm import measured_csv
 from tests.oracles.reported_session import number
 
 
-def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> None:
+def test_before_and_after_stand_side_by_side(page, subject):
     assert subject.solution is not None
     assert subject.solution.accuracy is not None
     hand = hand_pair(subject.solution, subject.procedure.arm)
@@ -55,7 +53,7 @@ def test_before_and_after_stand_side_by_side(page: object, subject: Subject) -> 
     assert np.hypot(np.ptp(gap.x), np.ptp(gap.y)) <= 1.01 * times * before
 
 
-def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path: Path) -> None:
+def test_the_open_arm_is_drawn_with_where_it_was_measured(tmp_path):
     """By the triangle of base, hand and endpoint the gap is what these lengths leave, and it is small after."""
     file = measured_csv(tmp_path / "open.csv")
     poses = sarcal.load_poses(file)

@@ -18,7 +18,7 @@ SVG = "{http://www.w3.org/2000/svg}"
 
 
 @pytest.fixture(scope="module")
-def hinge() -> sarcal.Result:
+def hinge():
     return sarcal.calibrate(arm="sarcos_dextrous", fixture="hinge", poses=HINGE)
 
 
@@ -43,7 +43,7 @@ def scale(panel: ET.Element) -> tuple[float, float]:
     return float(slope), float(start)
 
 
-def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge: sarcal.Result) -> None:
+def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge):
     assert hinge.figures == tuple(FIGURES)
     ball = sarcal.calibrate(
         arm="franka_panda", fixture="ball", poses=PANDA / "panda_1.csv", drop_unidentifiable=True
@@ -54,7 +54,7 @@ def test_a_hinge_has_them_all_and_a_ball_what_it_has(hinge: sarcal.Result) -> No
         hinge.figure("nothing")
 
 
-def test_bars_are_the_shares_of_the_budget(hinge: sarcal.Result) -> None:
+def test_bars_are_the_shares_of_the_budget(hinge):
     budget = hinge.to_json()["budget"]
     (panel,) = panels(hinge, "budget")
     assert [t for t in texts(panel) if t in budget] == list(budget)
@@ -70,7 +70,7 @@ def test_bars_are_the_shares_of_the_budget(hinge: sarcal.Result) -> None:
     assert percent[:, 0] == pytest.approx(max(by_source.values(), key=sum), abs=0.1)
 
 
-def test_points_and_intervals_are_those_of_the_result(hinge: sarcal.Result) -> None:
+def test_points_and_intervals_are_those_of_the_result(hinge):
     said = hinge.to_json()
     names = [n for n in said["parameters"] if n.startswith(("theta", "alpha"))]
     panel = panels(hinge, "parameters")[0]
@@ -89,7 +89,7 @@ def test_points_and_intervals_are_those_of_the_result(hinge: sarcal.Result) -> N
     assert width == pytest.approx(ends[:, 1] - ends[:, 0], abs=5e-3)
 
 
-def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge: sarcal.Result) -> None:
+def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge):
     shown = [" ".join(texts(p)) for p in panels(hinge, "residuals")]
     for words, panel in zip(
         ("position error [mm]", "orientation error [mrad]", "distance [mm]"), shown, strict=True
@@ -104,7 +104,7 @@ def test_panels_are_the_pages_pictures_and_areas_the_hands_errors(hinge: sarcal.
     assert radii[1] / radii[0] == pytest.approx(wanted, abs=2e-3)
 
 
-def test_a_file_stands_alone_and_a_notebook_shows_it(hinge: sarcal.Result, tmp_path: Path) -> None:
+def test_a_file_stands_alone_and_a_notebook_shows_it(hinge, tmp_path):
     made = hinge.figure("condition")
     assert made._repr_svg_() == made.svg
     made.savefig(tmp_path / "condition.svg")
@@ -114,9 +114,7 @@ def test_a_file_stands_alone_and_a_notebook_shows_it(hinge: sarcal.Result, tmp_p
         made.savefig(tmp_path / "condition.png")
 
 
-def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(
-    hinge: sarcal.Result, tmp_path: Path
-) -> None:
+def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(hinge, tmp_path):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     files = [tmp_path / "one.pdf", tmp_path / "two.pdf"]
     for file in files:
@@ -128,9 +126,7 @@ def test_a_pdf_keeps_text_as_text_and_has_no_time_of_day(
 
 
 @pytest.mark.campaign
-def test_the_command_writes_every_figure(
-    hinge: sarcal.Result, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_every_figure(hinge, tmp_path, capsys):
     pytest.importorskip("svglib", reason="needs the extra [plots]")
     session = hinge.save(tmp_path / "session")
     page = (session / "report.html").read_bytes()
@@ -144,11 +140,8 @@ def test_the_command_writes_every_figure(
 
 
 def test_without_svglib_there_are_svg_files_and_the_remedy_for_a_pdf(
-    hinge: sarcal.Result,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    hinge, tmp_path, monkeypatch, capsys
+):
     session = hinge.save(tmp_path / "session")
     monkeypatch.setitem(sys.modules, "svglib", None)
     monkeypatch.setitem(sys.modules, "svglib.svglib", None)

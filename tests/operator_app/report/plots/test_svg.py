@@ -17,9 +17,7 @@ NUMBERS = st.floats(-1e9, 1e9, allow_nan=False).filter(lambda v: v == 0.0 or abs
 
 @given(st.lists(NUMBERS, max_size=12), st.booleans())
 @such_as([199164480.0, 176843063.0], False)
-def test_an_axis_holds_its_values_and_has_a_few_round_ticks(
-    values: list[float], symmetric: bool
-) -> None:
+def test_an_axis_holds_its_values_and_has_a_few_round_ticks(values, symmetric):
     found = axis("x", values, unit="mm", symmetric=symmetric)
     assert found.low < found.high
     assert all(found.low <= v <= found.high for v in values)
@@ -31,12 +29,12 @@ def test_an_axis_holds_its_values_and_has_a_few_round_ticks(
     assert len(set(found.tick_texts)) == len(found.ticks)
 
 
-def test_whole_axes_have_whole_ticks() -> None:
+def test_whole_axes_have_whole_ticks():
     assert axis("pose", [1.0, 2.0, 3.0], whole=True).tick_texts == ("1", "2", "3")
     assert axis("pose", [7.0], whole=True).tick_texts == ("7",)
 
 
-def test_ticks_share_their_places() -> None:
+def test_ticks_share_their_places():
     assert axis("x", [0.0, 1.0]).tick_texts == ("0.0", "0.5", "1.0")
     assert axis("x", [math.nan]).low < 1.0
 
@@ -61,7 +59,7 @@ def example(**changes: object) -> ET.Element:
     return parse(plot(Picture(**(settings | changes))))  # type: ignore[arg-type]
 
 
-def test_a_plot_is_named_and_described() -> None:
+def test_a_plot_is_named_and_described():
     svg = example()
     assert svg.get("role") == "img"
     named = [svg.find(tag) for tag in ("title", "desc")]
@@ -74,7 +72,7 @@ def test_a_plot_is_named_and_described() -> None:
     assert {"rms", "fit", "x"} <= set(words)
 
 
-def test_values_are_where_the_ticks_say() -> None:
+def test_values_are_where_the_ticks_say():
     svg = example()
     marks = [c for c in svg.iter("circle") if c.find("title") is not None]
     assert [m.findtext("title") for m in marks] == ["a", "<c>"]
@@ -91,7 +89,7 @@ def test_values_are_where_the_ticks_say() -> None:
     assert float(band.get("height", "nan")) == pytest.approx(height, abs=0.03)
 
 
-def test_a_band_wider_than_the_frame_fills_it_and_no_more() -> None:
+def test_a_band_wider_than_the_frame_fills_it_and_no_more():
     svg = example(layers=[Band(low=-50.0, high=50.0)])
     band = next(e for e in svg.iter("rect"))
     top, height = float(band.get("y", "nan")), float(band.get("height", "nan"))
@@ -100,7 +98,7 @@ def test_a_band_wider_than_the_frame_fills_it_and_no_more() -> None:
     assert top + height == pytest.approx(float(frame.get("y1", "nan")), abs=0.02)
 
 
-def test_strips_scale_each_row_by_its_largest() -> None:
+def test_strips_scale_each_row_by_its_largest():
     svg = parse(
         strips(
             ident="s",
@@ -128,7 +126,7 @@ def test_strips_scale_each_row_by_its_largest() -> None:
     assert {class_ for _, class_ in dots[2:]} == {"mark c"}
 
 
-def test_ranges_say_what_is_covered() -> None:
+def test_ranges_say_what_is_covered():
     row = Range(name="joint 1", low=-10.0, high=30.0, values=[0.0, 10.0])
     assert row.covered == 0.25
     svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
@@ -140,7 +138,7 @@ def test_ranges_say_what_is_covered() -> None:
     assert covered == pytest.approx(0.25 * whole, abs=0.02)
 
 
-def test_values_beyond_a_range_stay_in_the_picture() -> None:
+def test_values_beyond_a_range_stay_in_the_picture():
     row = Range(name="joint 2", low=-10.0, high=10.0, values=[-30.0, 5.0])
     svg = parse(ranges(ident="r", title="T", description="D", unit="deg", rows=[row]))
     covered, frame = list(svg.iter("rect"))

@@ -19,9 +19,7 @@ from operator_app.session.store.replay import session_state
 from operator_app.session.ui.operations import Operations
 from operator_app.session.workflow.drive_selection import visit
 from operator_app.session.workflow.session import Session
-from tests.oracles.approved import Approve
 from tests.oracles.journalled_sessions import Quiet
-from tests.oracles.opened import MakeSession
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
 
@@ -30,7 +28,7 @@ def late(times: int, last_s: float, longest_s: float) -> HostLatency:
     return HostLatency(times=times, last_s=last_s, longest_s=longest_s)
 
 
-def test_each_is_said_once_and_a_series_at_intervals(approve: Approve) -> None:
+def test_each_is_said_once_and_a_series_at_intervals(approve):
     news = LatenessReporter()
     assert news.new_text(HostLatency(), 1000.0) == ""
     approve(news.new_text(late(1, 0.4, 0.4), 1000.1))
@@ -54,7 +52,7 @@ class Busy(PlantArm):
 
 
 @pytest.fixture
-def busy(make_session: MakeSession) -> Session:
+def busy(make_session):
     """A session on an arm, connected."""
     procedure = short_procedure(40)
     return make_session(procedure, arm=Busy(procedure, "exact"), connect=True)
@@ -65,7 +63,7 @@ def kept(session: Session) -> list[Mapping[str, object]]:
     return [e.data for e in events if e.name == "late"]
 
 
-def test_it_is_in_the_journal_and_headless_says_it_at_the_next_pose(busy: Session, capsys) -> None:
+def test_it_is_in_the_journal_and_headless_says_it_at_the_next_pose(busy, capsys):
     session, arm, listener = busy, busy.arm, ConsoleListener()
     session.take_control()
     session.set_modes((1, 5))
@@ -95,8 +93,8 @@ def test_it_is_in_the_journal_and_headless_says_it_at_the_next_pose(busy: Sessio
     ],
 )
 def test_a_run_that_ends_as_drives_missed_the_heartbeat_says_that_this_computer_was_late(
-    busy: Session, code: EmergencyCode, times: int, said: str
-) -> None:
+    busy, code, times, said
+):
     """There is no next pose at which it could be said."""
     busy.take_control()
     busy.set_modes((1, 5))
@@ -113,7 +111,7 @@ def test_a_run_that_ends_as_drives_missed_the_heartbeat_says_that_this_computer_
     assert said in "".join(late_lines)
 
 
-def test_what_was_late_before_a_reconnect_is_kept(busy: Session) -> None:
+def test_what_was_late_before_a_reconnect_is_kept(busy):
     work = Operations(busy, Quiet(busy))
     busy.arm.lateness = late(2, 0.4, 0.7)
     closed = busy.arm.closed
@@ -122,9 +120,7 @@ def test_what_was_late_before_a_reconnect_is_kept(busy: Session) -> None:
     assert kept(busy) == [{"times": 2, "last_s": 0.4, "longest_s": 0.7}]
 
 
-def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(
-    busy: Session, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(busy, monkeypatch):
     busy.arm.lateness = late(1, 0.4, 0.4)
 
     def full(_descriptor: int, _data: bytes) -> int:
@@ -138,9 +134,7 @@ def test_an_arm_is_let_go_though_the_disk_is_full_and_this_computer_was_late(
     assert busy.journal.closed
 
 
-def test_an_arm_that_was_held_is_said_to_be_though_the_journal_was_taken_away(
-    busy: Session,
-) -> None:
+def test_an_arm_that_was_held_is_said_to_be_though_the_journal_was_taken_away(busy):
     busy.arm.lateness = late(1, 0.4, 0.4)
     busy.journal.path.unlink()
     assert busy.close("end of the test")

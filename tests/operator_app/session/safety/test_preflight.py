@@ -21,7 +21,7 @@ FIXTURES = pytest.mark.parametrize("name", ["hinge", "ball", "rigid"])
 @pytest.mark.sample(4)
 @FIXTURES
 @pytest.mark.parametrize("kind", ["exact", "datasheet", "as_reported", "wild"])
-def test_a_sound_arm_is_not_refused_wherever_it_stands(name: str, kind: str) -> None:
+def test_a_sound_arm_is_not_refused_wherever_it_stands(name, kind):
     procedure = load_procedure(name)
     for seed in range(2):
         for q in sound_poses(procedure, kind, seed, 4):
@@ -32,9 +32,7 @@ def test_a_sound_arm_is_not_refused_wherever_it_stands(name: str, kind: str) -> 
 @FIXTURES
 @pytest.mark.parametrize("kind", ["datasheet", "as_reported"])
 @pytest.mark.parametrize("zeros", [(1,), (3,), (5,), (1, 4), (2, 3, 5)])
-def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(
-    name: str, kind: str, zeros: tuple[int, ...]
-) -> None:
+def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(name, kind, zeros):
     """Where a counter begins is a convention: these stand at zero in this very pose."""
     procedure = load_procedure(name)
     for q in sound_poses(procedure, kind, 1, 3):
@@ -45,9 +43,7 @@ def test_a_sound_arm_whose_joints_truly_stand_at_zero_is_not_refused(
 @pytest.mark.sample(5)
 @FIXTURES
 @pytest.mark.parametrize("zeros", [(1,), (3,), (2, 4), (3, 5), (1, 2, 3)])
-def test_counters_that_began_anew_are_named_wherever_it_stands(
-    name: str, zeros: tuple[int, ...]
-) -> None:
+def test_counters_that_began_anew_are_named_wherever_it_stands(name, zeros):
     """By 40 deg each; a ball, which leaves four freedoms, says so of most of them only."""
     procedure = load_procedure(name)
     said = []
@@ -66,7 +62,7 @@ def test_counters_that_began_anew_are_named_wherever_it_stands(
 
 
 @pytest.mark.parametrize("degrees", [17.0, 22.0, 30.0])
-def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees: float) -> None:
+def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees):
     """At 17 deg the loop closes with a chance of 1e-2, at 22 of 1e-4: little by itself, but not at zero."""
     procedure = load_procedure("hinge")
     q = procedure.arm.home_rad
@@ -83,7 +79,7 @@ def test_a_counter_that_began_anew_not_far_from_zero_is_named(degrees: float) ->
     assert "really is at zero" in refused.value.remedy
 
 
-def test_two_counters_that_began_anew_together_are_both_named() -> None:
+def test_two_counters_that_began_anew_together_are_both_named():
     procedure = load_procedure("hinge")
     (q,) = sound_poses(procedure, "datasheet", 1, 1)
     before = q.copy()
@@ -93,7 +89,7 @@ def test_two_counters_that_began_anew_together_are_both_named() -> None:
     assert "Home joint 2 and 4" in said
 
 
-def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt() -> None:
+def test_joints_whose_home_is_near_zero_are_refused_by_more_than_a_doubt():
     """They stand there often; yet 30 deg are no doubt, though no 1e-12 either."""
     procedure = load_procedure("rigid")
     (q,) = sound_poses(procedure, "datasheet", 1, 1, near=procedure.arm.home_rad)
@@ -152,7 +148,7 @@ def _zeroed(
     return counted_from(procedure, moved), read
 
 
-def test_at_its_own_nominal_values_a_loop_costs_nothing() -> None:
+def test_at_its_own_nominal_values_a_loop_costs_nothing():
     procedure = load_procedure("hinge")
     fixture = procedure.fixture.fixture
     found = loop_at_reading(procedure.arm, fixture, procedure.arm.home_rad).fit()

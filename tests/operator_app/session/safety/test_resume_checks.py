@@ -21,7 +21,7 @@ from operator_app.session.workflow.drive_selection import HOMING_SPEED_RAD_PER_S
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
 from tests.oracles.hearing import Hearing, take_until
-from tests.oracles.opened import MakeSession, opened
+from tests.oracles.opened import opened
 from tests.oracles.shop_floor import session
 from tests.oracles.short_procedure import short_procedure
 from tests.oracles.wrong_zero import WrongZero, counted_from, reading_of
@@ -30,7 +30,7 @@ PROCEDURE = short_procedure(40, "datasheet", seed=3)
 
 
 @pytest.fixture(scope="module")
-def left_after(tmp_path_factory: pytest.TempPathFactory) -> Callable[[int], Path]:
+def left_after(tmp_path_factory):
     """Folders of sessions of which so many poses were taken, each made once."""
 
     @cache
@@ -49,9 +49,7 @@ Resumed = Callable[..., tuple[Session, WrongZero]]
 
 
 @pytest.fixture
-def resumed(
-    left_after: Callable[[int], Path], make_session: MakeSession, tmp_path: Path
-) -> Resumed:
+def resumed(left_after, make_session, tmp_path):
     """Go on with a copy of such a session, joint `joint` off by so much; nothing is connected yet."""
 
     def make(poses: int = 20, joint: int = 1, degrees: float = 0.0) -> tuple[Session, WrongZero]:
@@ -63,7 +61,7 @@ def resumed(
     return make
 
 
-def test_the_same_arm_goes_on(resumed: Resumed) -> None:
+def test_the_same_arm_goes_on(resumed):
     session, arm = resumed()
     session.connect()
     take_until(session, 22)
@@ -76,9 +74,7 @@ def test_the_same_arm_goes_on(resumed: Resumed) -> None:
     ("joint", "degrees"),
     [(1, 5.0), (2, -3.0), (3, 1.5), (4, 0.9), (5, 2.0), (6, 2.0), (6, -2.0), (7, 2.0), (7, -2.0)],
 )
-def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
-    resumed: Resumed, joint: int, degrees: float
-) -> None:
+def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(resumed, joint, degrees):
     session, arm = resumed(joint=joint, degrees=degrees)
     session.connect()
     with pytest.raises(GuardError) as refused:
@@ -98,7 +94,7 @@ def test_a_zero_that_was_moved_is_found_before_a_drive_is_enabled(
 
 
 @pytest.mark.parametrize(("counts", "where"), [(0, "at zero"), (36, "near zero")])
-def test_a_counter_at_zero_is_named(resumed: Resumed, counts: int, where: str) -> None:
+def test_a_counter_at_zero_is_named(resumed, counts, where):
     session, arm = resumed()
     arm.reads_rad[1] = counts * 2.0 * np.pi / 400_000
     session.connect()
@@ -107,7 +103,7 @@ def test_a_counter_at_zero_is_named(resumed: Resumed, counts: int, where: str) -
     assert arm.enabled == 0
 
 
-def test_another_drive_is_named(resumed: Resumed) -> None:
+def test_another_drive_is_named(resumed):
     session, arm = resumed()
     arm.serials[3] = 903
     with pytest.raises(GuardError, match=r"node 3 .* serial number 903, it had 103"):
@@ -115,7 +111,7 @@ def test_another_drive_is_named(resumed: Resumed) -> None:
     assert arm.closed == 1
 
 
-def test_an_arm_without_nodes_is_refused_and_not_simulated(make_session: MakeSession) -> None:
+def test_an_arm_without_nodes_is_refused_and_not_simulated(make_session):
     arm = WrongZero(PROCEDURE)
     arm.serials = {}
     assert not arm.connect().simulated
@@ -127,9 +123,7 @@ def test_an_arm_without_nodes_is_refused_and_not_simulated(make_session: MakeSes
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("joint", [2, 5, 7])
-def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(
-    resumed: Resumed, joint: int
-) -> None:
+def test_with_few_poses_the_nearest_is_read_again_slowly_and_tells(resumed, joint):
     session, arm = resumed(2, joint, 2.0)
     session.connect()
     here, hearing = arm.snapshot().positions_rad, Hearing()
@@ -159,9 +153,7 @@ def _standing(
 @pytest.mark.sample(5)
 @pytest.mark.parametrize("sagged_deg", SAGGED_DEG)
 @pytest.mark.parametrize("joint", [1, 2, 3, 4, 5])
-def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(
-    joint: int, sagged_deg: float
-) -> None:
+def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(joint, sagged_deg):
     """Arms by the shop floor's generator, within what their files state; that joint 60 deg from zero."""
     for seed, side in ((0, -1.0), (1, 1.0)):
         q, near = session(seed, poses=2).readings[0], side * np.deg2rad(sagged_deg)
@@ -172,7 +164,7 @@ def test_it_is_named_wherever_it_has_sagged_to_and_a_joint_that_is_there_is_not(
         assert f"Home joint {joint}" in str(refused.value)
 
 
-def test_of_those_near_zero_the_nearest_comes_first() -> None:
+def test_of_those_near_zero_the_nearest_comes_first():
     arm = load_procedure("hinge").arm
     q = np.deg2rad([4.0, 0.03, -0.0004, 30.0, 6.0, 0.0, 0.0])
     found = counters_near_zero(arm, q)
@@ -196,9 +188,7 @@ def test_of_those_near_zero_the_nearest_comes_first() -> None:
         ((170.0, 320.0), 30.0, False),
     ],
 )
-def test_nearer_to_zero_than_to_its_range_a_joint_cannot_be(
-    range_deg: tuple[float, float], reads_deg: float, refused: bool
-) -> None:
+def test_nearer_to_zero_than_to_its_range_a_joint_cannot_be(range_deg, reads_deg, refused):
     arm = load_procedure("hinge").arm
     lower, upper = np.deg2rad(range_deg)
     joint = replace(arm.joints[0], lower_rad=float(lower), upper_rad=float(upper))

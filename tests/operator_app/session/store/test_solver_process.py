@@ -38,7 +38,7 @@ def wait_until_gone(pid: int) -> None:
     raise AssertionError(f"process {pid} is still there")
 
 
-def test_it_finds_what_is_found_here(reference_data: Path) -> None:
+def test_it_finds_what_is_found_here(reference_data):
     poses = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
     given = load_arm("sarcos_dextrous"), load_fixture("hinge").fixture, poses
     here_said: list[int] = []
@@ -52,7 +52,7 @@ def test_it_finds_what_is_found_here(reference_data: Path) -> None:
     assert (there.reasons, there.warnings) == (here.reasons, here.warnings)
 
 
-def test_it_has_neither_bus_nor_terminal_nor_screen() -> None:
+def test_it_has_neither_bus_nor_terminal_nor_screen():
     with SolvingProcess() as process:
         found = process(jobs.surroundings, "word")
         assert found["pid"] != os.getpid()
@@ -63,7 +63,7 @@ def test_it_has_neither_bus_nor_terminal_nor_screen() -> None:
         assert sum(name.startswith("socket:") for name in found["open"]) == 1
 
 
-def test_one_process_does_one_thing_after_the_other_and_is_gone_in_the_end() -> None:
+def test_one_process_does_one_thing_after_the_other_and_is_gone_in_the_end():
     with SolvingProcess() as process:
         said: list[int] = []
         assert process(jobs.count, 5, progress=lambda n, _: said.append(n)) == 5
@@ -73,7 +73,7 @@ def test_one_process_does_one_thing_after_the_other_and_is_gone_in_the_end() -> 
     wait_until_gone(first)
 
 
-def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path: Path) -> None:
+def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path):
     ended = threading.Event()
 
     def go_on() -> None:
@@ -99,13 +99,13 @@ def test_what_is_cancelled_ends_at_once_whatever_it_does(tmp_path: Path) -> None
         ((jobs.die, "exit"), r"ended by itself \(exit code 7\)"),
     ],
 )
-def test_what_goes_wrong_is_said_in_words(job, words: str) -> None:
+def test_what_goes_wrong_is_said_in_words(job, words):
     with SolvingProcess() as process, pytest.raises(SessionError, match=words) as caught:
         process(*job)
     assert caught.value.remedy
 
 
-def test_what_the_solver_refuses_is_raised_as_it_is_here() -> None:
+def test_what_the_solver_refuses_is_raised_as_it_is_here():
     with SolvingProcess() as process:
         with pytest.raises(SolverError, match="these poses say nothing"):
             process(jobs.refuse)
@@ -115,7 +115,7 @@ def test_what_the_solver_refuses_is_raised_as_it_is_here() -> None:
     assert caught.value.note == "one note"
 
 
-def test_whoever_solves_runs_behind_everybody_else() -> None:
+def test_whoever_solves_runs_behind_everybody_else():
     with real_time_priority(), SolvingProcess() as process:
         policy, niceness = process(jobs.turn)
     assert policy == os.SCHED_OTHER
@@ -132,7 +132,7 @@ with SolvingProcess() as process:
 """
 
 
-def test_it_ends_with_the_process_that_wanted_it_even_when_that_is_killed(tmp_path: Path) -> None:
+def test_it_ends_with_the_process_that_wanted_it_even_when_that_is_killed(tmp_path):
     mark = tmp_path / "pid"
     parent = subprocess.Popen(
         [sys.executable, "-c", PARENT, str(mark)],

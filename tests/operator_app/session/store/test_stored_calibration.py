@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.cross_validation import Checks
-from operator_app.config.procedure import Procedure
 from operator_app.errors import SessionError
 from operator_app.session.store.journal import read_journal
 from operator_app.session.store.replay import apply, replay
@@ -21,17 +20,16 @@ from operator_app.session.store.stored_calibration import (
 from operator_app.session.workflow.capture import take_poses
 from operator_app.session.workflow.listener import Listener
 from operator_app.session.workflow.session import Session
-from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
 @pytest.fixture
-def procedure() -> Procedure:
+def procedure():
     return short_procedure(12)
 
 
 @pytest.fixture
-def session(make_session: MakeSession, procedure: Procedure) -> Session:
+def session(make_session, procedure):
     """A session whose poses are taken."""
     made = make_session(procedure, connect=True)
     made.set_modes((1, 5))
@@ -45,7 +43,7 @@ def from_the_file(session: Session) -> SessionState:
     return replay((e.name, e.data, e.utc) for e in events)
 
 
-def test_what_was_solved_is_read_back_from_the_file(session: Session) -> None:
+def test_what_was_solved_is_read_back_from_the_file(session):
     solution = session.calibrate()
     checks = session.check(solution)
     state = from_the_file(session)
@@ -59,9 +57,7 @@ def test_what_was_solved_is_read_back_from_the_file(session: Session) -> None:
     assert "record" not in state.solved
 
 
-def test_a_solution_with_an_infinite_condition_number_is_kept(
-    session: Session, procedure: Procedure
-) -> None:
+def test_a_solution_with_an_infinite_condition_number_is_kept(session, procedure):
     found = session.calibrate()
     found = replace(found, seen=replace(found.seen, scaled_condition_number=math.inf))
     data = solution_data(found, session.state, length_tolerance_m=None)
@@ -71,9 +67,7 @@ def test_a_solution_with_an_infinite_condition_number_is_kept(
     assert math.isinf(again.solution.seen.scaled_condition_number)
 
 
-def test_other_options_and_old_journals_are_solved_and_said(
-    session: Session, procedure: Procedure
-) -> None:
+def test_other_options_and_old_journals_are_solved_and_said(session, procedure):
     session.calibrate(unsensed_joints=(7,))
     state = session.state
     assert session_calibration(state, procedure).solution.model.unsensed_joints == (7,)
@@ -102,12 +96,12 @@ def test_other_options_and_old_journals_are_solved_and_said(
     assert isinstance(journal_calibration(session.state), str)
 
 
-def test_a_session_without_poses_says_so(procedure: Procedure) -> None:
+def test_a_session_without_poses_says_so(procedure):
     with pytest.raises(SessionError, match="no pose of this session"):
         session_calibration(SessionState(), procedure)
 
 
-def test_second_opinions_belong_to_the_solution_they_follow() -> None:
+def test_second_opinions_belong_to_the_solution_they_follow():
     state = apply(SessionState(), "solved", {"record": {"version": 1}}, "")
     state = apply(state, "checked", {"record": {"version": 1, "outliers": []}}, "")
     assert state.checks
@@ -115,8 +109,8 @@ def test_second_opinions_belong_to_the_solution_they_follow() -> None:
 
 
 def test_a_solution_of_other_poses_or_of_figures_that_do_not_go_together_is_made_again(
-    session: Session, procedure: Procedure
-) -> None:
+    session, procedure
+):
     """As in a journal whose checksums are right and whose lines were put together by somebody else."""
     session.calibrate()
     state = session.state

@@ -10,7 +10,6 @@ from operator_app.session.ui import guards
 from operator_app.session.ui.message_log import ARM_RECOVERY, add_message
 from operator_app.session.ui.snapshot import Level, SessionSnapshot, TaskKind
 from operator_app.session.ui.steps import Step
-from tests.oracles.approved import Approve
 from tests.oracles.story import busy, lost, real, stale, stopped, story, tripped
 
 TOLD = (
@@ -125,7 +124,7 @@ def not_accepted(s):
         (guards.may_reset, "modes", None),
     ],
 )
-def test_what_is_missing_is_said(guard, told, change, approve: Approve):
+def test_what_is_missing_is_said(guard, told, change, approve):
     s = story()[told]
     s = s if change is None else change(s)
     missing = guard(s)

@@ -33,7 +33,7 @@ def texts(s: SessionSnapshot) -> list[str]:
     return [alarm.text for alarm in s.alarms]
 
 
-def test_an_alarm_outlives_every_other_message() -> None:
+def test_an_alarm_outlives_every_other_message():
     s = say(story()["start"], Level.ALARM, "hot")
     for k in range(2 * MAX_MESSAGES):
         s = say(s, Level.WARNING if k % 2 else Level.INFO, f"{k}")
@@ -41,7 +41,7 @@ def test_an_alarm_outlives_every_other_message() -> None:
     assert texts(s) == ["hot"]
 
 
-def test_what_stands_already_and_is_said_again_is_the_newest() -> None:
+def test_what_stands_already_and_is_said_again_is_the_newest():
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "full")
     again = add_message(s, Level.ALARM, "hot", time="12:00:01")
     assert texts(again) == ["full", "hot"]
@@ -67,13 +67,13 @@ def test_what_stands_already_and_is_said_again_is_the_newest() -> None:
     ],
     ids=lambda value: type(value).__name__ if isinstance(value, Exception) else str(value),
 )
-def test_what_the_arm_goes_on_refusing_for_asks_to_connect_again(error, asks) -> None:
+def test_what_the_arm_goes_on_refusing_for_asks_to_connect_again(error, asks):
     s = say(story()["start"], Level.ALARM, "told", *resolving_tasks(error, TaskKind.CAPTURE))
     assert needs_reconnect(s) is asks
     assert texts(without_resolved(s, TaskKind.CAPTURE)) == []
 
 
-def test_it_is_said_again_when_it_stands_no_more() -> None:
+def test_it_is_said_again_when_it_stands_no_more():
     s = say(say(story()["start"], Level.ALARM, "hot"), Level.ALARM, "hot")
     assert texts(s) == ["hot"]
     again = say(without_acknowledged(s, s.alarms[0].number), Level.ALARM, "hot")
@@ -81,7 +81,7 @@ def test_it_is_said_again_when_it_stands_no_more() -> None:
     assert again.alarms[0].number > s.alarms[0].number
 
 
-def test_only_the_work_that_it_waits_for_resolves_it() -> None:
+def test_only_the_work_that_it_waits_for_resolves_it():
     s = say(story()["start"], Level.ALARM, "hot", TaskKind.RESET, TaskKind.CONNECT)
     s = say(s, Level.ALARM, "full", TaskKind.EXPORT)
     s = say(s, Level.ALARM, "unread")
@@ -90,7 +90,7 @@ def test_only_the_work_that_it_waits_for_resolves_it() -> None:
     assert texts(without_resolved(s, TaskKind.EXPORT)) == ["hot", "unread"]
 
 
-def test_one_is_acknowledged_and_no_other() -> None:
+def test_one_is_acknowledged_and_no_other():
     s = story()["start"]
     for text in ("hot", "full", "unread"):
         s = say(s, Level.ALARM, text)

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 
 import pytest
 
@@ -13,20 +12,18 @@ from operator_app.session.ui.runner import WATCH_PERIOD_S, Runner
 from operator_app.session.ui.snapshot import Level, TaskKind
 from operator_app.session.ui.supervisor import UNWATCHED_S
 from operator_app.session.workflow.drive_selection import waypoints_of
-from tests.oracles.live_arm import LiveArm
-from tests.oracles.live_source import FakeSource
 from tests.oracles.short_procedure import short_procedure
 
 PATIENCE_S = 30.0
 
 
 @pytest.fixture
-def runner(source: FakeSource) -> Runner:
+def runner(source):
     return source.new()
 
 
 @pytest.fixture
-def arm(source: FakeSource, runner: Runner) -> LiveArm:
+def arm(source, runner):
     """The arm of that runner, connected."""
     runner.submit(TaskKind.CONNECT, "connecting", runner.operations.connect_mounted)
     finish(runner)
@@ -60,7 +57,7 @@ def finish(runner: Runner) -> None:
         threading.Event().wait(0.001)
 
 
-def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session) -> None:
+def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session):
     """Whoever hands it in is held up, where the beginning is noted, until it is done or 50 ms have passed."""
     done = threading.Event()
 
@@ -79,7 +76,7 @@ def test_work_that_is_over_at_once_is_not_shown_for_ever(make_session) -> None:
     runner.close("end of the test")
 
 
-def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> None:
+def test_work_is_shown_before_it_begins_and_while_it_lasts(runner):
     work = InHand()
     runner.submit(TaskKind.CALIBRATE, "the first", work)
     assert work.begun.wait(PATIENCE_S)
@@ -92,7 +89,7 @@ def test_work_is_shown_before_it_begins_and_while_it_lasts(runner: Runner) -> No
     assert runner.snapshot().task is None
 
 
-def test_what_is_being_connected_to_can_be_stopped(runner: Runner) -> None:
+def test_what_is_being_connected_to_can_be_stopped(runner):
     seen: list[bool] = []
     runner.submit(TaskKind.CONNECT, "connecting", lambda: seen.append(runner.connected))
     finish(runner)
@@ -106,8 +103,8 @@ def test_what_is_being_connected_to_can_be_stopped(runner: Runner) -> None:
     ids=["cancelled by the operator", "stopped for lost data"],
 )
 def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_data(
-    runner: Runner, ends: Callable[[Runner], None], done: list[str]
-) -> None:
+    runner, ends, done
+):
     work, ran = InHand(), list[str]()
     runner.submit(TaskKind.AUTOMATIC, "the first", work)
     runner.submit(TaskKind.MOVE, "a motion", lambda: ran.append("motion"))
@@ -121,7 +118,7 @@ def test_what_waits_behind_ended_work_never_begins_but_a_connection_after_lost_d
     assert any("a motion: cancelled" in text for text in texts(runner))
 
 
-def test_that_this_computer_was_late_is_said_once(runner: Runner, arm: LiveArm) -> None:
+def test_that_this_computer_was_late_is_said_once(runner, arm):
     arm.lateness = HostLatency(times=1, last_s=0.4, longest_s=0.4)
     end = time.monotonic() + PATIENCE_S
     while not any("late" in text for text in texts(runner)) and time.monotonic() < end:
@@ -132,9 +129,7 @@ def test_that_this_computer_was_late_is_said_once(runner: Runner, arm: LiveArm) 
     assert said.text.startswith("this computer was late by 0.4 s")
 
 
-def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(
-    runner: Runner, arm: LiveArm
-) -> None:
+def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(runner, arm):
     reset = arm.reset_stop
 
     def reset_and_pressed_again() -> None:
@@ -156,7 +151,7 @@ def test_a_stop_pressed_as_the_one_before_is_reset_is_not_said_to_be_reset(
 
 
 @pytest.mark.campaign
-def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
+def test_a_motion_that_nobody_looks_at_is_ended(runner):
     """A screen on a terminal that is not read any more takes no key that stops."""
     ended = threading.Event()
 
@@ -174,7 +169,7 @@ def test_a_motion_that_nobody_looks_at_is_ended(runner: Runner) -> None:
     assert any("the screen did not respond" in text for text in texts(runner))
 
 
-def test_a_thread_that_dies_stops_the_arm_and_is_told(source: FakeSource) -> None:
+def test_a_thread_that_dies_stops_the_arm_and_is_told(source):
     def broken() -> str:
         raise ZeroDivisionError
 
@@ -190,7 +185,7 @@ def test_a_thread_that_dies_stops_the_arm_and_is_told(source: FakeSource) -> Non
     runner.close("end of the test")
 
 
-def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
+def test_a_plan_once_begun_is_the_plan_that_is_shown(runner):
     work = runner.operations
     work.connect()
     work.set_modes((1, 5))
@@ -202,7 +197,7 @@ def test_a_plan_once_begun_is_the_plan_that_is_shown(runner: Runner) -> None:
 
 
 @pytest.mark.campaign
-def test_a_new_calibration_was_not_verified(runner: Runner) -> None:
+def test_a_new_calibration_was_not_verified(runner):
     work = runner.operations
     work.connect()
     work.set_modes((1, 5))
@@ -217,7 +212,7 @@ def test_a_new_calibration_was_not_verified(runner: Runner) -> None:
     assert shown.solution is not None
 
 
-def test_held_joints_are_not_driven_against_each_other(runner: Runner) -> None:
+def test_held_joints_are_not_driven_against_each_other(runner):
     work = runner.operations
     work.connect()
     work.set_modes((1, 5))
@@ -237,7 +232,7 @@ def kept_faults(runner: Runner) -> list[object]:
 
 
 @pytest.fixture
-def stopped_by_itself(source: FakeSource, runner: Runner) -> Runner:
+def stopped_by_itself(source, runner):
     """With a pose, a calibration in hand that ends only when it is cancelled, and why it was stopped handed in."""
     work, begun = runner.operations, threading.Event()
     work.connect()
@@ -260,9 +255,7 @@ def stopped_by_itself(source: FakeSource, runner: Runner) -> Runner:
     return runner
 
 
-def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(
-    stopped_by_itself: Runner,
-) -> None:
+def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(stopped_by_itself):
     runner = stopped_by_itself
     runner.stop()
     runner.submit(TaskKind.RESET, "resetting STOP", runner.operations.reset)
@@ -274,15 +267,13 @@ def test_why_the_arm_was_stopped_is_kept_though_stop_ends_all_work_in_hand(
 
 
 def test_why_the_arm_was_stopped_is_kept_though_the_session_is_closed_meanwhile(
-    source: FakeSource, stopped_by_itself: Runner
-) -> None:
+    source, stopped_by_itself
+):
     source.close("end of the test")
     assert kept_faults(stopped_by_itself) == [5]
 
 
-def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(
-    make_session,
-) -> None:
+def test_two_who_hand_in_work_at_once_have_it_done_in_their_order_and_it_can_be_ended(make_session):
     """The screen and the watchman: a job that no key could end would be the wrong one's."""
     second, begun, ended = threading.Event(), threading.Event(), threading.Event()
 

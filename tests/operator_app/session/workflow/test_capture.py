@@ -1,8 +1,6 @@
 """The session on the real plant without a bus: guards, the whole way, interruption and resuming."""
 
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,10 +23,8 @@ from operator_app.session.workflow.session import Session
 from solver.chain.arm_model import ArmModel
 from solver.errors import TooFewPosesError
 from solver.loops.dh import DhLoop
-from tests.oracles.approved import Approve
 from tests.oracles.hearing import Hearing
 from tests.oracles.journalled_sessions import Quiet
-from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 PDO, ZEROED = "joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): 6071h is 0; it was -50"
@@ -43,8 +39,8 @@ PDO, ZEROED = "joint 1 (node 1): RPDO2 is this", "joint 2 (node 2): 6071h is 0; 
     ],
 )
 def test_what_is_found_in_drives_is_said_on_every_interface_and_journalled(
-    make_session: MakeSession, found: dict[str, Any], level: Level, approve: Approve
-) -> None:
+    make_session, found, level, approve
+):
     session = make_session(short_procedure(12))
     connect_arm = session.arm.connect
     session.arm.connect = lambda: replace(connect_arm(), **found)
@@ -63,7 +59,7 @@ def truth(model: DhLoop) -> np.ndarray:
     return np.array([table[e.kind, e.row] for e in model.entries])
 
 
-def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
+def test_the_whole_way_recovers_the_arm(make_session):
     session = make_session(short_procedure(20))
     listener = Hearing()
     result = run(session, listener)
@@ -86,9 +82,7 @@ def test_the_whole_way_recovers_the_arm(make_session: MakeSession) -> None:
 
 
 @pytest.mark.parametrize("joints", [(), (1,), (1, 2, 5)])
-def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
-    make_session: MakeSession, joints: tuple[int, ...], approve: Approve
-) -> None:
+def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(make_session, joints, approve):
     session = make_session(short_procedure(3), connect=True)
     with pytest.raises(GuardError) as refused:
         session.set_modes(joints)
@@ -97,13 +91,13 @@ def test_a_wrong_number_of_drive_joints_is_refused_with_the_reason(
     assert session.state.modes == ()
 
 
-def test_a_joint_that_is_not_there_is_named(make_session: MakeSession) -> None:
+def test_a_joint_that_is_not_there_is_named(make_session):
     session = make_session(short_procedure(3))
     with pytest.raises(GuardError, match="no joint 8"):
         session.check_modes((1, 8))
 
 
-def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) -> None:
+def test_rigid_names_the_elbow_before_anything_moves(make_session):
     procedure = short_procedure(3)
     fixture = load_fixture("rigid")
     assert isinstance(fixture.fixture, Rigid)
@@ -113,13 +107,13 @@ def test_rigid_names_the_elbow_before_anything_moves(make_session: MakeSession) 
     assert session.state.modes == ()
 
 
-def test_capture_before_modes_is_refused(make_session: MakeSession) -> None:
+def test_capture_before_modes_is_refused(make_session):
     session = make_session(short_procedure(3))
     with pytest.raises(GuardError, match="modes are not set"):
         waypoints_of(session)
 
 
-def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: MakeSession) -> None:
+def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session):
     session = make_session(short_procedure(2))
     with pytest.raises(TooFewPosesError, match="at least 3 poses"):
         run(session, Listener())
@@ -127,9 +121,7 @@ def test_two_poses_are_too_few_and_it_says_how_many_are_needed(make_session: Mak
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("sync", [3, 40, 333, 500, 900])
-def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
-    make_session: MakeSession, sync: int
-) -> None:
+def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(make_session, sync):
     session = make_session(short_procedure(6))
     session.arm.interrupt_at_sync = sync  # type: ignore[attr-defined]
     with pytest.raises(KeyboardInterrupt):
@@ -149,7 +141,7 @@ def test_interrupted_anywhere_it_resumes_with_no_accepted_pose_lost(
         np.testing.assert_array_equal(before.mean_rad, after.mean_rad)
 
 
-def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
+def test_a_session_insists_on_its_arm(make_session):
     session = make_session(short_procedure(3), connect=True)
     session.close("done")
     other = make_session(short_procedure(3), resume=True, serial="SDA-0002")
@@ -157,7 +149,7 @@ def test_a_session_insists_on_its_arm(make_session: MakeSession) -> None:
         other.connect()
 
 
-def test_undo_exclude_include_and_note_survive_a_restart(make_session: MakeSession) -> None:
+def test_undo_exclude_include_and_note_survive_a_restart(make_session):
     session = make_session(short_procedure(5))
     run(session, Listener())
     assert session.undo().number == 5
@@ -183,7 +175,7 @@ def with_range(arm: ArmModel, lower_rad: float, upper_rad: float) -> ArmModel:
     return replace(arm, joints=(*arm.joints[:6], last))
 
 
-def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session: MakeSession) -> None:
+def test_an_unreachable_waypoint_is_passed_over_and_recorded(make_session):
     procedure = short_procedure(4)
     # Joint 7's range now ends inside the region the plan wants to explore.
     limit = float(np.deg2rad(10.0))
@@ -211,9 +203,7 @@ def on_screen(session: Session) -> None:
 
 
 @pytest.mark.parametrize("face", [by_command, on_screen])
-def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
-    make_session: MakeSession, face: Callable[[Session], None], approve: Approve
-) -> None:
+def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(make_session, face, approve):
     session = make_session(short_procedure(3))
     # Whichever way joint 7 turns from home it comes to an end of its range.
     here, margin = session.arm.snapshot().positions_rad[6], np.deg2rad(2.5)
@@ -223,9 +213,7 @@ def test_poses_out_of_reach_end_in_the_same_words_whichever_face_asked(
     approve(refused.value.remedy)
 
 
-def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
-    make_session: MakeSession,
-) -> None:
+def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(make_session):
     session = make_session(short_procedure(8))
     result = run(session, Listener())
     session.set_modes((1, 5))
@@ -252,9 +240,7 @@ def test_verification_poses_are_in_the_journal_and_no_part_of_the_calibration(
     assert verified[1]["position_m"] == verdict.verification.sigmas.position_m.rms
 
 
-def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(
-    make_session: MakeSession,
-) -> None:
+def test_a_resumed_session_is_not_solved_again_whichever_face_resumes_it(make_session):
     session = make_session(short_procedure(5))
     solution = run(session, Listener()).solution
     session.close("done")

@@ -16,15 +16,14 @@ from operator_app.report.results.session import session_text
 from operator_app.session.store.journal import read_journal
 from operator_app.session.workflow.export import export
 from operator_app.session.workflow.listener import Listener
-from tests.oracles.opened import MakeSession
 from tests.oracles.short_procedure import short_procedure
 
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("silent", ["upload_parameters", "active_parameters"])
 def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
-    make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, silent: str
-) -> None:
+    make_session, monkeypatch, silent
+):
     """The controller may have it: that nothing was written and nothing uploaded would be wrong."""
     session = make_session(short_procedure(8))
 
@@ -50,9 +49,9 @@ def test_an_upload_of_which_nobody_knows_the_outcome_is_in_the_journal(
         (False, "the parameters were uploaded to slot A and read back. Then: cannot write"),
     ],
 )
-def test_what_the_controller_was_given_is_said_where_the_journal_cannot_be_written(
-    make_session: MakeSession, monkeypatch: pytest.MonkeyPatch, lost: bool, told: str
-) -> None:
+def test_what_the_controller_was_given_is_said_without_a_journal(
+    make_session, monkeypatch, lost, told
+):
     session = make_session(short_procedure(8))
     write = os.write
 
@@ -79,9 +78,7 @@ def strict(procedure: Procedure) -> Procedure:
     return replace(procedure, acceptance=replace(procedure.acceptance, sigma_pos_mm=1e-6))
 
 
-def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_kept(
-    make_session: MakeSession,
-) -> None:
+def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_kept(make_session):
     session = make_session(strict(short_procedure(5)))
     result = run(session, Listener())
     assert not result.solution.accepted
@@ -105,7 +102,7 @@ def test_what_is_not_accepted_is_exported_for_a_reason_only_and_the_reason_is_ke
     assert session.arm.active_parameters() == forced.exported.parameters.read_bytes()
 
 
-def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session: MakeSession) -> None:
+def test_what_is_accepted_needs_no_reason_and_keeps_none(make_session):
     session = make_session(short_procedure(20))
     result = run(session, Listener(), forced="just in case")
     assert result.solution.accepted

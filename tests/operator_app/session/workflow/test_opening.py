@@ -1,11 +1,9 @@
 """Which bus a session is on is decided once: what was really opened is journalled, and resumed."""
 
 import os
-from collections.abc import Iterator
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 
 import pytest
 
@@ -16,14 +14,13 @@ from operator_app.errors import SessionError
 from operator_app.session.store.folders import read_session
 from operator_app.session.ui.sessions import Sessions
 from operator_app.session.workflow.opening import Choices, Rig, begin, open_session, resume
-from tests.oracles.answers import EndsWith
 from tests.oracles.plant_arm import PlantArm
 
 CHANNEL = f"test-opening-{os.getpid()}"
 
 
 @pytest.fixture
-def source(tmp_path: Path) -> Iterator[Sessions]:
+def source(tmp_path):
     """The sessions of the terminal app and of plain mode, without options."""
     join = partial(open_arm, pace=Pace.REAL_TIME)
     made = Sessions("hinge", Choices(), root=tmp_path / "sessions", join=join)
@@ -32,16 +29,14 @@ def source(tmp_path: Path) -> Iterator[Sessions]:
 
 
 @pytest.fixture
-def loopback(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+def loopback(monkeypatch):
     """Another bus than the default, named by the environment only."""
     monkeypatch.setenv("CAN_INTERFACE", "loopback")
     monkeypatch.setenv("CAN_CHANNEL", CHANNEL)
     return monkeypatch
 
 
-def test_what_the_terminal_app_journals_is_the_bus_it_opened(
-    source: Sessions, loopback: pytest.MonkeyPatch
-) -> None:
+def test_what_the_terminal_app_journals_is_the_bus_it_opened(source, loopback):
     begun = source.new()
     folder = begun.session.journal.path.parent
     assert begun.session.state.settings["interface"] == "loopback"
@@ -59,9 +54,7 @@ def test_what_the_terminal_app_journals_is_the_bus_it_opened(
     assert not again.snapshot().simulated
 
 
-def test_a_run_journals_the_same(
-    tmp_path: Path, loopback: pytest.MonkeyPatch, ends_with: EndsWith
-) -> None:
+def test_a_run_journals_the_same(tmp_path, loopback, ends_with):
     sessions = tmp_path / "sessions"
     with unattended(begin("hinge", Choices(), root=sessions)) as session:
         state = read_session(session.journal.path.parent).state
@@ -72,14 +65,14 @@ def test_a_run_journals_the_same(
     assert (state.settings["interface"], state.settings["channel"]) == ("loopback", CHANNEL)
 
 
-def test_the_embedded_arm_is_journalled_by_scenario_and_seed(source: Sessions) -> None:
+def test_the_embedded_arm_is_journalled_by_scenario_and_seed(source):
     settings = source.new().session.state.settings
     assert (settings["interface"], settings["scenario"], settings["seed"]) == (
         "virtual", "datasheet", 0,
     )  # fmt: skip
 
 
-def test_the_patience_for_an_object_is_the_procedures(tmp_path: Path) -> None:
+def test_the_patience_for_an_object_is_the_procedures(tmp_path):
     opening = begin("hinge", Choices(), root=tmp_path)
     slow = replace(opening.procedure, bus=replace(opening.procedure.bus, sdo_timeout_s=7.5))
     with open_arm(opening) as usual, open_arm(replace(opening, procedure=slow)) as patient:
@@ -87,7 +80,7 @@ def test_the_patience_for_an_object_is_the_procedures(tmp_path: Path) -> None:
     assert [timing.sdo_timeout_s for timing in timings] == [10.0, 7.5]
 
 
-def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(tmp_path: Path) -> None:
+def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(tmp_path):
     own, other = tmp_path / "own.yaml", tmp_path / "other.yaml"
     packaged = resolve("profile", "sarcos").data.decode()
     own.write_text(packaged.replace("name: sarcos", "name: own"))
@@ -104,7 +97,7 @@ def test_a_session_goes_on_with_the_bus_profile_it_began_with_and_no_other(tmp_p
         resume(str(opening.folder), Choices(profile=str(other)), root=tmp_path)
 
 
-def test_sessions_begun_in_one_second_have_a_folder_each(tmp_path: Path) -> None:
+def test_sessions_begun_in_one_second_have_a_folder_each(tmp_path):
     """Each looked which name was free before any of them was there."""
     now = datetime(2026, 11, 23, 8, tzinfo=UTC)
     openings = [begin("hinge", Choices(), root=tmp_path, clock=lambda: now) for _ in range(3)]

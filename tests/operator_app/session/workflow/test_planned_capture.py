@@ -21,7 +21,7 @@ from operator_app.session.workflow.drive_selection import choose
 from operator_app.session.workflow.planned_capture import CampaignEnd, PlannedCapture
 from operator_app.session.workflow.session import Session
 from tests.oracles.hearing import Hearing
-from tests.oracles.opened import MakeSession, opened
+from tests.oracles.opened import opened
 from tests.oracles.plant_arm import PlantArm
 from tests.oracles.short_procedure import short_procedure
 
@@ -68,7 +68,7 @@ def named(session: Session, name: str) -> list[dict]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+def whole(tmp_path_factory):
     """A planned capture from start to end on the exact arm."""
     wanted = procedure(4)
     session = opened(
@@ -85,7 +85,7 @@ def true_of(solution: Solution, truth: LoopTruth) -> np.ndarray:
     return np.array([table[e.kind, e.row] for e in solution.model.entries])
 
 
-def test_the_whole_way_takes_the_planned_poses_and_recovers_the_arm(whole: SimpleNamespace) -> None:
+def test_the_whole_way_takes_the_planned_poses_and_recovers_the_arm(whole):
     state = whole.session.state
     assert whole.end.complete
     assert [p.planned for p in state.poses] == [False] * (len(state.poses) - 4) + [True] * 4
@@ -97,9 +97,7 @@ def test_the_whole_way_takes_the_planned_poses_and_recovers_the_arm(whole: Simpl
 
 
 @pytest.mark.campaign
-def test_an_arm_far_from_its_files_is_explored_planned_and_known_within_its_range(
-    make_session: MakeSession,
-) -> None:
+def test_an_arm_far_from_its_files_is_explored_planned_and_known_within_its_range(make_session):
     described = scenario("wild", seed=3)
     session = make_session(procedure(5), described)
     assert Planned(session).run().complete
@@ -111,9 +109,7 @@ def test_an_arm_far_from_its_files_is_explored_planned_and_known_within_its_rang
 
 
 @pytest.mark.campaign
-def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(
-    make_session: MakeSession,
-) -> None:
+def test_it_goes_to_its_first_pose_and_back_on_ways_that_the_plan_knows(make_session):
     session = make_session(procedure(4))
     told = Planned(session)
     told.run()
@@ -165,9 +161,7 @@ def steps(whole: SimpleNamespace) -> list[int]:
 
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.6, 0.8, 0.99])
-def test_replayed_from_the_journal_it_decides_what_it_decided_then(
-    whole: SimpleNamespace, tmp_path: Path, share: float
-) -> None:
+def test_replayed_from_the_journal_it_decides_what_it_decided_then(whole, tmp_path, share):
     places = steps(whole)
     k = places[max(1, int(share * len(places)))]
     told = Planned(cut(whole, k, tmp_path / "cut"))
@@ -178,15 +172,13 @@ def test_replayed_from_the_journal_it_decides_what_it_decided_then(
     assert is_same_action(campaign.propose(), whole.events[k].name, whole.events[k].data)
 
 
-def test_a_finished_capture_is_not_begun_again(whole: SimpleNamespace, tmp_path: Path) -> None:
+def test_a_finished_capture_is_not_begun_again(whole, tmp_path):
     told = Planned(cut(whole, len(whole.events), tmp_path / "cut"))
     told.capture.ready()
     assert told.capture.run() == whole.end
 
 
-def test_a_journal_that_cannot_be_repeated_is_planned_anew(
-    whole: SimpleNamespace, tmp_path: Path
-) -> None:
+def test_a_journal_that_cannot_be_repeated_is_planned_anew(whole, tmp_path):
     places = steps(whole)
     k = places[len(places) // 2]
     strange = [
@@ -201,9 +193,7 @@ def test_a_journal_that_cannot_be_repeated_is_planned_anew(
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("sync", [3, 700, 1500, 3700])
-def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
-    make_session: MakeSession, sync: int
-) -> None:
+def test_interrupted_anywhere_it_goes_on_with_nothing_lost(make_session, sync):
     wanted = procedure(3)
     session = interrupted(make_session(wanted), sync)
     kept = session.state.poses
@@ -224,9 +214,7 @@ def test_interrupted_anywhere_it_goes_on_with_nothing_lost(
 
 
 @pytest.mark.campaign
-def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
-    make_session: MakeSession,
-) -> None:
+def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(make_session):
     wanted = procedure(3)
     session = interrupted(make_session(wanted), 3800)
     assert any(p.planned for p in session.state.poses)
@@ -239,7 +227,7 @@ def test_an_arm_that_stayed_where_it_was_goes_on_with_the_same_plan(
 
 
 @pytest.mark.campaign
-def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None:
+def test_the_operator_ends_a_move_and_goes_on(make_session):
     session = make_session(procedure(3))
     told, moves = Planned(session), 0
 
@@ -260,7 +248,7 @@ def test_the_operator_ends_a_move_and_goes_on(make_session: MakeSession) -> None
 
 
 @pytest.mark.campaign
-def test_a_withdrawn_pose_no_longer_counts_in_the_plan(make_session: MakeSession) -> None:
+def test_a_withdrawn_pose_no_longer_counts_in_the_plan(make_session):
     session = make_session(procedure(2))
     told = Planned(session)
     told.run()
@@ -275,9 +263,7 @@ def test_a_withdrawn_pose_no_longer_counts_in_the_plan(make_session: MakeSession
 
 
 @pytest.mark.campaign
-def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(
-    make_session: MakeSession,
-) -> None:
+def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(make_session):
     session = make_session(procedure(2))
     Planned(session).run()
     session.close("done")
@@ -299,8 +285,8 @@ def test_more_poses_wanted_on_resuming_are_planned_beside_those_taken(
     ids=["reached", "out of reach"],
 )
 def test_precision_asked_for_ends_it_early_and_what_stays_weak_is_named(
-    make_session: MakeSession, poses: int, requested: dict[str, float], weak: list[str]
-) -> None:
+    make_session, poses, requested, weak
+):
     session = make_session(procedure(poses, requested_sigma=requested))
     end = Planned(session).run()
     assert [w.name for w in end.weak] == weak
@@ -311,7 +297,7 @@ def test_precision_asked_for_ends_it_early_and_what_stays_weak_is_named(
 
 
 @pytest.mark.campaign
-def test_the_drives_change_in_the_middle_and_are_read_back(make_session: MakeSession) -> None:
+def test_the_drives_change_in_the_middle_and_are_read_back(make_session):
     wanted = replace(procedure(6), position_joints=None)
     session = make_session(wanted, connect=True)
     session.record("drives_chosen", {"drives": [2, 5], "sets": [[2, 5], [1, 5]], "reasons": []})
@@ -329,7 +315,7 @@ def test_the_drives_change_in_the_middle_and_are_read_back(make_session: MakeSes
     assert ["position", "free", "free", "free", "position", "free", "free"] in modes
 
 
-def test_chosen_drives_come_with_reasons(make_session: MakeSession) -> None:
+def test_chosen_drives_come_with_reasons(make_session):
     session = make_session(replace(procedure(2), position_joints=None), connect=True)
     choice = choose(session)
     assert choice.drives == (1, 5) == session.state.drives
@@ -341,7 +327,7 @@ def test_chosen_drives_come_with_reasons(make_session: MakeSession) -> None:
 
 
 @pytest.mark.campaign
-def test_a_trial_moves_the_arm_and_counts(make_session: MakeSession) -> None:
+def test_a_trial_moves_the_arm_and_counts(make_session):
     session = make_session(replace(procedure(2), position_joints=None, trial=True), connect=True)
     start = session.arm.snapshot().positions_rad
     choice = choose(session)
@@ -352,7 +338,7 @@ def test_a_trial_moves_the_arm_and_counts(make_session: MakeSession) -> None:
     assert np.abs(session.arm.snapshot().positions_rad - start).max() < np.deg2rad(0.5)
 
 
-def test_an_arm_that_does_not_come_back_is_said(make_session: MakeSession) -> None:
+def test_an_arm_that_does_not_come_back_is_said(make_session):
     wanted = procedure(3)
     interrupted(make_session(wanted), 700)
     again = make_session(wanted, resume=True)

@@ -5,7 +5,7 @@ import json
 import os
 import socket
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,8 +19,6 @@ from hardware.virtual.tracker import CLIENTS, serve_tracker
 from operator_app.config.procedure_file import load_procedure
 from operator_app.errors import GuardError, SessionError
 from operator_app.session.workflow.pose_reading import Instrument, TargetLostError, port_of
-from tests.oracles.approved import Approve
-from tests.oracles.opened import MakeSession
 from tests.oracles.plant_arm import PlantArm
 
 
@@ -38,9 +36,7 @@ class Creeping(PlantArm):
         return replace(reading, mean_rad=reading.mean_rad + self.crept_rad * (np.arange(7) == 2))
 
 
-def test_of_an_arm_that_does_not_come_to_rest_joint_spread_and_limit_are_said(
-    make_session: MakeSession,
-) -> None:
+def test_of_an_arm_that_does_not_come_to_rest_joint_spread_and_limit_are_said(make_session):
     procedure = load_procedure("hinge")
     session = make_session(procedure, arm=Creeping(procedure, "exact"), connect=True)
     with pytest.raises(GuardError) as refused:
@@ -72,7 +68,7 @@ def says(*lines: dict | str, full_pose: bool = True, patience_s: float = 0.0) ->
     return Instrument(port, full_pose=full_pose, patience_s=patience_s)
 
 
-def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
+def test_a_measurement_of_another_pose_is_not_taken_for_this_one():
     lines = ({"pose": "11", **POSE, "x_m": 9.0}, "", {"pose": "12", **POSE})
     found = says(*lines, patience_s=60.0).measure("12")
     assert found is not None
@@ -89,13 +85,13 @@ def test_a_measurement_of_another_pose_is_not_taken_for_this_one() -> None:
         ["hello"],
     ],
 )
-def test_silence_and_what_is_missing_are_said_with_the_pose(lines: list, approve: Approve) -> None:
+def test_silence_and_what_is_missing_are_said_with_the_pose(lines, approve):
     with pytest.raises(InstrumentError) as caught:
         says(*lines).measure("12")
     approve(str(caught.value))
 
 
-def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() -> None:
+def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either():
     class Streaming(CalledLines):
         def line(self, wait_s: float) -> str | None:
             del wait_s
@@ -106,20 +102,20 @@ def test_one_that_never_stops_speaking_of_other_poses_measures_nothing_either() 
         instrument.measure("12")
 
 
-def test_where_positions_are_wanted_a_turn_is_left_out() -> None:
+def test_where_positions_are_wanted_a_turn_is_left_out():
     found = says(POSE, full_pose=False).measure("1")
     assert found is not None
     assert found.tolist() == [1.0, 2.0, 3.0]
 
 
-def test_a_lost_target_is_no_broken_instrument_and_the_operator_may_end_the_waiting() -> None:
+def test_a_lost_target_is_no_broken_instrument_and_the_operator_may_end_the_waiting():
     with pytest.raises(TargetLostError, match="beam broken"):
         says({"lost": "beam broken"}).measure("1")
     assert says(patience_s=60.0).measure("1", lambda: True) is None
 
 
 @pytest.fixture
-def served() -> Iterator[tuple[int, list[str], Callable[[str], None]]]:
+def served():
     """A port, the questions that came to it, and what sets its answer."""
     asked: list[str] = []
     answer = [json.dumps(POSE)]
@@ -132,7 +128,7 @@ def served() -> Iterator[tuple[int, list[str], Callable[[str], None]]]:
         yield port, asked, lambda text: answer.__setitem__(0, text)
 
 
-def test_over_tcp_it_is_asked_and_what_came_before_is_forgotten(served) -> None:
+def test_over_tcp_it_is_asked_and_what_came_before_is_forgotten(served):
     port, asked, answer = served
     instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
     instrument.open()
@@ -148,7 +144,7 @@ def test_over_tcp_it_is_asked_and_what_came_before_is_forgotten(served) -> None:
     assert asked == ['{"measure": "1"}', '{"measure": "2"}']
 
 
-def test_nobody_there_and_somebody_gone_are_said_with_the_remedy() -> None:
+def test_nobody_there_and_somebody_gone_are_said_with_the_remedy():
     with serve_tracker(lambda _: "x", 0) as port:
         instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
     with pytest.raises(InstrumentError, match="Start the tracker's program"):
@@ -184,12 +180,12 @@ def flooded(data: bytes) -> Iterator[TcpLines]:
             thread.join()
 
 
-def test_one_that_sends_without_end_is_said_and_fills_no_memory() -> None:
+def test_one_that_sends_without_end_is_said_and_fills_no_memory():
     with flooded(b"y" * 65536) as port, pytest.raises(InstrumentError, match="sends no lines"):
         Instrument(port, full_pose=True).measure("1")
 
 
-def test_a_port_that_is_taken_is_said_with_another(served) -> None:
+def test_a_port_that_is_taken_is_said_with_another(served):
     with (
         pytest.raises(InstrumentError, match="another program does"),
         serve_tracker(lambda _: "", served[0]),
@@ -197,7 +193,7 @@ def test_a_port_that_is_taken_is_said_with_another(served) -> None:
         pass
 
 
-def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
+def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path):
     path = tmp_path / "seen.csv"
     path.write_text("x_m,y_m,z_m,rx_deg,ry_deg,rz_deg\n5,5,5,0,0,0\n6,6,6,0,0,")
     port = GrowingFile(path)
@@ -218,9 +214,7 @@ def test_of_a_file_that_grows_only_new_whole_rows_count(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [None, "x_m,y_m", "x_m,y_m\n"])
-def test_a_file_without_a_heading_is_refused_at_once(
-    tmp_path: Path, text: str | None, approve: Approve
-) -> None:
+def test_a_file_without_a_heading_is_refused_at_once(tmp_path, text, approve):
     path = tmp_path / "seen.csv"
     if text is not None:
         path.write_bytes(text.encode())
@@ -229,7 +223,7 @@ def test_a_file_without_a_heading_is_refused_at_once(
     approve(str(refused.value))
 
 
-def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> None:
+def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path):
     """A pipe would be waited for without end: who writes to it may never come."""
     pipe = tmp_path / "rows.csv"
     os.mkfifo(pipe)
@@ -243,7 +237,7 @@ def test_a_pipe_a_folder_and_a_device_are_no_file_that_grows(tmp_path: Path) -> 
         port_of("file:/proc/self/mem").open()
 
 
-def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
+def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path):
     file = tmp_path / "rows.csv"
     file.write_text("x_m,y_m,z_m\n")
     port = GrowingFile(file)
@@ -255,7 +249,7 @@ def test_a_file_that_becomes_a_pipe_on_the_way_is_said(tmp_path: Path) -> None:
         port.line(0.0)
 
 
-def test_a_carriage_return_in_a_line_is_said(tmp_path: Path) -> None:
+def test_a_carriage_return_in_a_line_is_said(tmp_path):
     file = tmp_path / "rows.csv"
     file.write_bytes(b"x_m,y_\rm,z_m\n")
     with pytest.raises(InstrumentError, match=r"the heading of file:.* is not a line of CSV"):
@@ -293,7 +287,7 @@ def sent(data: bytes) -> Iterator[StdinLines]:
         read_to_the_end(here)
 
 
-def test_standard_input_gives_lines_until_it_ends() -> None:
+def test_standard_input_gives_lines_until_it_ends():
     with sent(b'{"a": 1}\n\xff\n') as port:
         assert {port.line(5.0), port.line(5.0)} == {'{"a": 1}', "\ufffd"}
     for _ in range(2):
@@ -302,7 +296,7 @@ def test_standard_input_gives_lines_until_it_ends() -> None:
             port.line(5.0)
 
 
-def test_a_line_without_end_is_refused() -> None:
+def test_a_line_without_end_is_refused():
     here, there = os.pipe()
     port = StdinLines(here)
     port.open()
@@ -314,9 +308,7 @@ def test_a_line_without_end_is_refused() -> None:
     read_to_the_end(here)
 
 
-def test_one_that_sends_whole_lines_without_pause_is_understood_and_starts_with_a_whole_one() -> (
-    None
-):
+def test_one_that_sends_whole_lines_without_pause_is_understood_and_starts_with_a_whole_one():
     line = json.dumps(POSE | {"note": "x" * 300})[:-1].replace(', "note', ', "utc') + "}"
     with sent((line + "\n").encode() * 300) as port:
         for _ in range(20):
@@ -331,7 +323,7 @@ def test_one_that_sends_whole_lines_without_pause_is_understood_and_starts_with_
             assert found.tolist() == pytest.approx(TURNED)
 
 
-def test_more_programs_than_a_tracker_serves_are_refused_in_words(served) -> None:
+def test_more_programs_than_a_tracker_serves_are_refused_in_words(served):
     port = served[0]
     idle = [socket.create_connection(("127.0.0.1", port)) for _ in range(CLIENTS)]
     instrument = Instrument(TcpLines("127.0.0.1", port), full_pose=True)
@@ -357,11 +349,11 @@ def test_more_programs_than_a_tracker_serves_are_refused_in_words(served) -> Non
 
 
 @pytest.mark.parametrize("source", ["", "tcp:lab", "tcp:lab:0", "tcp:lab:99999", "file:", "usb:1"])
-def test_what_names_no_port_is_refused_with_those_there_are(source: str) -> None:
+def test_what_names_no_port_is_refused_with_those_there_are(source):
     with pytest.raises(SessionError, match="Write tcp:HOST:PORT"):
         port_of(source)
 
 
-def test_ports_are_named_in_the_words_they_were_asked_for() -> None:
+def test_ports_are_named_in_the_words_they_were_asked_for():
     for source in ("tcp:lab:7327", "file:a.csv", "stdin"):
         assert port_of(source).name == source

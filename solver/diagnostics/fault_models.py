@@ -146,7 +146,7 @@ class FaultModels:
 
     def _readings(self) -> Iterator[Candidate]:
         """Candidates, by joint: independent errors of its readings in every pose (noise, or no working sensor)."""
-        stated = self.design.joint_variance(self.design.stated_variances())
+        stated = self.design.noise_variance(self.design.stated_variances())
         for j in self.sensed:
             yield Candidate(
                 cause=Cause.READING,
@@ -160,7 +160,7 @@ class FaultModels:
     def _scatter(self) -> Candidate:
         """Candidate: independent errors of equal size in the readings of all joints (the arm was not at rest)."""
         sensed = np.array(self.sensed) - 1
-        stated = self.design.joint_variance(self.design.stated_variances())[:, sensed]
+        stated = self.design.noise_variance(self.design.stated_variances())[:, sensed]
         return Candidate(
             cause=Cause.SCATTER,
             subject="all joints",

@@ -12,9 +12,13 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, MOTION_NOISE_LEAST_SHARE
 from solver.estimators.component_report import MOST_CERTAIN, NORMAL_95, standard_errors
+from solver.estimators.layout import FIXTURE_NOISE
 from solver.estimators.likelihood import Derivatives
 from solver.estimators.linear_fit import LinearFit
 from solver.estimators.scoring import scale_spread, with_priors
+
+MOTION_NOISE = (FIXTURE_NOISE, ("joint_play",))
+"""Components of the noise of motion: that of the fixture and that of the joints."""
 
 ROUNDS = 6
 """Scoring steps after which variances of noise have converged to a few per cent."""
@@ -28,8 +32,8 @@ def with_found_motion_noise(fit: LinearFit) -> LinearFit:
     less motion noise says nothing about single readings.
     """
     design, stated = fit.design, fit.design.stated_variances()
-    play = [] if design.play_component is None else [design.play_component]
-    moving = [k for k in (list(design.fixture_components.values()), play) if k]
+    of_each = ([design.index[n] for n in names if n in design.index] for names in MOTION_NOISE)
+    moving = [k for k in of_each if k]
     way = np.zeros((len(moving), len(stated)))
     for row, components in zip(way, moving, strict=True):
         row[components] = stated[components]

@@ -21,7 +21,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.closing import Rates, left_null_space
 from solver.estimators.error_model import ErrorModel, distance_rows
 from solver.estimators.joint_shapes import JointShapes
-from solver.estimators.layout import Layout
+from solver.estimators.layout import FIXTURE_NOISE, Layout
 from solver.loops.closure import ClosureModel
 
 CHUNK = 1024
@@ -42,6 +42,11 @@ class System:
     E: FloatArray
     angle: FloatArray
     distances: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 0)))
+
+    @property
+    def noise_columns(self) -> FloatArray:
+        """Columns C = [B, E'] (m, r, n + k) along which noise acts: joints, then closure components."""
+        return np.concatenate((self.B, np.swapaxes(self.E, -1, -2)), axis=-1)
 
     @property
     def equations(self) -> int:
@@ -68,24 +73,38 @@ class System:
 class Whitened:
     """Whitened columns [hard, effects] and misclosure of some poses.
 
-    `L_inverse` (m, r, r) whitens; `Bw` (m, r, n) and `Ew` (m, r, k) are the joints' and the
-    fixture's columns, `S` (m, n) and `F` (m, k) the variances of their noise.
+    `L_inverse` (m, r, r) whitens; `C` (m, r, n + k) are the whitened columns of the noise, which has the variance
+    `noise` (m, n + k).
     """
 
     poses: slice
     M: FloatArray
     w: FloatArray
     L_inverse: FloatArray
-    Bw: FloatArray
-    Ew: FloatArray
-    S: FloatArray
-    F: FloatArray
+    C: FloatArray
+    noise: FloatArray
 
     def times(self, coefficients: FloatArray) -> FloatArray:
         """Columns times coefficients (width, ...): (m, r, ...), as one product for all poses."""
         m, r, width = self.M.shape
         found = self.M.reshape(m * r, width) @ coefficients
         return found.reshape(m, r, *coefficients.shape[1:])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class NoiseSource:
+    """Noise of one source, new in every pose, with the variance `rates` (m, n + k) along joints and closure components.
+
+    `component`: index of the variance component that scales it; None where its size is fixed.
+    """
+
+    source: str
+    component: int | None
+    rates: FloatArray
+
+    def variance(self, v: FloatArray) -> FloatArray:
+        """Variance (m, n + k) under the components `v` (K,)."""
+        return self.rates if self.component is None else self.rates * v[self.component]
 
 
 class LinearModel(Layout):
@@ -105,9 +124,6 @@ class LinearModel(Layout):
     ) -> None:
         super().__init__(model, q, errors, group=group, like=like)
         self.along_joints = JointShapes(self)
-        nothing = np.zeros((len(q), self.rows))
-        self._stated_joints: FloatArray = np.sum([*self.fixed_joint_noise().values()], axis=0)
-        self._stated_fixture: FloatArray = sum(self.fixed_fixture_noise().values(), nothing)
 
     def at_poses(self, poses: IntArray) -> LinearModel:
         """Return the design of a selection of poses; smooth functions are fitted to these only."""
@@ -125,46 +141,55 @@ class LinearModel(Layout):
 
     # ---- noise
 
-    def joint_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
-        """Variance of every joint's noise (m, n), rad^2, under the components (K,)."""
-        S = self._stated_joints[poses].copy()
-        for k, a in enumerate(self.errors.analogue):
-            S[:, a.joint - 1] += v[k] * a.share[poses]
-        if self.play_component is not None:
-            S += v[self.play_component] * self.backlash**2
-        return S
+    def noise_sources(self, poses: slice) -> Iterator[NoiseSource]:
+        """Yield every source of the noise that is new in every pose.
 
-    def fixed_joint_noise(self) -> dict[str, FloatArray]:
-        """Variances (m, n), rad^2, of the joints' noise that no component scales, by source."""
-        used = np.ones(self.model.joint_count)
-        used[[j - 1 for j in self.model.unsensed_joints]] = 0.0
-        found = {"counts": self.errors.joint_variance * used}
+        Smooth functions of the pose leave out a part of play, sag and deflection. It is noise of the stated size.
+        """
+        n, errors = self.model.joint_count, self.errors
+        shape = (len(self.q[poses]), n + self.rows)
+
+        def along(
+            columns: slice, source: str, rate: FloatArray, component: str = ""
+        ) -> NoiseSource:
+            rates = np.zeros(shape)
+            rates[:, columns] = rate
+            return NoiseSource(source=source, component=self.index.get(component), rates=rates)
+
+        joints, closure = slice(0, n), slice(n, None)
+        read = ~np.isin(np.arange(1, n + 1), self.model.unsensed_joints)
+        yield along(joints, "counts", errors.joint_variance[poses] * read)
+        for a in errors.analogue:
+            own, name = slice(a.joint - 1, a.joint), f"rvdt_noise_{a.joint}"
+            yield along(own, name, a.share[poses, None], f"rvdt_{a.joint}")
         if len(self.play_joints):
-            found["joint_play"] = self.play.missed * self.backlash**2
+            yield along(joints, "joint_play", self.play.missed[poses] * self.backlash**2)
+            yield along(joints, "joint_play", self.backlash**2, "joint_play")
         if len(self.sag_joints):
-            found["sag"] = self.sags.missed * self.sag**2
-        return {s: np.broadcast_to(variance, self.q.shape) for s, variance in found.items()}
-
-    def fixture_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
-        """Variance of the fixture's noise along the closure components (m, k)."""
-        F = self._stated_fixture[poses].copy()
-        for key, c in self.fixture_components.items():
-            F[:, self._rows_of(key)] += v[c]
-        return F
-
-    def _rows_of(self, component: str) -> slice:
-        """Closure components along which a component of the fixture's noise acts."""
-        return slice(0, 3) if component == "fixture_rad" else slice(self.rows - 3, self.rows)
-
-    def fixed_fixture_noise(self) -> dict[str, FloatArray]:
-        """Variances (m, k) of the noise along the closure components that no component scales, by source."""
-        measured = np.tile(self.errors.endpoint_variance[6 - self.rows :], (len(self.q), 1))
-        gives = np.zeros_like(measured)
+            yield along(joints, "sag", self.sags.missed[poses] * self.sag**2)
+        yield along(closure, "instrument", errors.endpoint_variance[6 - self.rows :])
         for rows, stated in self.gives:
-            gives[:, rows] += (self.give_basis.missed * self.free_give * stated**2)[:, None]
+            left = self.give_basis.missed[poses, None] * self.free_give * stated**2
+            yield along(slice(n + rows.start, n + rows.stop), "fixture_give", left)
         if self.loaded is not None:
-            gives += self.loaded.missed(slice(None))
-        return {s: F for s, F in (("instrument", measured), ("fixture_give", gives)) if F.any()}
+            yield along(closure, "fixture_give", self.loaded.missed(poses))
+        for name, rows in zip(FIXTURE_NOISE, (slice(n, n + 3), slice(-3, None)), strict=True):
+            if name in self.index:
+                yield along(rows, "fixture_give", np.ones((1, 1)), name)
+
+    def noise_variance(self, v: FloatArray, poses: slice = slice(None)) -> FloatArray:
+        """Variance of the noise along joints, rad^2, and closure components (m, n + k)."""
+        return np.asarray(sum(s.variance(v) for s in self.noise_sources(poses)))
+
+    def noise_rates(self, poses: slice) -> FloatArray:
+        """Rates of the noise's variance along joints and closure components with each component (m, n + k, K)."""
+        rates = np.zeros(
+            (len(self.q[poses]), self.model.joint_count + self.rows, len(self.components))
+        )
+        for s in self.noise_sources(poses):
+            if s.component is not None:
+                rates[..., s.component] += s.rates
+        return rates
 
     def smooth_give_variance(self, v: FloatArray) -> FloatArray:
         """Variance (6,) of the deflection that repeats at the same pose."""
@@ -175,28 +200,11 @@ class LinearModel(Layout):
             found[6 - self.rows :][rows] += g.variance(v)
         if self.loaded is not None:
             squares = [(self.loaded.columns(here) ** 2).sum((0, 2)) for here in self.parts()]
-            found[6 - self.rows :] += sum(squares) / len(self.q)
+            found[6 - self.rows :] += v[self.index["compliance"]] * sum(squares) / len(self.q)
         return found
 
-    def noise_factors(self, part: Whitened) -> tuple[FloatArray, IntArray]:
-        """Columns Q (m, r, f) of the whitened noise, and the component (f,) that scales each.
-
-        A component's derivative of the noise is ``Q Q'`` of its columns.
-        """
-        factors, component = [np.zeros((*part.w.shape, 0))], list[int]()
-        for k, a in enumerate(self.errors.analogue):
-            share = np.sqrt(a.share[part.poses])
-            factors.append(part.Bw[..., a.joint - 1, None] * share[:, None, None])
-            component.append(k)
-        for key, c in self.fixture_components.items():
-            factors.append(part.Ew[..., self._rows_of(key)])
-            component += [c] * 3
-        if self.play_component is not None:
-            factors.append(part.Bw * self.backlash)
-            component += [self.play_component] * len(self.backlash)
-        return np.concatenate(factors, axis=-1), np.array(component, dtype=np.int64)
-
     # ---- columns
+
     def parts(self) -> Iterator[slice]:
         """Whitened poses, in chunks."""
         for first in range(0, len(self.q), CHUNK):
@@ -207,12 +215,11 @@ class LinearModel(Layout):
 
         `root` (width - hard,) scales the effects: with the root of `group_variances` they have unit variance.
         """
-        B, E = system.B, system.E
-        Et = np.swapaxes(E, -1, -2)
-        S, F = self.joint_variance(v, poses), self.fixture_variance(v, poses)
-        V = (B * S[:, None, :]) @ np.swapaxes(B, -1, -2) + (Et * F[:, None, :]) @ E
+        C, noise = system.noise_columns, self.noise_variance(v, poses)
+        V = (C * noise[:, None, :]) @ np.swapaxes(C, -1, -2)
         L_inverse = np.linalg.inv(np.linalg.cholesky(V))
-        Bw, Ew = L_inverse @ B, L_inverse @ Et
+        C = L_inverse @ C
+        Ew = C[..., self.model.joint_count :]
         Aw = L_inverse @ system.A
         m, r = system.w.shape
         M = np.empty((m, r, self.width))
@@ -222,7 +229,7 @@ class LinearModel(Layout):
         along, shapes = self.along_joints, self.along_joints.at(system.angle, poses)
         end = at + len(along.joint_of)
         shapes = shapes * root[at:end]
-        np.multiply(Bw[..., along.joint_of], shapes[:, None, :], out=effects[..., at:end])
+        np.multiply(C[..., along.joint_of], shapes[:, None, :], out=effects[..., at:end])
         at = end
         for rows, _ in self.gives:
             phi = self.give_basis.phi[poses]
@@ -234,7 +241,7 @@ class LinearModel(Layout):
         if self.loaded is not None:
             effects[..., at:] = Ew @ (self.loaded.columns(poses) * root[at:])
         w = (L_inverse @ system.w[..., None])[..., 0]
-        return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, Bw=Bw, Ew=Ew, S=S, F=F)
+        return Whitened(poses=poses, M=M, w=w, L_inverse=L_inverse, C=C, noise=noise)
 
     def effects_at(self, b: FloatArray, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Joint corrections (m, n) and fixture displacement (m, k) of effect coefficients (unscaled).

@@ -66,6 +66,9 @@ NON_REPEATABLE_SHARE = 0.4
 the repeatable part (smooth in the pose, or on one side of a joint). The data determine the first well and the
 second poorly, so each has a separate scale."""
 
+FIXTURE_NOISE = ("fixture_rad", "fixture_m")
+"""Components of the part of a fixture's deflection that does not repeat: rotation, translation."""
+
 SAG_COLUMNS, GIVE_COLUMNS = 8, 12
 """Number of smooth functions of the pose for a joint's twist under load and a placement's deflection."""
 
@@ -127,8 +130,8 @@ class Layout:
     """Groups and components of a closure model with stated errors; readings `q` (m, n), rad.
 
     `like` is a layout of the same poses, whose smooth functions are reused. `floors`, `walls`, `leaps`,
-    `quietest` and `scaled` (K,) are the corresponding values of the components. `column` (P,): column of each
-    parameter, those without a prior first.
+    `quietest` and `scaled` (K,) are the corresponding values of the components, `index` their places by name. `column`
+    (P,): column of each parameter, those without a prior first.
     """
 
     def __init__(
@@ -172,6 +175,7 @@ class Layout:
         self.components: list[VarianceComponent] = []
         self.groups: list[Group] = []
         self._lay_out(names, group, like)
+        self.index = {c.name: k for k, c in enumerate(self.components)}
         self.floors = np.array([c.floor for c in self.components])
         self.walls = np.array([c.wall for c in self.components])
         self.leaps = np.array([c.leap for c in self.components])
@@ -212,11 +216,10 @@ class Layout:
                     spread_dof=a.spread_dof,
                 )
             )
-        self.fixture_components: dict[str, int] = {}
-        held = [("fixture_rad", errors.give_rad)] if self.rows == 6 else []
-        gives = [(k, s) for k, s in (*held, ("fixture_m", errors.give_m)) if s is not None]
+        sizes = zip(FIXTURE_NOISE, (errors.give_rad, errors.give_m), strict=True)
+        gives = [(k, s) for k, s in list(sizes)[self.rows != 6 :] if s is not None]
         for key, stated in gives:
-            self.fixture_components[key] = self._component(
+            self._component(
                 VarianceComponent(
                     name=key,
                     start=max(NON_REPEATABLE_SHARE * stated, LEAST_GIVE) ** 2,
@@ -226,9 +229,8 @@ class Layout:
                     leap=FIRST_GIVE**2,
                 )
             )
-        self.play_component: int | None = None
         if self.backlash.any():
-            self.play_component = self._component(
+            self._component(
                 VarianceComponent(
                     name="joint_play",
                     start=NON_REPEATABLE_SHARE**2,
@@ -259,8 +261,7 @@ class Layout:
         # Deflection: rows of the closure components, and the stated size along them.
         self.gives: list[tuple[slice, float]] = []
         misfit = (self.rows == 6) * [slice(0, 3)] + [slice(self.rows - 3, self.rows)]
-        sizes = dict(gives)
-        turn_rad, shift_m = (sizes.get(key, 0.0) for key in ("fixture_rad", "fixture_m"))
+        turn_rad, shift_m = (dict(gives).get(key, 0.0) for key in FIXTURE_NOISE)
         for rows, stated in zip(misfit[::-1], (shift_m, turn_rad), strict=False):
             if stated > 0.0 or errors.discrepancy:
                 self.gives.append((rows, stated))
@@ -380,8 +381,7 @@ class Layout:
     @property
     def motion_components(self) -> list[int]:
         """Components of the noise of fixture and joints."""
-        play = [] if self.play_component is None else [self.play_component]
-        return [*self.fixture_components.values(), *play]
+        return [k for name, k in self.index.items() if name in (*FIXTURE_NOISE, "joint_play")]
 
     @property
     def noise_components(self) -> list[int]:

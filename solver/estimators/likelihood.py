@@ -55,23 +55,22 @@ def likelihood_derivatives(fit: LinearFit) -> Derivatives:
         X = M @ fit.H_inverse
         P = np.eye(r) - X.reshape(m, r, width) @ np.swapaxes(part.M, -1, -2)
         left = (part.w + part.times(fit.coefficients))[..., None]
-        Q, component = design.noise_factors(part)
-        # Sums over the columns of each component.
-        of = (component[:, None] == np.arange(K)).astype(np.float64)
-        Qt = np.swapaxes(Q, -1, -2)
-        seen = Qt @ left
-        pulled = (Q * seen[..., 0][:, None]).reshape(m * r, -1) @ of
+        # A component's derivative of the noise's covariance is C diag(rates) C'.
+        C, noise = part.C, design.noise_rates(part.poses)
+        Ct = np.swapaxes(C, -1, -2)
+        seen = Ct @ left
+        pulled = (C @ (noise * seen)).reshape(m * r, K)
         pulled -= M[:, hard:] @ effects
         inner += pulled.T @ pulled
         along += pulled.T @ M
-        PQ = P @ Q
-        chance = (PQ * Q).sum((0, 1)) @ of
+        PC = P @ C
+        chance = np.einsum("mf,mfc->c", (PC * C).sum(1), noise)
         expected += chance
-        score += (seen[..., 0] ** 2).sum(0) @ of - chance
-        information += of.T @ ((Qt @ PQ) * (Qt @ Q)).sum(0) @ of
+        score += np.einsum("mf,mfc->c", seen[..., 0] ** 2, noise) - chance
+        information += np.einsum("mfc,mfd->cd", noise, (Ct @ PC) * (Ct @ C) @ noise)
         # Squares of each effect's columns of a pose under P.
-        reached = Qt @ X.reshape(m, r, width)[..., hard:]
-        across = of.T @ np.einsum("mfc,mfc->fc", reached, reached) @ rates
+        reached = Ct @ X.reshape(m, r, width)[..., hard:]
+        across = np.einsum("mfc,mfx->cx", noise, reached**2, optimize=True) @ rates
         information += across + across.T
     average = inner - along @ fit.H_inverse @ along.T
     return Derivatives(

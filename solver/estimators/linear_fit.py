@@ -197,18 +197,10 @@ class LinearFit:
             add(g.source, share * (1.0 - unnamed / of_group))
             if unnamed:
                 add("discrepancy", share * unnamed / of_group)
-        fixed = [("Bw", design.fixed_joint_noise()), ("Ew", design.fixed_fixture_noise())]
         for part in self.parts():
-            weights = part.times(gain.T)
-            Q, moved_by = design.noise_factors(part)
-            brought = ((np.swapaxes(Q, -1, -2) @ weights) ** 2).sum(0)
-            for component in dict.fromkeys(moved_by.tolist()):
-                source = design.components[component].source
-                add(source, self.v[component] * brought[moved_by == component].sum(0))
-            for columns, sources in fixed:
-                along = (np.swapaxes(getattr(part, columns), -1, -2) @ weights) ** 2
-                for source, variance in sources.items():
-                    add(source, np.einsum("mj,mjp->p", variance[part.poses], along))
+            brought = (np.swapaxes(part.C, -1, -2) @ part.times(gain.T)) ** 2
+            for noise in design.noise_sources(part.poses):
+                add(noise.source, np.einsum("mf,mfp->p", noise.variance(self.v), brought))
         rows = self._distances()[1]
         if len(rows):
             add("distances", ((gain @ rows.T) ** 2).sum(-1))

@@ -271,7 +271,7 @@ def _start(design: LinearModel, x0: FloatArray, v: FloatArray, near: Near | None
         e, u = near.corrections, near.unsensed
         return State(x=x, e=e, u=u, closed_q=q + e, closed_u=u)
     if design.model.unsensed_joints:
-        sd = np.sqrt(design.joint_variance(v).mean(axis=0))
+        sd = np.sqrt(design.noise_variance(v).mean(axis=0)[: q.shape[1]])
         u = close_loops(design.model, x, q, sigma_rad=sd, max_iterations=3).u
     else:
         # The fixture's own freedoms follow from the readings, as exactly as these are known.
@@ -293,8 +293,9 @@ def _advance(design: LinearModel, at: Linearisation, fit: LinearFit) -> tuple[St
         here, system = part.poses, at.part(part.poses)
         left = (part.w + part.times(fit.coefficients))[..., None]
         multipliers = np.swapaxes(part.L_inverse, -1, -2) @ left
-        e[here] -= part.S * (np.swapaxes(system.B, -1, -2) @ multipliers)[..., 0]
-        give[here] -= part.F * (system.E @ multipliers)[..., 0]
+        noise = part.noise * (np.swapaxes(system.noise_columns, -1, -2) @ multipliers)[..., 0]
+        e[here] -= noise[:, : e.shape[1]]
+        give[here] -= noise[:, e.shape[1] :]
         turned = e[here] + _closing(system, give[here])
         closed_q[here] += turned
         rates = at.rates(here)

@@ -280,10 +280,11 @@ def _pose_chi2(fit: LinearFit) -> FloatArray:
 def noise_left(found: MixedFit, back: IntArray) -> NoiseModel:
     """Remaining noise of each pose at the estimated variances, rows in the order of `back` (m,)."""
     design, v = found.fit.design, found.fit.v
+    joints, fixture = np.split(design.noise_variance(v), [design.model.joint_count], axis=1)
     give = np.zeros(6)
-    give[6 - design.rows :] = design.fixture_variance(v).mean(axis=0)
+    give[6 - design.rows :] = fixture.mean(axis=0)
     give += design.smooth_give_variance(v)
-    return NoiseModel(joint_variance=design.joint_variance(v)[back], fixture_variance=give)
+    return NoiseModel(joint_variance=joints[back], fixture_variance=give)
 
 
 def _report(found: MixedFit, back: IntArray) -> VarianceComponents:

@@ -2,7 +2,7 @@
 
     python -m tests.benchmarks.honesty [--arms 300] [--workers 2] [--rows all,nothing] [--csv FILE]
 
-Bars: all sources together 92-98 %, each parameter at least 85 %; at twice the stated size 85 % or not
+Bars: all sources together 92-98 %, each parameter at least 85 %; at half the stated size 92-99 %, at twice 85 % or not
 accepted. A source alone: at least 91 % under the shipped files, which admit all the others as well, and
 91-99 % under files that state this source only (`... stated`); no source: at least 93 % either way. The
 error over the bound is that of the best linear estimate that knows how the arms were drawn
@@ -34,6 +34,7 @@ ALONE: dict[str, Sizes] = {
 DRAWN: dict[str, Sizes] = {
     **ALONE,
     "all": Sizes.everything(),
+    "all half": Sizes.everything(times=0.5),
     "all twice": Sizes.everything(times=2.0),
     **{f"{name} stated": sizes for name, sizes in ALONE.items()},
 }
@@ -43,6 +44,7 @@ WANTED = {
     "nothing": (0.93, 1.0),
     "nothing stated": (0.93, 1.0),
     "all": (0.92, 0.98),
+    "all half": (0.92, 0.99),
     "all twice": (0.85, 1.0),
     **dict.fromkeys(SOURCES, (0.91, 1.0)),
     **{f"{source} stated": (0.91, 0.99) for source in SOURCES},

@@ -70,7 +70,7 @@ class Dense:
         A = system.A.reshape(m * r, -1)
         self.A = A[:, design.hard_index]
         self.noise = np.zeros((m * r, m * r))
-        S, F = design.joint_variance(v), design.fixture_variance(v)
+        S, F = np.split(design.noise_variance(v), [system.B.shape[-1]], axis=1)
         for i in range(m):
             here = slice(i * r, i * r + r)
             self.noise[here, here] = (system.B[i] * S[i]) @ system.B[i].T

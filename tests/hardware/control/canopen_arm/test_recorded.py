@@ -15,7 +15,9 @@ def test_the_recording_has_stop_and_every_frame_before_its_answer(connected, bus
     assert arm.recording_failure is None
     frames = list(can.LogReader(tmp_path / "bus.blf"))
     both_ways = [(frame.arbitration_id, frame.is_rx) for frame in frames]
-    assert both_ways.count((0x080, False)) == both_ways.count((0x183, True)) == bus.syncs
+    assert both_ways.count((0x080, False)) == bus.syncs
+    # Nobody waits for the answer to the last SYNC before the bus is closed.
+    assert bus.syncs - both_ways.count((0x183, True)) in (0, 1)
     stops = [f for f in frames if 0x200 < f.arbitration_id <= 0x207 and f.data[:2] == b"\x02\x00"]
     assert {f.arbitration_id for f in stops} == {0x201 + k for k in range(JOINTS)}
     assert not any(f.is_rx for f in stops)

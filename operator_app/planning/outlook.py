@@ -8,6 +8,7 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
+from fixtures.setup_checks import setup_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.errors import SessionError
@@ -80,7 +81,7 @@ def outlook(
     """Return the outlook of `arm` in `fixture`; `position_joints` are the drive joints that a procedure lists."""
     unsensed = tuple(sorted({*unsensed_joints, *arm.unsensed_joints}))
     model = without_hidden(arm, fixture, fixture.model(arm, unsensed_joints=unsensed))
-    parameters, checks = model.parameters, fixture.setup_checks(arm, arm.home_rad)
+    parameters, checks = model.parameters, setup_checks(fixture, arm, arm.home_rad)
     if isinstance(fixture, Measured):
         return Outlook(parameters=parameters, mobility=arm.joint_count, checks=checks)
     whole = fixture.model(arm)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fixtures.base import EndpointConstraint, SetupCheck
+from fixtures.setup_checks import setup_checks
 from operator_app.calibration.closed_loops import in_order
 from operator_app.errors import SessionError
 from operator_app.planning.drives import (
@@ -144,8 +145,11 @@ def preview(
         mobility=mobility,
         estimate=estimate,
         captured=0 if known_rad is None else len(known_rad),
-        checks=fixture.setup_checks(
-            arm, start, None if estimate is None else in_order(fixture.model(arm), task.model, x)
+        checks=setup_checks(
+            fixture,
+            arm,
+            start,
+            None if estimate is None else in_order(fixture.model(arm), task.model, x),
         ),
         seen=plan.design
         if known_rad is None

@@ -10,6 +10,7 @@ import numpy as np
 
 from fixtures.base import CheckKind, EndpointConstraint, SetupCheck, Severity
 from fixtures.measured import Measured
+from fixtures.setup_checks import setup_checks
 from operator_app.calibration.error_model import error_model, free_within_tolerance, stated_priors
 from operator_app.calibration.experiment import Experiment
 from operator_app.errors import SessionError
@@ -131,7 +132,7 @@ def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, s
     """Return, for a new procedure, the free entries of an arm that a fixture cannot identify, with the reason."""
     return {
         check.entry or f"theta_off_{check.joint}": check.text
-        for check in fixture.setup_checks(arm, arm.home_rad)
+        for check in setup_checks(fixture, arm, arm.home_rad)
         if check.kind in (CheckKind.HIDDEN, CheckKind.IMMOBILE)
     }
 

@@ -6,26 +6,73 @@ from functools import cache
 import numpy as np
 
 from fixtures.ball import Ball
-from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
 from solver.chain.arm_model import ArmModel, Joint
-from solver.chain.kinematics import DhTable
+from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhEntry, DhKind, nominal_vector
+from solver.chain.rotations import rotation_about_z
 from solver.chain.sensors import Encoder
 from solver.closing import close_loops
 from solver.diagnostics.model_selection import drop_unidentifiable
 from solver.loops.closure import ClosureModel
+from solver.loops.endpoint_geometry import Line
 from solver.loops.open_arm import MeasuredClosure
 
-FIXTURES: dict[str, type[EndpointConstraint]] = {
-    "ball": Ball,
-    "hinge": Hinge,
-    "measured": Measured,
-    "rigid": Rigid,
-}
-"""One line a fixture: the contract tests run on each."""
+EXAMPLE_TIP_M = (0.03, 0.02, 0.05)
+
+
+def at_home(arm: ArmModel) -> Frames:
+    """Frames 0 to n of the arm at home."""
+    offsets, *lengths_and_twists = arm.table.stacked()
+    return forward(arm.home_rad + offsets, *lengths_and_twists)
+
+
+def ball(arm: ArmModel) -> Ball:
+    """A ball beside the flange, with its socket at the home pose."""
+    hand = at_home(arm)
+    ground = hand.p_end + hand.R_end @ np.array(EXAMPLE_TIP_M)
+    return Ball(tip_m=EXAMPLE_TIP_M, ground_m=tuple(ground.tolist()))
+
+
+def hinge(arm: ArmModel) -> Hinge:
+    """A hinge, at 100 deg to joint n, that closes at home but for turns of joints 1 and n."""
+    alpha_n = np.deg2rad(100.0)
+    return hinge_at(arm, [-0.1, 0.0, 0.04], [0.0, -np.sin(alpha_n), np.cos(alpha_n)])
+
+
+def rigid(arm: ArmModel) -> Rigid:
+    """An attachment that closes at home but for turns of joints 1 and n."""
+    axis = hinge_at(arm, [0.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    return Rigid(a_0_m=axis.a_0_m, s_0_m=axis.s_0_m, alpha_0_rad=axis.alpha_0_rad, s_1_m=axis.s_1_m)
+
+
+def hinge_at(arm: ArmModel, point_m: list[float], direction: list[float]) -> Hinge:
+    """The hinge on a line of the frame before the last link at home, with the offsets of the arm's file."""
+    frames = at_home(arm)
+    R, p = frames.axes[-2] @ rotation_about_z(arm.home_rad[-1:])[0], frames.origins_m[-2]
+    point, along = p + R @ point_m, R @ direction
+    hand = Line(point_m=(point - frames.p_end) @ frames.R_end, direction=along @ frames.R_end)
+    placed = Hinge.between(arm, Line(point_m=point, direction=along), hand)
+    return replace(placed, theta_off_1_rad=None, theta_off_n_rad=None)
+
+
+def measured(arm: ArmModel) -> Measured:
+    """A full-pose instrument beside the arm, with a target beside the flange."""
+    return Measured(
+        full_pose=True,
+        base_m=(1.5, -0.4, 0.2),
+        base_turn_rad=(0.1, -0.2, 2.0),
+        tip_m=EXAMPLE_TIP_M,
+        tip_turn_rad=(0.2, 0.1, -0.3),
+        sigma_m=20e-6,
+        sigma_rad=50e-6,
+    )
+
+
+FIXTURES = {"ball": ball, "hinge": hinge, "measured": measured, "rigid": rigid}
+"""One line a fixture, made by its function: the contract tests run on each."""
 
 
 def arm(name: str, table: DhTable, home_deg: list[float]) -> ArmModel:
@@ -139,7 +186,7 @@ def perturbed(model: ClosureModel, seed: int) -> np.ndarray:
 def case(kind: str, arm_name: str) -> Case:
     """What the poses cannot show is held first: a truth planted there would be nobody's to find."""
     arm = ARMS[arm_name]()
-    model = FIXTURES[kind].example(arm).model(arm)
+    model = FIXTURES[kind](arm).model(arm)
     x = nominal_vector(model.parameters)
     q = closed_poses(model, x, arm, seed=1)
     model, _ = drop_unidentifiable(observed(model, x, q), x, q)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fixtures.base import Severity
-from fixtures.setup_checks import mobility
+from fixtures.setup_checks import mobility, setup_checks
 from solver.chain.parameters import nominal_vector, wrap_angles
 from solver.chain.sensors import Encoder
 from solver.diagnostics.identifiability import identifiability
@@ -46,7 +46,7 @@ def differences(function, point: np.ndarray, step: float = 1e-6) -> np.ndarray:
 @pytest.mark.parametrize("beside", [0.5, 1e-3, 1e-9, 0.0])
 @pytest.mark.parametrize("unsensed", [(), (2,), (6, 7)])
 def test_jacobians_are_the_derivatives(planted, beside, unsensed):
-    model = FIXTURES[planted.kind].example(planted.arm).model(planted.arm, unsensed_joints=unsensed)
+    model = FIXTURES[planted.kind](planted.arm).model(planted.arm, unsensed_joints=unsensed)
     rng = np.random.default_rng(5)
     x = perturbed(model, seed=6)
     q = planted.q[:4]
@@ -156,7 +156,7 @@ def test_equal_descriptions_close_the_same_loops(planted):
 
 
 def test_a_joint_that_does_not_move_is_reported(planted):
-    full = FIXTURES[planted.kind].example(planted.arm).model(planted.arm)
+    full = FIXTURES[planted.kind](planted.arm).model(planted.arm)
     x = nominal_vector(full.parameters)
     if freedoms(full) < 2:
         # Holding a joint would leave no motion to learn from; the elbow stands still anyway.
@@ -193,7 +193,7 @@ def test_a_held_parameter_is_gone_and_nothing_else(planted):
 
 
 def test_an_unsensed_joint_is_not_read(planted):
-    fixture = FIXTURES[planted.kind].example(planted.arm)
+    fixture = FIXTURES[planted.kind](planted.arm)
     model = fixture.model(planted.arm, unsensed_joints=(6, 7))
     x = perturbed(model, seed=10)
     model = observed(model, x, planted.q)
@@ -215,11 +215,11 @@ def test_an_unsensed_joint_is_not_read(planted):
 
 
 def test_mobility_and_setup_checks(planted):
-    fixture = FIXTURES[planted.kind].example(planted.arm)
+    fixture = FIXTURES[planted.kind](planted.arm)
     model = fixture.model(planted.arm)
     x = nominal_vector(model.parameters)
     pose = closed_poses(model, x, planted.arm, seed=11, count=5)[0]
-    checks = fixture.setup_checks(planted.arm, pose)
+    checks = setup_checks(fixture, planted.arm, pose)
     codes = [check.code for check in checks]
     assert len(set(codes)) == len(codes)
     assert all(check.remedy for check in checks if check.severity is not Severity.OK)
@@ -237,7 +237,7 @@ def test_mobility_and_setup_checks(planted):
 
 def test_what_the_fixture_hides_is_warned_of_and_dropped(planted):
     """The set-up check and the Jacobian know of each other's findings without sharing code."""
-    fixture = FIXTURES[planted.kind].example(planted.arm)
+    fixture = FIXTURES[planted.kind](planted.arm)
     model = fixture.model(planted.arm)
     x = nominal_vector(model.parameters)
     hidden = {
@@ -251,7 +251,7 @@ def test_what_the_fixture_hides_is_warned_of_and_dropped(planted):
 
 
 def test_placements_are_the_single_loops_side_by_side(planted):
-    fixture = FIXTURES[planted.kind].example(planted.arm)
+    fixture = FIXTURES[planted.kind](planted.arm)
     q = planted.q[:7]
     number = np.array([1, 2, 2, 1, 2, 1, 1])
     single = fixture.model(planted.arm)

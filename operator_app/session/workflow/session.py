@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import Any
 
 from fixtures.base import SetupCheck, Severity
+from fixtures.setup_checks import setup_checks
 from hardware.arm import (
     ArmIdentity,
     ArmInterface,
@@ -146,7 +147,7 @@ class Session(Logbook):
     def check_fixture(self) -> tuple[SetupCheck, ...]:
         """Check the nominal placement of the fixture at the current pose, and record the checks."""
         checks = (
-            *self.fixture.setup_checks(self.model, self.arm.snapshot().positions_rad),
+            *setup_checks(self.fixture, self.model, self.arm.snapshot().positions_rad),
             *fixed_parameter_checks(self.procedure),
         )
         self.record(

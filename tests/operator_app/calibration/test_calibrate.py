@@ -7,6 +7,7 @@ import pytest
 
 from fixtures.base import Compliance
 from fixtures.hinge import Hinge
+from fixtures.setup_checks import setup_checks
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
@@ -64,7 +65,7 @@ def test_a_pose_with_the_hand_upside_down_is_named_and_never_mixed_in(poses):
 @pytest.mark.parametrize(("degrees", "verdict"), [(5.0, "warned"), (0.5, "refused")])
 def test_near_parallel_axes_warn_and_then_refuse(poses, degrees, verdict):
     tilted = replace(HINGE, alpha_n_rad=np.deg2rad(degrees))
-    checks = tilted.setup_checks(ARM, ARM.home_rad)
+    checks = setup_checks(tilted, ARM, ARM.home_rad)
     (check,) = (c for c in checks if c.code == "AXIS_ANGLE_7")
     assert check.remedy
     if verdict == "refused":

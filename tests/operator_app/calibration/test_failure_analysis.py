@@ -17,12 +17,13 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.errors import UnidentifiableError
+from tests.contracts.planted import ball
 
 
 def set_up(kind: str) -> tuple[ArmModel, EndpointConstraint]:
     if kind == "hinge":
         return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
-    return load_arm("franka_panda"), Ball.example(load_arm("franka_panda"))
+    return load_arm("franka_panda"), ball(load_arm("franka_panda"))
 
 
 def moved(

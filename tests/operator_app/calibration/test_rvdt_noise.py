@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from fixtures.measured import Measured
 from operator_app.calibration.calibrate import calibrate
 from solver.diagnostics.rvdt import Soundness
+from tests.contracts.planted import measured
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
 from tests.oracles.shop_floor import Session, Sizes, Specimen, session
 from tests.oracles.shop_floor import taken as taken_at
@@ -60,7 +60,7 @@ def hand_seen(taken: Session) -> np.ndarray:
 def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve():
     taken = session(7003, Sizes.only())
     at_base = {"base_m": (0.0,) * 3, "base_turn_rad": (0.0,) * 3}
-    seen = replace(Measured.example(ARM), full_pose=False, **at_base)
+    seen = replace(measured(ARM), full_pose=False, **at_base)
     poses = replace(poses_of(taken), endpoint=hand_seen(taken))
     found = calibrate(ARM, seen, poses, drop=True).rvdt
     assert [v.joint for v in found] == [6, 7]

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fixtures.measured import Measured
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.cross_validation import Checks, check
 from operator_app.calibration.experiment import Experiment
@@ -19,6 +18,7 @@ from operator_app.calibration.serialization import RecordError, from_dict, to_di
 from operator_app.config.poses_file import load_poses
 from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
+from tests.contracts.planted import measured
 from tests.oracles.as_shipped import ARM, BALL, HINGE
 
 
@@ -93,11 +93,11 @@ def test_second_opinions_are_read_back_exactly(hinge_poses):
 
 def test_the_loops_of_several_placements_and_of_measured_poses_are_read_back(hinge_poses):
     three = dataclasses.replace(hinge_poses, placement=np.arange(24) % 3 + 1)
-    measured = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
+    endpoints = dataclasses.replace(hinge_poses, endpoint=np.tile(np.linspace(0, 1, 6), (24, 1)))
     for model in (
         Experiment(arm=ARM, fixture=BALL, poses=hinge_poses).loop(),
         Experiment(arm=ARM, fixture=BALL, poses=three, unsensed=(7,)).loop(),
-        Experiment(arm=ARM, fixture=Measured.example(ARM), poses=measured).loop(),
+        Experiment(arm=ARM, fixture=measured(ARM), poses=endpoints).loop(),
     ):
         assert same(OfLoop(model), there_and_back(OfLoop(model)))
 

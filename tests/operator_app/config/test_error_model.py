@@ -113,7 +113,7 @@ def test_an_arm_made_in_a_program_is_exact():
     assert arm.length_tolerance_m.shape == (7,)
     assert Encoder(counts_per_rev=4096).accuracy_rad == 0.0
     for kind in FIXTURES.values():
-        assert kind.example(known).compliance == RIGID
+        assert kind(known).compliance == RIGID
     with pytest.raises(ValueError, match="one tolerance per D-H row"):
         ArmModel(
             name="a",

@@ -11,6 +11,7 @@ from fixtures.base import Severity, Tolerance
 from fixtures.hinge import Hinge
 from fixtures.measured import Measured
 from fixtures.rigid import Rigid
+from fixtures.setup_checks import setup_checks
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
@@ -41,7 +42,7 @@ def test_rigid_closes_near_home_and_names_the_elbow():
     spec = load_fixture("rigid")
     assert isinstance(spec.fixture, Rigid)
     arm = load_arm("sarcos_dextrous")
-    checks = {check.code: check for check in spec.fixture.setup_checks(arm, arm.home_rad)}
+    checks = {check.code: check for check in setup_checks(spec.fixture, arm, arm.home_rad)}
     assert checks["MOBILITY"].severity is Severity.OK
     assert checks["IMMOBILE_4"].severity is Severity.REFUSED
     assert len(checks) == 2
@@ -74,7 +75,7 @@ def test_every_kind_there_is_has_a_file_format():
     for name in ("hinge", "rigid", "ball"):
         spec = load_fixture(name)
         assert spec.kind == name
-        assert type(spec.fixture) is FIXTURES[name]
+        assert spec.fixture.kind == name
 
 
 MEASURED = """schema: sarcal/fixture/1

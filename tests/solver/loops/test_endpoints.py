@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fixtures.ball import Ball
-from fixtures.measured import Measured
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import entries, nominal_vector
 from solver.chain.rotations import rotation_matrix, rotation_vector
 from solver.estimators.implicit import NoiseModel, estimate_implicit
 from solver.loops.endpoint_geometry import ConstrainedAxis, constrained_frame_entries
 from solver.loops.point import PointClosure
+from tests.contracts.planted import ball, measured
 from tests.oracles.loop_oracle import paper_truth, product
 from tests.solver.conftest import paper_arm
 
@@ -48,7 +47,7 @@ def test_the_ball_is_where_the_matrices_put_it():
 
 def test_the_measured_endpoint_is_where_the_matrices_put_it():
     arm = paper_arm(paper_truth())
-    fixture = Measured.example(arm)
+    fixture = measured(arm)
     model = fixture.model(arm)
     q = np.random.default_rng(2).uniform(-3.0, 3.0, (5, 7))
     x = nominal_vector(model.parameters)
@@ -76,7 +75,7 @@ def test_an_instrument_is_weighted_by_its_own_noise(full_pose):
     """Joint noise and instrument noise of very different sizes: chi2 is right, so are the intervals."""
     arm = paper_arm(paper_truth())
     arm = replace(arm, free=entries([f"theta_off_{j}" for j in range(2, 7)]))
-    fixture = replace(Measured.example(arm), full_pose=full_pose, sigma_m=2e-4, sigma_rad=1e-3)
+    fixture = replace(measured(arm), full_pose=full_pose, sigma_m=2e-4, sigma_rad=1e-3)
     rng = np.random.default_rng(3)
     model = fixture.model(arm)
     truth = nominal_vector(model.parameters) + rng.uniform(-0.02, 0.02, len(model.parameters))
@@ -100,7 +99,7 @@ def test_an_instrument_is_weighted_by_its_own_noise(full_pose):
 
 def test_measurements_go_with_their_poses():
     arm = paper_arm(paper_truth())
-    model = Measured.example(arm).model(arm)
+    model = measured(arm).model(arm)
     q = np.random.default_rng(4).uniform(-1.0, 1.0, (6, 7))
     x = nominal_vector(model.parameters)
     with pytest.raises(ValueError, match="no endpoint measurements"):
@@ -120,7 +119,7 @@ def test_a_ball_that_gives_is_weighted_in_metres():
     """The fixture's variance is (rad, m): a model of positions only takes the metres."""
     arm = paper_arm(paper_truth())
     arm = replace(arm, free=entries([f"theta_off_{j}" for j in range(2, 7)]))
-    model = Ball.example(arm).model(arm)
+    model = ball(arm).model(arm)
     x = nominal_vector(model.parameters)
     rng = np.random.default_rng(5)
     q = arm.home_rad + rng.uniform(-0.7, 0.7, (40, 7))

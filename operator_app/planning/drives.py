@@ -20,7 +20,7 @@ from solver.design.drive_joints import (
     rank_over_region,
 )
 from solver.design.manifold import Manifold, candidate_poses
-from solver.design.paths import MotionLimits, PathGraph
+from solver.design.paths import LIMITS, PathGraph
 from solver.loops.closure import ClosureModel
 
 REGION_POSES = 700
@@ -214,13 +214,13 @@ def _with_others(
     manifold: Manifold, drives: tuple[int, ...], usable: list[tuple[int, ...]]
 ) -> tuple[tuple[int, ...], ...]:
     """Add the sets that reach poses which the sets before them cannot."""
-    chosen, limits = [drives], MotionLimits()
-    reached = float(PathGraph(manifold, chosen, limits).reachable(0).mean())
+    chosen = [drives]
+    reached = float(PathGraph(manifold, chosen, LIMITS).reachable(0).mean())
     # A set that reaches little alone adds little: the first six are enough.
     others = [d for d in usable if d != drives][:6]
     while others and len(chosen) < MOST_SETS:
         share = [
-            float(PathGraph(manifold, [*chosen, d], limits).reachable(0).mean()) for d in others
+            float(PathGraph(manifold, [*chosen, d], LIMITS).reachable(0).mean()) for d in others
         ]
         best = int(np.argmax(share))
         if share[best] < reached + WORTH_A_CHANGE:

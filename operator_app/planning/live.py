@@ -17,7 +17,7 @@ from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.d_optimal import choose_poses
 from solver.design.motion import drive_straight
-from solver.design.paths import LINE_STEP_RAD, MotionLimits
+from solver.design.paths import LIMITS, LINE_STEP_RAD
 from solver.design.plan import PlanningTask, information_of
 from solver.diagnostics.identifiability import identifiability
 from solver.estimators.estimate import closure_at_readings
@@ -237,8 +237,8 @@ def most_informative(
         return None
     closed = close_loops(task.model, x, forecast.q_rad[candidates])
     known, offered = information_of(task, x, taken_rad, closed.q, closed.u)
-    best = choose_poses(offered.root, 1, parameters=len(offered.parameters), fixed=known)
-    return candidates[best.chosen[0]]
+    (best,) = choose_poses(offered.root, 1, parameters=len(offered.parameters), fixed=known)
+    return candidates[best]
 
 
 def is_path_clear(
@@ -252,7 +252,7 @@ def is_path_clear(
 
     `model`, `x`: a closed loop and its calibrated parameters (P,). `here_rad`: current angles of all joints (n,).
     """
-    limits, drives = MotionLimits(), tuple(targets_rad)
+    drives = tuple(targets_rad)
     start = close_loops(model, x, here_rad[None, :])
     goal = np.array([list(targets_rad.values())])
     way = float(np.abs(goal - here_rad[[j - 1 for j in drives]]).max())
@@ -261,7 +261,7 @@ def is_path_clear(
     )
     safe = traces.safe(
         ranges_of(arm).within(STOP_MARGIN_RAD),
-        least_leverage=limits.least_leverage,
-        most_rate=limits.most_rate,
+        least_leverage=LIMITS.least_leverage,
+        most_rate=LIMITS.most_rate,
     )
     return bool(start.closed[0] and safe[0])

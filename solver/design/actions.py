@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.design.exploration import ExplorationLimits
 from solver.design.manifold import Ranges
 from solver.design.paths import Route
 from solver.design.stop_rule import StopDecision
 
 NOISE_RAD = float(np.deg2rad(0.3))
 """Allowed drift of a resting joint's reading."""
+TOLERANCE_RAD = float(np.deg2rad(8.0))
+"""Largest deviation of readings from the predicted trace of a planned move."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +104,7 @@ def path_watch(
 
 
 def moves_along(
-    route: Route, drives: tuple[int, ...], tolerance_rad: float, goal: str, *, of: str = ""
+    route: Route, drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
     """Return moves along a route, with the changes of drives on it; `drives` are in position mode before it."""
     moves: list[GoTo | ChangeDrives] = []
@@ -116,7 +117,7 @@ def moves_along(
             GoTo(
                 targets_rad=leg.targets(k),
                 trace_rad=leg.trace_rad,
-                tolerance_rad=tolerance_rad,
+                tolerance_rad=TOLERANCE_RAD,
                 why=f"to {goal}{of}",
             )
             for k in range(len(leg.waypoints_rad))
@@ -140,28 +141,3 @@ class Phase(Enum):
     EXPLORING = "exploring"
     PLANNED = "visiting planned poses"
     FINISHED = "finished"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CampaignSettings:
-    """Settings of a campaign.
-
-    Attributes
-    ----------
-    poses
-        Number of planned poses, in addition to those of the exploration.
-    requested
-        Standard deviations to reach by parameter name (rad, m); empty for none.
-    exploration
-        Limits of the exploration.
-    tolerance_rad
-        Largest deviation of readings from the predicted trace of a planned move.
-    most_blocked
-        Planned moves that may be stopped early before the campaign ends.
-    """
-
-    poses: int = 12
-    requested: Mapping[str, float] | None = None
-    exploration: ExplorationLimits = field(default_factory=ExplorationLimits)
-    tolerance_rad: float = float(np.deg2rad(8.0))
-    most_blocked: int = 8

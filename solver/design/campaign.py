@@ -7,6 +7,7 @@ touches an arm: the session feeds it and keeps the journal; the same readings le
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,6 @@ from solver.arrays import FloatArray
 from solver.closing import held_still, newton_step
 from solver.design.actions import (
     Action,
-    CampaignSettings,
     Capture,
     ChangeDrives,
     Finished,
@@ -34,6 +34,8 @@ from solver.loops.closure import poses_needed
 
 SPARE_POSES = 4
 """Poses in addition to the minimum before an interim calibration is tried."""
+MOST_BLOCKED = 8
+"""Planned moves that may be stopped early before the campaign ends."""
 MOST_UNREACHED = 12
 """Number of consecutive chosen poses without a path after which the campaign ends."""
 EASIER_LEVERAGE = 0.7
@@ -55,8 +57,9 @@ class Campaign:
         Planning task; its first drive set is the one in position mode now.
     start_rad
         Readings at the start (n,).
-    settings
-        Settings of the campaign.
+    poses, requested
+        Number of planned poses, in addition to those of the exploration, and standard deviations to reach by parameter
+        name (rad, m); none by default.
     calibrate
         Interim calibration; the implicit estimator from nominal values by default.
     captured, taken
@@ -71,7 +74,8 @@ class Campaign:
         *,
         task: PlanningTask,
         start_rad: FloatArray,
-        settings: CampaignSettings | None = None,
+        poses: int,
+        requested: Mapping[str, float] | None = None,
         calibrate: Calibrate | None = None,
         captured: FloatArray | None = None,
         taken: int = 0,
@@ -80,18 +84,13 @@ class Campaign:
         if not task.drive_sets:
             raise ValueError("a campaign needs to know which joints drive at the start")
         self.task = task
-        self.settings = CampaignSettings() if settings is None else settings
+        self.poses, self._requested = poses, requested
         self.phase = Phase.EXPLORING
         self.plan: PosePlan | None = None
         self.estimate: InterimEstimate | None = None
         self.drives = task.drive_sets[0]
         self._calibrate = calibrate or implicit_interim(task.model, task.noise)
-        self._explorer = Explorer(
-            start_rad=start_rad,
-            drives=self.drives,
-            ranges=task.ranges,
-            limits=self.settings.exploration,
-        )
+        self._explorer = Explorer(start_rad=start_rad, drives=self.drives, ranges=task.ranges)
         self._q = np.array(start_rad if at_rad is None else at_rad)
         self._before = self._q
         self._readings: list[FloatArray] = [] if captured is None else [*np.array(captured)]
@@ -217,13 +216,12 @@ class Campaign:
         """Make a plan from where the arm stands; False when it cannot be made (yet)."""
         if self.estimate is None:
             return False
-        left = self.settings.poses - self._taken
+        left = self.poses - self._taken
         if left <= 0:
             self.phase = Phase.PLANNED
             return True
-        sets = self.task.drive_sets or (self.drives,)
-        ordered = (self.drives, *(d for d in sets if d != self.drives))
-        task = replace(self.task, drive_sets=ordered)
+        others = (d for d in self.task.drive_sets or () if d != self.drives)
+        task = replace(self.task, drive_sets=(self.drives, *others))
         plan = self._plan_with(task, left)
         if plan is None and self._taken:
             # A pose slightly nearer to a singularity, or fewer poses, are better than none.
@@ -267,7 +265,7 @@ class Campaign:
     # -- visiting --------------------------------------------------------------------------------
 
     def _next_visit(self) -> None:
-        if self._taken >= self.settings.poses:
+        if self._taken >= self.poses:
             decision = self._judge()
             text = f"all {self._taken} planned poses are taken"
             if decision is not None:
@@ -276,7 +274,7 @@ class Campaign:
             return
         if self.plan is None and not self._try_plan():
             self._finish(
-                f"{self._taken} of {self.settings.poses} planned poses: "
+                f"{self._taken} of {self.poses} planned poses: "
                 "no further pose can be reached safely from here",
                 complete=False,
             )
@@ -299,14 +297,15 @@ class Campaign:
             self._unreached.append(plan.manifold.q[target])
             if len(self._unreached) > MOST_UNREACHED:
                 self._finish(
-                    f"{self._taken} of {self.settings.poses} planned poses: "
+                    f"{self._taken} of {self.poses} planned poses: "
                     "no safe path to any further pose was found",
                     complete=False,
                 )
             return
         number = self._taken + 1
-        self._queue += self._moves(route, f"planned pose {number}", of=f" of {self.settings.poses}")
-        self._queue.append(Capture(planned=True, why=f"planned pose {number}"))
+        goal = f"planned pose {number}"
+        self._queue += moves_along(route, self.drives, goal, of=f" of {self.poses}")
+        self._queue.append(Capture(planned=True, why=goal))
         self._node = target
 
     def _route(self, plan: PosePlan, target: int) -> Route | None:
@@ -322,9 +321,6 @@ class Campaign:
             target=target,
             drives=self.drives,
         )
-
-    def _moves(self, route: Route, goal: str, *, of: str = "") -> list[GoTo | ChangeDrives]:
-        return moves_along(route, self.drives, self.settings.tolerance_rad, goal, of=of)
 
     def way_to(self, captured_rad: FloatArray) -> tuple[GoTo | ChangeDrives, ...] | None:
         """Return moves from the current pose to a captured pose (n,); None where no safe path is known.
@@ -346,12 +342,12 @@ class Campaign:
         route = self._route(plan, target)
         if route is None:
             return None
-        moves = self._moves(route, "a captured pose")
+        moves = moves_along(route, self.drives, "a captured pose")
         drives = route.legs[-1].drives if route.legs else self.drives
         return (*moves, straight_to(captured_rad, drives, BACK))
 
     def _judge(self) -> StopDecision | None:
-        if not self.settings.requested or self.plan is None:
+        if not self._requested or self.plan is None:
             return None
         manifold = self.plan.manifold
         known, candidates = information_of(
@@ -360,8 +356,8 @@ class Campaign:
         return stop_decision(
             known,
             candidates,
-            self.settings.requested,
-            poses_left=self.settings.poses - self._taken,
+            self._requested,
+            poses_left=self.poses - self._taken,
             allowed=self.plan.allowed,
         )
 
@@ -370,7 +366,7 @@ class Campaign:
         self._queue.clear()
         self._blocked.append(self._q.copy())
         self.plan = None
-        if len(self._blocked) > self.settings.most_blocked or self._backing > 2:
+        if len(self._blocked) > MOST_BLOCKED or self._backing > 2:
             self._finish(f"planned moves are stopped repeatedly: {stopped}", complete=False)
             return
         self._backing += 1

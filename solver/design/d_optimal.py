@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray
-from solver.design.pose_information import about_parameters
 from solver.estimators.least_squares import column_scale
 
 PRIOR_SHARE = 1e-8
@@ -32,18 +31,6 @@ WORTHWHILE = 1e-9
 
 class TooFewCandidatesError(ValueError):
     """Fewer poses can be chosen than were requested."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PoseSelection:
-    """A chosen set of poses.
-
-    `chosen`: indices of the candidates, in the order of choice. `log_det`: log det of the information of the fixed part
-    and the chosen poses, in the parameters' own units; -inf when they do not determine all parameters.
-    """
-
-    chosen: tuple[int, ...]
-    log_det: float
 
 
 def log_det(information: FloatArray) -> float:
@@ -84,8 +71,10 @@ def choose_poses(
     q: FloatArray | None = None,
     apart_rad: float = 0.0,
     seed: int = 0,
-) -> PoseSelection:
+) -> tuple[int, ...]:
     """Choose `count` different candidates whose information, with that of `fixed`, has the largest log det.
+
+    Returns their indices in the order of choice.
 
     Raises `TooFewCandidatesError` if fewer than `count` candidates are allowed and far enough apart.
 
@@ -127,13 +116,7 @@ def choose_poses(
         value = log_det(current) - log_det(current[P:, P:])
         if start == 0 or value > best[0] + WORTHWHILE:
             best = value, chosen
-    total = search.information(best[1])
-    if fixed is not None:
-        total = total + fixed / np.outer(scale, scale)
-    return PoseSelection(
-        chosen=tuple(best[1]),
-        log_det=log_det(about_parameters(total, P)) + 2.0 * float(np.log(scale).sum()),
-    )
+    return tuple(best[1])
 
 
 def _comparable(

@@ -8,7 +8,7 @@ has its reasons as text.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +17,7 @@ from solver.arrays import FloatArray
 from solver.closing import close_loops
 from solver.design.manifold import Manifold
 from solver.design.motion import ChainMotion, chain_motion
-from solver.design.paths import MotionLimits, PathGraph
+from solver.design.paths import LIMITS, PathGraph
 from solver.loops.closure import ClosureModel
 
 SAMPLE = 200
@@ -69,26 +69,23 @@ def rank_at_pose(model: ClosureModel, x: FloatArray, q: FloatArray) -> tuple[Ran
     pose = close_loops(model, x, np.asarray(q, dtype=np.float64)[None, :])
     motion = chain_motion(model, x, pose.q, pose.u)
     sets = _sets(model, motion.degrees)
-    return _sorted([_judge(motion, drives, MotionLimits(), reach=None) for drives in sets])
+    return _sorted([_judge(motion, drives, reach=None) for drives in sets])
 
 
-def rank_over_region(
-    model: ClosureModel, manifold: Manifold, *, limits: MotionLimits | None = None
-) -> tuple[RankedDrives, ...]:
+def rank_over_region(model: ClosureModel, manifold: Manifold) -> tuple[RankedDrives, ...]:
     """Rank all drive sets by how much of a manifold each reaches from its first pose, best first."""
-    limits = MotionLimits() if limits is None else limits
     ranked = []
     for drives in _sets(model, manifold.motion.degrees):
-        reached = PathGraph(manifold, [drives], limits).reachable(0, drives=drives)
+        reached = PathGraph(manifold, [drives], LIMITS).reachable(0)
         some = np.flatnonzero(reached)
         # Medians need no more than some hundreds of poses.
         some = some[:: max(1, len(some) // SAMPLE)]
-        motion = ChainMotion(
+        motion = replace(
+            manifold.motion,
             tangent=manifold.motion.tangent[some],
             jacobian=manifold.motion.jacobian[some],
-            joint_count=manifold.motion.joint_count,
         )
-        ranked.append(_judge(motion, drives, limits, reach=float(reached.mean())))
+        ranked.append(_judge(motion, drives, reach=float(reached.mean())))
     return _sorted(ranked)
 
 
@@ -123,7 +120,7 @@ def rank_by_trial(trials: Sequence[TrialWiggles]) -> tuple[RankedDrives, ...]:
 
     Raises `ValueError` if a trial has too few motions to separate its drives.
     """
-    return _sorted([_judge_trial(trial, MotionLimits()) for trial in trials])
+    return _sorted([_judge_trial(trial) for trial in trials])
 
 
 def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
@@ -131,28 +128,19 @@ def _sets(model: ClosureModel, degrees: int) -> list[tuple[int, ...]]:
     return list(combinations(usable, degrees))
 
 
-def _judge(
-    motion: ChainMotion, drives: tuple[int, ...], limits: MotionLimits, *, reach: float | None
-) -> RankedDrives:
-    leverage = motion.leverage(drives)
-    middle = float(np.median(leverage))
-    conditioning = float(np.median(motion.passive_conditioning(drives)))
+def _judge(motion: ChainMotion, drives: tuple[int, ...], *, reach: float | None) -> RankedDrives:
     rates = np.linalg.norm(motion.rates(drives), axis=-1)
     rates[:, [j - 1 for j in drives]] = 0.0
-    typical = np.median(rates, axis=0)
-    fastest = int(np.argmax(typical))
     return _verdict(
         drives,
-        leverage=middle,
-        conditioning=conditioning,
-        rates=typical,
-        fastest=(float(typical[fastest]), fastest + 1),
+        leverage=float(np.median(motion.leverage(drives))),
+        conditioning=float(np.median(motion.passive_conditioning(drives))),
+        rates=np.median(rates, axis=0),
         reach=reach,
-        limits=limits,
     )
 
 
-def _judge_trial(trial: TrialWiggles, limits: MotionLimits) -> RankedDrives:
+def _judge_trial(trial: TrialWiggles) -> RankedDrives:
     if np.linalg.matrix_rank(trial.commanded_rad) < len(trial.drives):
         raise ValueError(
             f"the trial motions of joints {trial.drives} do not move each drive independently"
@@ -161,7 +149,6 @@ def _judge_trial(trial: TrialWiggles, limits: MotionLimits) -> RankedDrives:
     size = np.linalg.norm(measured, axis=-1)
     followed = float(np.diagonal(measured[[j - 1 for j in trial.drives]]).min())
     size[[j - 1 for j in trial.drives]] = 0.0
-    fastest = int(np.argmax(size))
     # Moving all joints by R d, the drives see at least 1 / sigma_max(R) of the whole motion.
     leverage = float(1.0 / np.linalg.svd(measured, compute_uv=False)[0])
     stopped = trial.stopped
@@ -172,9 +159,7 @@ def _judge_trial(trial: TrialWiggles, limits: MotionLimits) -> RankedDrives:
         leverage=min(leverage, 1.0),
         conditioning=None,
         rates=size,
-        fastest=(float(size[fastest]), fastest + 1),
         reach=None,
-        limits=limits,
         stopped=stopped,
     )
 
@@ -185,20 +170,20 @@ def _verdict(
     leverage: float,
     conditioning: float | None,
     rates: FloatArray,
-    fastest: tuple[float, int],
     reach: float | None,
-    limits: MotionLimits,
     stopped: str = "",
 ) -> RankedDrives:
     passive = [j for j in range(1, len(rates) + 1) if j not in drives]
     still = tuple(j for j in passive if rates[j - 1] < 0.05)
-    usable = leverage >= limits.least_leverage and fastest[0] <= limits.most_rate and not stopped
+    joint = int(np.argmax(rates)) + 1
+    fastest = float(rates[joint - 1])
+    usable = leverage >= LIMITS.least_leverage and fastest <= LIMITS.most_rate and not stopped
     reasons = []
     if stopped:
         reasons.append(f"the trial stopped: {stopped}")
     if leverage < FOLD_LEVERAGE:
         reasons.append("singular: the drives do not determine the free joints")
-    elif leverage < limits.least_leverage:
+    elif leverage < LIMITS.least_leverage:
         reasons.append(
             f"nearly singular: a motion of the drives may move the chain {1.0 / leverage:.0f} times as far"
         )
@@ -208,7 +193,7 @@ def _verdict(
         names = " and ".join(f"J{j}" for j in still)
         reasons.append(f"{names} hardly move{'s' * (len(still) == 1)}")
     reasons.append(
-        f"J{fastest[1]} moves most, {fastest[0]:.1f} times as far as the drives"
+        f"J{joint} moves most, {fastest:.1f} times as far as the drives"
         if passive
         else "no passive joint"
     )
@@ -221,8 +206,8 @@ def _verdict(
         usable=usable,
         leverage=leverage,
         passive_conditioning=conditioning,
-        fastest_passive=fastest[0],
-        fastest_joint=fastest[1],
+        fastest_passive=fastest,
+        fastest_joint=joint,
         still=still,
         reach=reach,
         reasons=tuple(reasons),

@@ -17,40 +17,19 @@ import numpy as np
 from solver.arrays import FloatArray, frozen
 from solver.design.manifold import Ranges
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExplorationLimits:
-    """Limits of the exploration.
-
-    Attributes
-    ----------
-    wiggle_rad
-        Length of the first steps, from which rates are learnt.
-    step_rad
-        Length of a step of the drives.
-    reach_rad
-        Length of a ray.
-    capture_every
-        Steps between captured poses, with two drives or more.
-    margin_rad
-        Distance of every joint from the ends of its range.
-    most_rate
-        Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start
-        already exceeds it, up to twice as much is allowed.
-    """
-
-    wiggle_rad: float = float(np.deg2rad(1.5))
-    step_rad: float = float(np.deg2rad(4.0))
-    reach_rad: float = float(np.deg2rad(28.0))
-    capture_every: int = 3
-    margin_rad: float = float(np.deg2rad(5.0))
-    most_rate: float = 2.5
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.wiggle_rad <= self.step_rad <= self.reach_rad:
-            raise ValueError("wiggle, step and reach must be positive and grow in this order")
-        if self.capture_every < 1:
-            raise ValueError("at most one pose per step can be captured")
+WIGGLE_RAD = float(np.deg2rad(1.5))
+"""Length of the first steps, from which rates are learnt."""
+STEP_RAD = float(np.deg2rad(4.0))
+"""Length of a step of the drives."""
+REACH_RAD = float(np.deg2rad(28.0))
+"""Length of a ray."""
+CAPTURE_EVERY = 3
+"""Steps between captured poses, with two drives or more."""
+MARGIN_RAD = float(np.deg2rad(5.0))
+"""Distance of every joint from the ends of its range."""
+MOST_RATE = 2.5
+"""Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
+exceeds it, up to twice as much is allowed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,20 +78,10 @@ class Explorer:
         Joints (1-based) in position mode.
     ranges
         Ranges of all joints, sensor coordinates.
-    limits
-        Limits of the exploration.
     """
 
-    def __init__(
-        self,
-        *,
-        start_rad: FloatArray,
-        drives: tuple[int, ...],
-        ranges: Ranges,
-        limits: ExplorationLimits | None = None,
-    ) -> None:
+    def __init__(self, *, start_rad: FloatArray, drives: tuple[int, ...], ranges: Ranges) -> None:
         self.drives = drives
-        self.limits = ExplorationLimits() if limits is None else limits
         self._ranges = ranges
         self._columns = [j - 1 for j in drives]
         self._start = frozen(start_rad)
@@ -120,7 +89,7 @@ class Explorer:
         self._start_rates[self._columns, range(len(drives))] = 1.0
         self._here = _Here(q=np.array(start_rad), rates=self._start_rates.copy())
         # One drive has two rays and no diagonals: every step is captured.
-        self._every = 1 if len(drives) == 1 else self.limits.capture_every
+        self._every = 1 if len(drives) == 1 else CAPTURE_EVERY
         self._rays = self._plan_rays()
         self._ray = 0
         self._pending: FloatArray | None = None
@@ -139,7 +108,7 @@ class Explorer:
                 self._finish(ray)
                 continue
             wiggle = self._ray < 2 * len(self.drives)
-            step = self.limits.wiggle_rad if wiggle else self.limits.step_rad
+            step = WIGGLE_RAD if wiggle else STEP_RAD
             move = step * ray.direction
             ray.ended = self._ahead(move, trusted=not wiggle)
             if ray.ended:
@@ -172,7 +141,7 @@ class Explorer:
             return
         here.away = True
         here.on_ray += 1
-        if length > 0.2 * self.limits.wiggle_rad:
+        if length > 0.2 * WIGGLE_RAD:
             here.rates = here.rates + np.outer(moved - here.rates @ by, by) / length**2
             fastest = int(np.argmax(np.abs(moved)))
             rate = float(np.abs(moved[fastest])) / float(np.abs(by).max())
@@ -188,11 +157,6 @@ class Explorer:
         if stopped:
             ray.ended = stopped
 
-    @property
-    def rates(self) -> FloatArray:
-        """Learnt motion of every joint per motion of each drive (n, d), at the current pose."""
-        return self._here.rates.copy()
-
     def _plan_rays(self) -> list[_Ray]:
         """Plan trial motions of each drive, then rays: single drives first, then diagonals."""
         count = len(self.drives)
@@ -201,7 +165,7 @@ class Explorer:
         signs = [np.array(v, dtype=np.float64) for v in product((1.0, -1.0, 0.0), repeat=count)]
         signs = [v for v in signs if np.any(v)]
         signs.sort(key=lambda v: int(np.abs(v).sum()))
-        steps = int(self.limits.reach_rad / self.limits.step_rad)
+        steps = int(REACH_RAD / STEP_RAD)
         # The faster drive sets the step: a diagonal goes as far in each of its drives as an axis.
         return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
 
@@ -210,9 +174,9 @@ class Explorer:
         here = self._here
         change = here.rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
-        slack = self.limits.margin_rad + 0.3 * np.abs(change)
+        slack = MARGIN_RAD + 0.3 * np.abs(change)
         if not trusted:
-            slack = np.full(len(change), 2.0 * self.limits.most_rate * np.abs(move).max())
+            slack = np.full(len(change), 2.0 * MOST_RATE * np.abs(move).max())
         after = here.q + change
         low = after - slack < self._ranges.lower_rad
         high = after + slack > self._ranges.upper_rad
@@ -231,8 +195,7 @@ class Explorer:
 
     def _most_rate(self, direction: FloatArray) -> float:
         """Largest allowed ratio of a joint's motion to the drives' along a ray in this direction."""
-        least = self.limits.most_rate
-        return float(np.clip(1.3 * self._start_rate(direction), least, 2.0 * least))
+        return float(np.clip(1.3 * self._start_rate(direction), MOST_RATE, 2.0 * MOST_RATE))
 
     def _start_rate(self, direction: FloatArray) -> float:
         """Largest ratio of a joint's motion to the drives' in this direction, at the start."""
@@ -250,7 +213,7 @@ class Explorer:
     def _observe_return(self, target: FloatArray, stopped: str) -> None:
         here = self._here
         gap = float(np.abs(here.q[self._columns] - target).max())
-        if gap > 0.5 * self.limits.wiggle_rad:
+        if gap > 0.5 * WIGGLE_RAD:
             if here.returning >= 3:
                 self.failure = f"the arm does not return to the start: {stopped or 'it stopped'}"
             return

@@ -42,8 +42,12 @@ class MotionLimits:
     of a passive joint to that of the faster drive joint.
     """
 
-    least_leverage: float = 0.2
-    most_rate: float = 5.0
+    least_leverage: float
+    most_rate: float
+
+
+LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
+"""Limits of every path, as long as there is one within them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,21 +113,13 @@ class PathGraph:
         self._cost = [self._costs(drives) for drives in self.drive_sets]
         self._graph = self._assemble()
 
-    def reachable(self, source: int = 0, *, drives: tuple[int, ...] | None = None) -> BoolArray:
-        """Poses (m,) that can be reached from `source`, with `drives` alone or with all sets in turn."""
+    def reachable(self, source: int) -> BoolArray:
+        """Poses (m,) that can be reached from `source`, with all drive sets in turn."""
         from scipy.sparse.csgraph import connected_components
 
-        size, layers = self.manifold.size, len(self.drive_sets)
-        if drives is not None:
-            k = self.drive_sets.index(drives)
-            block = self._graph[k * size : (k + 1) * size, k * size : (k + 1) * size]
-            _, label = connected_components(block, directed=False)
-            return np.asarray(label == label[source])
         _, label = connected_components(self._graph, directed=False)
-        reached = np.zeros(size, dtype=np.bool_)
-        for k in range(layers):
-            reached |= label[k * size : (k + 1) * size] == label[source]
-        return reached
+        layers = label.reshape(len(self.drive_sets), self.manifold.size)
+        return np.asarray((layers == label[source]).any(axis=0))
 
     def distances(self, sources: Sequence[int]) -> FloatArray:
         """Cheapest paths between poses, (len(sources), len(sources)), inf where there is none."""

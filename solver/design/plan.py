@@ -17,10 +17,10 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray
 from solver.chain.parameters import DhEntry
 from solver.closing import close_loops, reduced_jacobian
-from solver.design.d_optimal import PoseSelection, TooFewCandidatesError, choose_poses
+from solver.design.d_optimal import TooFewCandidatesError, choose_poses
 from solver.design.drive_joints import RankedDrives, rank_over_region
 from solver.design.manifold import Manifold, Ranges, candidate_poses
-from solver.design.paths import MotionLimits, PathGraph
+from solver.design.paths import LIMITS, MotionLimits, PathGraph
 from solver.design.pose_information import PoseInformation, about_parameters, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian
@@ -30,6 +30,10 @@ from solver.loops.closure import ClosureModel
 
 AVOID_RADIUS_RAD = 0.15
 """Nothing is planned this near to a pose where a move had to be stopped."""
+APART_RAD = 0.1
+"""Least distance between chosen poses."""
+MOST_UNCERTAIN_RAD = float(np.deg2rad(3.0))
+"""Largest standard deviation of a free joint's predicted angle at a planned pose."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,10 +82,6 @@ class PlanningTask:
         joints must not deflect the fixture there.
     candidates
         Number of poses to choose from.
-    apart_rad
-        Least distance between chosen poses.
-    most_uncertain_rad
-        Largest standard deviation of a free joint's predicted angle at a planned pose.
     seed
         Seed of the candidates.
     """
@@ -93,11 +93,9 @@ class PlanningTask:
     errors: StatedErrors
     parameters: tuple[str, ...] | None = None
     drive_sets: tuple[tuple[int, ...], ...] | None = None
-    limits: MotionLimits = field(default_factory=MotionLimits)
+    limits: MotionLimits = LIMITS
     pose_leverage: float = 0.3
     candidates: int = 3000
-    apart_rad: float = 0.1
-    most_uncertain_rad: float = float(np.deg2rad(3.0))
     seed: int = 0
 
 
@@ -180,15 +178,14 @@ def make_plan(
     ranked: tuple[RankedDrives, ...] = ()
     sets = task.drive_sets
     if sets is None:
-        ranked = rank_over_region(task.model, manifold, limits=task.limits)
+        ranked = rank_over_region(task.model, manifold)
         sets = (ranked[0].drives,)
     graph = PathGraph(manifold, sets, task.limits, allowed=trusted)
     allowed = graph.reachable(0)
     before = np.zeros((0, len(q_start))) if captured is None else captured
     known, information = information_of(task, x, before, manifold.q, manifold.u)
     allowed &= np.max([manifold.motion.leverage(d) for d in sets], axis=0) >= task.pose_leverage
-    design = _choose(task, manifold, information, known, allowed, count)
-    points = [0, *design.chosen]
+    points = [0, *_choose(task, manifold, information, known, allowed, count)]
     visits = tuple(points[k] for k in visiting_order(graph.distances(points)))
     chosen_q = manifold.q[list(visits)]
     J = task.model.reduced(x, chosen_q).jac_x
@@ -218,7 +215,7 @@ def _choose(
     known: FloatArray,
     allowed: BoolArray,
     count: int,
-) -> PoseSelection:
+) -> tuple[int, ...]:
     """Choose poses by D-optimality; they may be closer together where too few candidates are far apart."""
     choose = partial(
         choose_poses,
@@ -232,7 +229,7 @@ def _choose(
     )
     for share in (1.0, 0.5):
         with suppress(TooFewCandidatesError):
-            return choose(apart_rad=share * task.apart_rad)
+            return choose(apart_rad=share * APART_RAD)
     return choose()
 
 
@@ -304,7 +301,7 @@ def _trusted(
         axis=0,
     )
     room = task.ranges.within(task.margin_rad).clearance(manifold.q)
-    return np.asarray((sigma <= task.most_uncertain_rad) & (room >= 3.0 * sigma))
+    return np.asarray((sigma <= MOST_UNCERTAIN_RAD) & (room >= 3.0 * sigma))
 
 
 FAR_RAD = 1e3

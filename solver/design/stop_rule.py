@@ -57,15 +57,12 @@ class StopDecision:
         Status relative to the requested precision.
     weak
         Parameters less precise than requested, the worst (largest ratio of sigma to request) first.
-    poses_needed
-        Further poses that the forecast needs; None when the remaining ones do not suffice.
     text
         One sentence.
     """
 
     standing: PrecisionStatus
     weak: tuple[WeakParameter, ...]
-    poses_needed: int | None
     text: str
 
     @property
@@ -123,7 +120,6 @@ def stop_decision(
         return StopDecision(
             standing=PrecisionStatus.REACHED,
             weak=(),
-            poses_needed=0,
             text="every parameter is known as well as requested, for errors of stated size",
         )
     root = candidates.root if allowed is None else candidates.root[allowed]
@@ -141,9 +137,7 @@ def stop_decision(
     )
     if needed is not None:
         text = f"about {needed} more poses to reach the request; {weak[0].name} is weakest"
-        return StopDecision(
-            standing=PrecisionStatus.GOING_ON, weak=weak, poses_needed=needed, text=text
-        )
+        return StopDecision(standing=PrecisionStatus.GOING_ON, weak=weak, text=text)
     short = [w.name for w in weak if w.forecast > w.requested] or [weak[0].name]
     worst = max(weak, key=lambda w: w.forecast / w.requested)
     named = ", ".join(short[:3]) + (f" and {len(short) - 3} others" if len(short) > 3 else "")
@@ -160,7 +154,6 @@ def stop_decision(
     return StopDecision(
         standing=PrecisionStatus.GOING_ON if nearer else PrecisionStatus.HOPELESS,
         weak=weak,
-        poses_needed=None,
         text=text,
     )
 

@@ -12,7 +12,7 @@ from operator_app.planning.task import planning_task
 from operator_app.session.store.state import SessionState
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.design.actions import Action, CampaignSettings, Capture, ChangeDrives, Finished, GoTo
+from solver.design.actions import Action, Capture, ChangeDrives, Finished, GoTo
 from solver.design.campaign import Campaign
 
 SAME_POSITION_RAD = float(np.deg2rad(1.5))
@@ -41,7 +41,8 @@ def campaign_from_log(arm: ArmModel, fixture: EndpointConstraint, state: Session
             candidates=begun["candidates"],
         ),
         start_rad=np.array(begun["start_rad"]),
-        settings=CampaignSettings(poses=begun["poses"], requested=begun["requested"]),
+        poses=begun["poses"],
+        requested=begun["requested"],
         captured=np.array([p.mean_rad for p in captured]) if captured else None,
         taken=sum(p.planned for p in captured),
         at_rad=np.array(begun["at_rad"]),

@@ -7,7 +7,7 @@ import pytest
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.actions import Capture, GoTo, path_watch
-from solver.design.campaign import Campaign, CampaignSettings
+from solver.design.campaign import Campaign
 from solver.design.interim import InterimEstimate, implicit_interim
 from solver.design.plan import PlanningTask
 from solver.estimators.implicit import NoiseModel
@@ -28,7 +28,7 @@ def at_plan(
     return Campaign(
         task=task,
         start_rad=HOME,
-        settings=CampaignSettings(**settings),
+        **settings,
         calibrate=lambda _q: known,
         captured=captured,
         taken=taken,
@@ -88,7 +88,7 @@ def test_stopped_move_is_taken_back_and_planned_round(task, x):
 
 @pytest.mark.campaign
 def test_stopped_again_and_again_gives_up(task, x):
-    campaign = at_plan(task, x, poses=3, most_blocked=2)
+    campaign = at_plan(task, x, poses=3)
     actions = drive(campaign, task, x, stop_planned=99)
     assert not actions[-1].complete
     assert actions[-1].text.endswith("repeatedly: an obstacle")
@@ -110,7 +110,7 @@ def test_goes_on_from_poses_taken_before_without_exploring_again(task, x):
 
 
 def test_wrong_reports_are_wrong_calls(task):
-    campaign = Campaign(task=task, start_rad=HOME)
+    campaign = Campaign(task=task, start_rad=HOME, poses=1)
     with pytest.raises(ValueError, match="no move"):
         campaign.observe(HOME)
     campaign.propose()

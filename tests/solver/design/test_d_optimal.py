@@ -15,6 +15,12 @@ def exhaustive(root: np.ndarray, count: int, fixed: np.ndarray | None = None) ->
     return float(best)
 
 
+def value(root: np.ndarray, chosen: tuple[int, ...], fixed: np.ndarray | float = 0.0) -> float:
+    """Log det of the information of chosen candidates."""
+    rows = root[list(chosen)].reshape(-1, root.shape[-1])
+    return log_det(rows.T @ rows + fixed)
+
+
 def efficiency(first: float, second: float, parameters: int) -> float:
     """D-efficiency of a design of log det `first` against `second`: 0.5 needs twice the poses."""
     return float(np.exp((first - second) / parameters))
@@ -23,12 +29,9 @@ def efficiency(first: float, second: float, parameters: int) -> float:
 @pytest.mark.parametrize("seed", range(6))
 def test_exchange_is_as_good_as_exhaustive_search(seed):
     root = np.random.default_rng(seed).normal(size=(16, 2, 6))
-    design = choose_poses(root, 5)
     best = exhaustive(root, 5)
-    assert design.log_det <= best + 1e-9
-    # Within 1 % in determinant terms too, which is far stricter than 1 % of the logarithm.
-    assert design.log_det >= best - 0.01 * abs(best)
-    assert efficiency(design.log_det, best, 6) > 0.99
+    # In determinant terms, which is far stricter than 1 % of the logarithm.
+    assert efficiency(value(root, choose_poses(root, 5)), best, 6) > 0.99
 
 
 def test_captured_poses_are_taken_into_account():
@@ -36,9 +39,9 @@ def test_captured_poses_are_taken_into_account():
     root = rng.normal(size=(15, 2, 6))
     # What is known already: everything but the last two parameters.
     fixed = np.diag([1e4] * 4 + [0.0] * 2)
-    design = choose_poses(root, 3, fixed=fixed)
-    assert design.log_det == pytest.approx(exhaustive(root, 3, fixed), abs=0.03)
-    assert set(design.chosen) != set(choose_poses(root, 3).chosen)
+    chosen = choose_poses(root, 3, fixed=fixed)
+    assert value(root, chosen, fixed) == pytest.approx(exhaustive(root, 3, fixed), abs=0.03)
+    assert set(chosen) != set(choose_poses(root, 3))
 
 
 def test_gain_is_the_change_of_the_determinant():
@@ -66,32 +69,29 @@ def test_what_effects_gain_does_not_count(seed):
         rows = root[list(chosen)].reshape(-1, P + K)
         joint = np.linalg.inv(rows.T @ rows + np.diag([0.0] * P + [1.0] * K))
         covered[chosen] = -np.linalg.slogdet(joint[:P, :P])[1]
-    design = choose_poses(root, 4, parameters=P)
-    assert design.log_det == pytest.approx(covered[tuple(sorted(design.chosen))], abs=1e-6)
-    assert efficiency(design.log_det, max(covered.values()), P) > 0.99
-    assert set(design.chosen) != set(choose_poses(root[..., :P], 4).chosen)
+    chosen = choose_poses(root, 4, parameters=P)
+    assert efficiency(covered[tuple(sorted(chosen))], max(covered.values()), P) > 0.99
+    assert set(chosen) != set(choose_poses(root[..., :P], 4))
 
 
 def test_scaling_a_parameter_changes_nothing(told):
     units = np.geomspace(1e-3, 1e3, len(told.parameters))
-    plain, scaled = choose_poses(told.root, 8), choose_poses(told.root * units, 8)
-    assert scaled.chosen == plain.chosen
-    assert scaled.log_det - plain.log_det == pytest.approx(2.0 * np.log(units).sum(), abs=1e-6)
+    assert choose_poses(told.root * units, 8) == choose_poses(told.root, 8)
 
 
 def test_poses_keep_apart_when_asked(region, told):
     design = choose_poses(told.root, 12, q=region.q, apart_rad=0.3)
-    q = region.q[list(design.chosen)]
+    q = region.q[list(design)]
     gaps = np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)]
     assert gaps.min() >= 0.3
     close = choose_poses(told.root, 12)
-    q = region.q[list(close.chosen)]
+    q = region.q[list(close)]
     assert np.linalg.norm(q[:, None] - q[None], axis=-1)[~np.eye(12, dtype=bool)].min() < 0.3
 
 
 def test_only_allowed_poses_are_chosen(told):
     allowed = np.zeros(len(told.root), dtype=bool)
     allowed[::7] = True
-    assert set(choose_poses(told.root, 9, allowed=allowed).chosen) <= set(np.flatnonzero(allowed))
+    assert set(choose_poses(told.root, 9, allowed=allowed)) <= set(np.flatnonzero(allowed))
     with pytest.raises(ValueError, match="9 poses requested, but there are only 0"):
         choose_poses(told.root, 9, allowed=np.zeros(len(told.root), dtype=bool))

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from solver.design.motion import drive_straight
-from solver.design.paths import MotionLimits, PathGraph
+from solver.design.paths import LIMITS, PathGraph
 from solver.design.plan import visiting_order
 from tests.oracles.loop_oracle import closure, paper_truth
 
 TRUTH = paper_truth()
-LIMITS = MotionLimits()
 
 
 @pytest.fixture(scope="module")
@@ -17,14 +16,20 @@ def graph(region):
     return PathGraph(region, [(1, 5), (3, 5)], LIMITS)
 
 
-def far_poses(graph: PathGraph, count: int) -> list[int]:
-    reached = np.flatnonzero(graph.reachable(0, drives=(1, 5)))
+@pytest.fixture(scope="module")
+def alone(region):
+    """Poses that joints 1 and 5 reach alone."""
+    return PathGraph(region, [(1, 5)], LIMITS).reachable(0)
+
+
+def far_poses(alone: np.ndarray, count: int) -> list[int]:
+    reached = np.flatnonzero(alone)
     return [int(k) for k in np.random.default_rng(0).choice(reached, count, replace=False)]
 
 
-def test_routes_arrive_inside_ranges_with_closed_loops(graph, loop, x, ranges):
+def test_routes_arrive_inside_ranges_with_closed_loops(graph, alone, loop, x, ranges):
     here, drives = 0, (1, 5)
-    for target in far_poses(graph, 12):
+    for target in far_poses(alone, 12):
         route = graph.route(loop, x, ranges, source=here, target=target, drives=drives)
         assert route is not None
         assert route.legs[-1].waypoints_rad[-1] == pytest.approx(graph.manifold.q[target], abs=1e-6)
@@ -37,8 +42,8 @@ def test_routes_arrive_inside_ranges_with_closed_loops(graph, loop, x, ranges):
         here, drives = target, route.legs[-1].drives
 
 
-def test_drives_go_straight_on_every_move(graph, loop, x, ranges):
-    (target,) = far_poses(graph, 1)
+def test_drives_go_straight_on_every_move(graph, alone, loop, x, ranges):
+    (target,) = far_poses(alone, 1)
     route = graph.route(loop, x, ranges, source=0, target=target, drives=(1, 5))
     leg = route.legs[0]
     drives = leg.trace_rad[:, [j - 1 for j in leg.drives]]
@@ -53,8 +58,8 @@ def test_drives_go_straight_on_every_move(graph, loop, x, ranges):
         assert away < 1e-9
 
 
-def test_route_changes_drives_when_it_must(graph, loop, x, ranges):
-    only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))
+def test_route_changes_drives_when_it_must(graph, alone, loop, x, ranges):
+    only_both = np.flatnonzero(graph.reachable(0) & ~alone)
     route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))
     assert route is not None
     assert {leg.drives for leg in route.legs} >= {(3, 5)}
@@ -110,9 +115,9 @@ def test_tour_ends_when_some_points_cannot_be_reached():
     assert sorted(visiting_order(distances)) == list(range(1, 12))
 
 
-def test_distances_count_poses_that_only_another_pair_reaches(graph):
-    only_both = np.flatnonzero(graph.reachable(0) & ~graph.reachable(0, drives=(1, 5)))[:5]
-    points = [0, *far_poses(graph, 3), *(int(k) for k in only_both)]
+def test_distances_count_poses_that_only_another_pair_reaches(graph, alone):
+    only_both = np.flatnonzero(graph.reachable(0) & ~alone)[:5]
+    points = [0, *far_poses(alone, 3), *(int(k) for k in only_both)]
     distances = graph.distances(points)
     assert np.isfinite(distances).all()
     assert distances == pytest.approx(distances.T)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver.closing import close_loops
-from solver.design.plan import make_plan, prediction_sigma
+from solver.design.plan import MOST_UNCERTAIN_RAD, make_plan, prediction_sigma
 from solver.design.stop_rule import standard_deviations
 from tests.oracles.loop_oracle import closed_poses, cramer_rao, paper_truth
 from tests.solver.conftest import NAMES
@@ -69,7 +69,7 @@ def test_nothing_is_planned_where_the_estimate_cannot_predict(loop, x, quick):
     sigma = prediction_sigma(
         loop, x, plan.poses_rad, plan.manifold.u[list(plan.visits)], covariance, (1, 5)
     )
-    assert sigma.max() <= task.most_uncertain_rad
+    assert sigma.max() <= MOST_UNCERTAIN_RAD
 
 
 def test_prediction_sigma_is_what_happens(loop, x, region):

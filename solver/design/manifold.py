@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.closing import close_loops
 from solver.design.motion import ChainMotion, chain_motion
 from solver.loops.closure import ClosureModel
@@ -105,41 +105,38 @@ def grow_manifold(
     if not bool(start.closed[0]):
         raise ValueError("the loop does not close near the start pose with these parameters")
     rng = np.random.default_rng(seed)
-    q, u = start.q, start.u
-    front = chain_motion(model, x, q, u).tangent
-    front_q, front_u, d = q, u, front.shape[-1]
-    while len(front_q) and len(q) < most:
-        wave_q, wave_u = _wave(front_q, front_u, front, step_rad, rng)
-        inside = ranges.clearance(wave_q) > -step_rad
-        wave_q, wave_u = wave_q[inside], wave_u[inside]
-        new = _far_from(_tree(_place(q, u, d)), _place(wave_q, wave_u, d), 0.6 * step_rad)
-        wave_q, wave_u = wave_q[new], wave_u[new]
+    n = len(ranges.lower_rad)
+    points = front = np.concatenate((start.q, start.u), axis=-1)
+    while len(front) and len(points) < most:
+        tangent = chain_motion(model, x, front[:, :n], front[:, n:]).tangent
+        # Poses are kept apart in the joint angles, or on a one-dimensional manifold in all angles.
+        own = slice(n if tangent.shape[-1] > 1 else None)
+        wave = _wave(front, tangent, step_rad, rng)
+        wave = wave[ranges.clearance(wave[:, :n]) > -step_rad]
+        wave = wave[_far_from(points[:, own], wave[:, own], 0.6 * step_rad)]
         # Near duplicates of another step are dropped before they are closed.
-        alone = _spread(_place(wave_q, wave_u, d), LEAST_SPACING_SHARE * step_rad)
-        wave_q, wave_u = wave_q[alone], wave_u[alone]
-        if len(wave_q) == 0:
+        wave = wave[_spread(wave[:, own], LEAST_SPACING_SHARE * step_rad)]
+        if len(wave) == 0:
             break
-        closed = close_loops(model, x, wave_q, u=wave_u, max_iterations=6, tolerance=1e-11)
+        closed = close_loops(
+            model, x, wave[:, :n], u=wave[:, n:], max_iterations=6, tolerance=1e-11
+        )
         # A correction as long as the step itself has reached another sheet.
-        moved = np.sqrt(((closed.q - wave_q) ** 2).sum(-1))
+        moved = np.sqrt(((closed.q - wave[:, :n]) ** 2).sum(-1))
         keep = closed.closed & (ranges.clearance(closed.q) >= 0.0) & (moved < 0.7 * step_rad)
-        wave_q, wave_u = closed.q[keep], closed.u[keep]
-        new = _far_from(_tree(_place(q, u, d)), _place(wave_q, wave_u, d), SPACING * step_rad)
-        wave_q, wave_u = wave_q[new], wave_u[new]
-        chosen = _spread(_place(wave_q, wave_u, d), SPACING * step_rad)[: most - len(q)]
-        front_q, front_u = wave_q[chosen], wave_u[chosen]
-        if len(front_q) == 0:
-            break
-        front = chain_motion(model, x, front_q, front_u).tangent
-        q, u = np.concatenate((q, front_q)), np.concatenate((u, front_u))
+        wave = np.concatenate((closed.q, closed.u), axis=-1)[keep]
+        wave = wave[_far_from(points[:, own], wave[:, own], SPACING * step_rad)]
+        front = wave[_spread(wave[:, own], SPACING * step_rad)][: most - len(points)]
+        points = np.concatenate((points, front))
+    q, u = points[:, :n].copy(), points[:, n:].copy()
     motion = chain_motion(model, x, q, u)
     return Manifold(
         q=q,
         u=u,
         motion=motion,
-        neighbours=_touching(q, u, motion, step_rad),
+        neighbours=_touching(points, motion, step_rad),
         step_rad=step_rad,
-        complete=len(q) < most,
+        complete=len(points) < most,
     )
 
 
@@ -171,10 +168,10 @@ def candidate_poses(
 
 
 def _wave(
-    q: FloatArray, u: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Return tangent steps from every pose of the front, (f * directions, n) and (..., U)."""
-    poses, joints, degrees = tangent.shape
+    points: FloatArray, tangent: FloatArray, step_rad: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return tangent steps from every point of the front, (f * directions, n + U)."""
+    poses, angles, degrees = tangent.shape
     if degrees == 1:
         directions = np.broadcast_to([[[1.0], [-1.0]]], (poses, 2, 1))
     elif degrees == 2:
@@ -190,16 +187,7 @@ def _wave(
         directions = rng.normal(size=(poses, 3 * degrees, degrees))
         directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
     steps = step_rad * (directions @ np.swapaxes(tangent, -1, -2))
-    n = q.shape[-1]
-    many = steps.shape[0] * steps.shape[1]
-    wave_q = (q[:, None, :] + steps[..., :n]).reshape(many, n)
-    wave_u = (u[:, None, :] + steps[..., n:]).reshape(many, joints - n)
-    return wave_q, wave_u
-
-
-def _place(q: FloatArray, u: FloatArray, degrees: int) -> FloatArray:
-    """Coordinates in which poses are kept apart: the joint angles, or on a one-dimensional manifold all angles."""
-    return q if degrees > 1 else np.concatenate((q, u), axis=-1)
+    return (points[:, None, :] + steps).reshape(-1, angles)
 
 
 def _tree(points: FloatArray) -> cKDTree:
@@ -208,11 +196,11 @@ def _tree(points: FloatArray) -> cKDTree:
     return cKDTree(points)
 
 
-def _far_from(tree: cKDTree, points: FloatArray, distance: float) -> FloatArray:
-    """Whether each point (m,) is at least `distance` from all points of the tree."""
+def _far_from(others: FloatArray, points: FloatArray, distance: float) -> BoolArray:
+    """Whether each point (m,) is at least `distance` from all others."""
     if len(points) == 0:
         return np.zeros(0, dtype=np.bool_)
-    nearest, _ = tree.query(points, distance_upper_bound=distance)
+    nearest, _ = _tree(others).query(points, distance_upper_bound=distance)
     return np.asarray(nearest >= distance)
 
 
@@ -228,9 +216,8 @@ def _spread(points: FloatArray, distance: float) -> IntArray:
     return np.flatnonzero(~dropped)
 
 
-def _touching(q: FloatArray, u: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
+def _touching(points: FloatArray, motion: ChainMotion, step_rad: float) -> IntArray:
     """Pairs of poses that are neighbours along the manifold (E, 2)."""
-    points = np.concatenate((q, u), axis=-1)
     pairs = _tree(points).query_pairs(TOUCHING * step_rad, output_type="ndarray")
     if len(pairs) == 0:
         return np.zeros((0, 2), dtype=np.int64)

@@ -18,7 +18,7 @@ from solver.estimators.estimate import require_enough_poses
 from solver.estimators.least_squares import Progress, solve_damped
 from solver.estimators.paper import closure_problem
 from solver.loops.closure import ClosureModel, nearest_equivalent
-from solver.search.starts import StartSearch
+from solver.search.starts import best_minima
 
 STARTS = 500
 STARTS_WITHOUT_DIRECTION = 1500
@@ -82,8 +82,6 @@ class GlobalStart:
         Distinct solutions, the best first, none on the flipped branch unless all are.
     starts
         Number of starts.
-    search_poses
-        Number of poses the search itself used.
     set_aside
         Poses (indices) taken with the tool upside down on the hinge: they are in no solution. `LocalMinimum.flipped`
         does not include them.
@@ -91,7 +89,6 @@ class GlobalStart:
 
     minima: tuple[LocalMinimum, ...]
     starts: int
-    search_poses: int
     set_aside: tuple[int, ...] = ()
 
     @property
@@ -168,7 +165,6 @@ def _solve(
     progress: Progress | None,
 ) -> GlobalStart:
     """Search, refine on all of `q`, and separate distinct solutions."""
-    search = StartSearch(sensed, q, starts, rng, progress)
     nominal = nominal_vector(sensed.parameters)
     names = [p.name for p in sensed.parameters]
     here = [names.index(p.name) for p in model.parameters]
@@ -176,7 +172,7 @@ def _solve(
 
     found: list[tuple[FloatArray, LocalMinimum]] = []
     best = np.inf
-    for x0, count in search.candidates():
+    for x0, count in best_minima(sensed, q, starts, rng, progress):
         fit = solve_damped(problem, x0, max_iterations=FIRST_POLISH)
         if not fit.converged and fit.cost < REFINED_COST_RATIO * max(
             best, 0.5 * q.size * CLOSED**2
@@ -194,18 +190,13 @@ def _solve(
         for k, (other, known) in enumerate(found):
             if _same_loop(sensed, x, other):
                 better = min(minimum, known, key=lambda b: b.rms)
-                merged = LocalMinimum(
-                    x=better.x,
-                    rms=better.rms,
-                    starts=known.starts + count,
-                    flipped=better.flipped,
-                )
+                merged = replace(better, starts=known.starts + count)
                 found[k] = (x if better is minimum else other, merged)
                 break
         else:
             found.append((x, minimum))
     minima = sorted((b for _, b in found), key=lambda b: (bool(b.flipped), b.rms))
-    return GlobalStart(minima=tuple(minima), starts=starts, search_poses=search.poses)
+    return GlobalStart(minima=tuple(minima), starts=starts)
 
 
 def _upright(
@@ -224,8 +215,8 @@ def _upright(
     score = (0, -np.inf)
     for _ in range(SAMPLES):
         few = np.sort(rng.choice(len(q), min(SAMPLE_POSES, len(q)), replace=False))
-        search = StartSearch(model.at_poses(few), q[few], starts, rng, progress)
-        error = model.reduced(search.candidates()[0][0], q)
+        (x, _), *_ = best_minima(model.at_poses(few), q[few], starts, rng, progress)
+        error = model.reduced(x, q)
         near = np.linalg.norm(error.residual[:, error.rotation_rows :], axis=-1) < NEAR_M
         swing = np.linalg.norm(error.residual[:, : error.rotation_rows], axis=-1)
         upright, over = near & (swing < NEAR_RAD), near & (swing > np.pi - NEAR_RAD)

@@ -5,16 +5,16 @@ Every start has its own damping; starts that have converged leave the batch. `gl
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from solver.arrays import FloatArray, IntArray
+from solver.arrays import FloatArray
 from solver.chain.parameters import nominal_vector, wrap_angle
 from solver.estimators.least_squares import Progress
 from solver.loops.closure import ClosureModel
-from solver.search.inner import InnerProblem, projectable_parts, spread_poses
+from solver.search.inner import projectable_parts, spread_poses
 
 HALT_AFTER = 8
 SURVIVING_SHARE, FEWEST_SURVIVORS = 1.0 / 3.0, 30
@@ -31,105 +31,6 @@ SAME_MINIMUM = 0.02
 """Starts that end within this distance of each other (rad) count as one minimum."""
 
 
-class StartSearch:
-    """Result of minimising from all starts.
-
-    `poses`: number of poses the search used.
-    """
-
-    def __init__(
-        self,
-        model: ClosureModel,
-        q: FloatArray,
-        starts: int,
-        rng: np.random.Generator,
-        progress: Progress | None,
-    ) -> None:
-        self.model, self.q = model, q
-        self.parts = projectable_parts(model, q)
-        self._progress = progress
-        self._nominal = nominal_vector(model.parameters)
-        if self.parts and self.parts[0].problem.searched:
-            # The largest placement finds the arm's offsets; the others only their own fixtures.
-            largest = max(self.parts, key=lambda part: len(part.q)).problem
-            count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
-            few = spread_poses(largest.q, count)
-            self.poses = len(few)
-            searched = InnerProblem(
-                table=largest.table,
-                searched=largest.searched,
-                constrained_part=largest.constrained_part,
-                q=few,
-                per_m=largest.per_m,
-            )
-            here = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
-            x0 = np.concatenate(
-                (here[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(here))))
-            )
-            self.fit = self._minimised(searched, x0)
-        else:
-            self.poses = len(q)
-            self.fit = self._blind(starts, rng)
-
-    def candidates(self) -> list[tuple[FloatArray, int]]:
-        """Complete parameter vectors (P,) of the best minima, with the number of starts that ended there."""
-        return [
-            (self._whole(self.fit.x[members[0]]), len(members))
-            for members in _minima(self.fit, self._angles())[:REFINED_MINIMA]
-        ]
-
-    def _angles(self) -> list[int]:
-        if self.parts and self.parts[0].problem.searched:
-            return list(range(self.fit.x.shape[1]))
-        return [k for k, p in enumerate(self.model.parameters) if p.is_angle]
-
-    def _whole(self, guess: FloatArray) -> FloatArray:
-        if not (self.parts and self.parts[0].problem.searched):
-            return guess
-        x = self._nominal.copy()
-        for part in self.parts:
-            x[part.columns] = part.filled(guess)
-        return x
-
-    def _blind(self, starts: int, rng: np.random.Generator) -> BatchFit:
-        """Search over all unknowns, for models whose fixture cannot be projected out."""
-        parameters = self.model.parameters
-        turned = [k for k, p in enumerate(parameters) if p.name.startswith("theta_off_")]
-        x0 = np.tile(self._nominal, (starts, 1))
-        x0[1:, turned] = rng.uniform(-np.pi, np.pi, (starts - 1, len(turned)))
-
-        def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-            error = self.model.reduced(x, self.q)
-            count = len(x)
-            return (
-                error.residual.reshape(count, -1),
-                error.jac_x.reshape(count, -1, len(parameters)),
-            )
-
-        return self._minimised(problem, x0)
-
-    def _minimised(self, problem: BatchProblem, x0: FloatArray) -> BatchFit:
-        return minimise_batch(
-            problem,
-            x0,
-            halt_after=HALT_AFTER,
-            survivors=max(FEWEST_SURVIVORS, int(SURVIVING_SHARE * len(x0))),
-            progress=self._progress,
-        )
-
-
-def _minima(fit: BatchFit, angles: list[int]) -> list[IntArray]:
-    """Starts that reached each minimum, by rising cost; the first is the best."""
-    left = np.argsort(fit.cost, kind="stable")
-    found = []
-    while len(left):
-        apart = wrap_angle(fit.x[left][:, angles] - fit.x[left[0], angles])
-        same = np.abs(apart).max(-1, initial=0.0) < SAME_MINIMUM
-        found.append(left[same])
-        left = left[~same]
-    return found
-
-
 BatchProblem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Function from unknowns (S, K) to residuals (S, R) and Jacobian (S, R, K)."""
 
@@ -138,32 +39,81 @@ EASIER, HARDER = 0.2, 5.0
 STUCK_DAMPING = 1e7
 STEP_TOLERANCE = 1e-7
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BatchFit:
-    """End of each start: unknowns (S, K) and sum of squared residuals (S,)."""
-
-    x: FloatArray
-    cost: FloatArray
-
-
 BATCH_ITERATIONS, LONGEST_STEP_RAD = 40, 0.7
 """Most iterations, and the longest component of one step: beyond it a linearised rotation is invalid."""
 
 
-def minimise_batch(
-    problem: BatchProblem,
-    x0: FloatArray,
-    *,
-    halt_after: int | None = None,
-    survivors: int = 0,
-    progress: Progress | None = None,
-) -> BatchFit:
-    """Minimise the sum of squares from every row of `x0` (S, K).
+def best_minima(
+    model: ClosureModel,
+    q: FloatArray,
+    starts: int,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> list[tuple[FloatArray, int]]:
+    """Minimise from all starts; return the best minima (P,), with the number of starts that ended in each."""
+    parts, nominal = projectable_parts(model, q), nominal_vector(model.parameters)
+    if not (parts and parts[0].problem.searched):
+        return _best_of_all_unknowns(model, q, starts, rng, progress)
+    # The largest placement finds the arm's offsets; the others only their own fixtures.
+    largest = max(parts, key=lambda part: len(part.q)).problem
+    count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
+    few = replace(largest, q=spread_poses(largest.q, count))
+    here = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])
+    x0 = np.concatenate((here[None, :], rng.uniform(-np.pi, np.pi, (starts - 1, len(here)))))
+    found = []
+    for offsets, reached in _minima(*_minimised(few, x0, progress), angles=range(len(here))):
+        x = nominal.copy()
+        for part in parts:
+            x[part.columns] = part.filled(offsets)
+        found.append((x, reached))
+    return found
 
-    `halt_after`, `survivors`: after this many iterations only this many of the starts continue, those of least cost;
-    the others stop. Starts that will reach the solution nearly always have the least cost by then.
+
+def _best_of_all_unknowns(
+    model: ClosureModel,
+    q: FloatArray,
+    starts: int,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> list[tuple[FloatArray, int]]:
+    """Search over all unknowns, for models whose fixture cannot be projected out."""
+    parameters = model.parameters
+    turned = [k for k, p in enumerate(parameters) if p.name.startswith("theta_off_")]
+    x0 = np.tile(nominal_vector(parameters), (starts, 1))
+    x0[1:, turned] = rng.uniform(-np.pi, np.pi, (starts - 1, len(turned)))
+
+    def problem(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        error = model.reduced(x, q)
+        count = len(x)
+        return error.residual.reshape(count, -1), error.jac_x.reshape(count, -1, len(parameters))
+
+    angles = [k for k, p in enumerate(parameters) if p.is_angle]
+    return _minima(*_minimised(problem, x0, progress), angles=angles)
+
+
+def _minima(
+    x: FloatArray, cost: FloatArray, *, angles: Sequence[int]
+) -> list[tuple[FloatArray, int]]:
+    """The best minima, by rising cost, with the number of starts that reached each."""
+    left = np.argsort(cost, kind="stable")
+    found: list[tuple[FloatArray, int]] = []
+    while len(left) and len(found) < REFINED_MINIMA:
+        apart = wrap_angle(x[left][:, angles] - x[left[0], angles])
+        same = np.abs(apart).max(-1, initial=0.0) < SAME_MINIMUM
+        found.append((x[left[0]], int(same.sum())))
+        left = left[~same]
+    return found
+
+
+def _minimised(
+    problem: BatchProblem, x0: FloatArray, progress: Progress | None
+) -> tuple[FloatArray, FloatArray]:
+    """Minimise the sum of squares from every row of `x0` (S, K): unknowns (S, K) and sums (S,) at the end.
+
+    After `HALT_AFTER` iterations only the starts of least cost continue: those that will reach the solution are nearly
+    always among them.
     """
+    survivors = max(FEWEST_SURVIVORS, int(SURVIVING_SHARE * len(x0)))
     x = np.array(x0, dtype=np.float64)
     r, J = problem(x)
     cost = np.einsum("sr,sr->s", r, r)
@@ -192,9 +142,9 @@ def minimise_batch(
         if progress is not None:
             progress(iteration, float(cost.min()))
         going = (longest > STEP_TOLERANCE) & (damping[active] < STUCK_DAMPING)
-        if iteration == halt_after:
+        if iteration == HALT_AFTER:
             going &= np.isin(active, np.argsort(cost, kind="stable")[:survivors])
         active, r, J = active[going], r[going], J[going]
         if not len(active):
             break
-    return BatchFit(x=x, cost=cost)
+    return x, cost

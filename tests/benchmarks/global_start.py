@@ -64,8 +64,7 @@ def main() -> int:
         if sys.stderr.isatty():
             print(f"\r{seed + 1}/{count}", end="", file=sys.stderr)
     print(
-        f"{count} random hinge problems, nothing known, 40 poses; {found.starts} starts on "
-        f"{found.search_poses} poses\nscaled condition numbers of the pose sets: median "
+        f"{count} random hinge problems, nothing known, 40 poses; {found.starts} starts\nscaled condition numbers of the pose sets: median "
         f"{np.median(conditions):.0f}, worst {np.max(conditions):.0f}\n"
     )
     print(

@@ -109,7 +109,7 @@ def _hold_out_data(found: HoldOut | None) -> dict[str, Any] | None:
         return None
     return {
         "parts": len(found.parts),
-        "chi2_per_dof": [part.verification.chi2.per_dof for part in found.parts],
+        "chi2_per_dof": [part.per_dof for part in found.parts],
     }
 
 

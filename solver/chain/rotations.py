@@ -91,9 +91,15 @@ def rotation_matrix(r: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + first * K + second * (K @ K))
 
 
-def rotation_about_z(angle_rad: FloatArray) -> FloatArray:
+def rotation_about_x(angle_rad: float) -> FloatArray:
+    """Rotation (3, 3) about x by an angle."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rotation_about_z(angle_rad: FloatArray | float) -> FloatArray:
     """Rotations (..., 3, 3) about z by angles (...)."""
-    out = np.zeros((*angle_rad.shape, 3, 3))
+    out = np.zeros((*np.shape(angle_rad), 3, 3))
     out[..., 0, 0] = out[..., 1, 1] = np.cos(angle_rad)
     out[..., 1, 0] = np.sin(angle_rad)
     out[..., 0, 1] = -out[..., 1, 0]

@@ -7,7 +7,8 @@ once (sensor curves, harmonics, sag, compliance) is the prior for the later pose
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -53,35 +54,28 @@ class HeldOutPoses:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
-    """Test of one part of a pose set with an estimate from the rest.
-
-    `poses`: indices of the poses held out. `estimate`: estimate from the others. `verification`: test of the held-out
-    poses with that estimate.
-    """
-
-    poses: IntArray
-    estimate: Estimate
-    verification: HeldOutPoses
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class HoldOut:
     """All parts of a hold-out together.
 
     Attributes
     ----------
     parts
-        One entry per part.
+        Test of each part with an estimate from the rest.
     sigmas
         sigma_pos and sigma_ori over all poses held out, each closed with the parameters of the rest.
     inside_sigmas
         The same figures for the fitted poses, as a mean over the parts (rms): the two should be similar.
     """
 
-    parts: tuple[HeldOut, ...]
+    parts: tuple[Chi2Test, ...]
     sigmas: ClosureSigmas
     inside_sigmas: ClosureSigmas
+
+    @staticmethod
+    def upgraded_record(data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Convert a record to the current format; those of earlier versions have the estimates of the parts too."""
+        parts = [part.get("verification", {"chi2": part})["chi2"] for part in data["parts"]]
+        return {**data, "parts": parts}
 
 
 def verify(
@@ -166,19 +160,12 @@ def hold_out(
 
     Raises `TooFewPosesError` if the rest is too small for an estimate.
     """
-    everything = np.arange(len(q))
     variance = np.broadcast_to(noise.joint_variance, q.shape)
-
-    def noise_of(poses: IntArray) -> NoiseModel:
-        return NoiseModel(joint_variance=variance[poses], fixture_variance=noise.fixture_variance)
-
     found, outside, inside, rows = [], [], [], 0
     for poses in parts:
-        rest = np.setdiff1d(everything, poses)
-        estimate = estimator(rest)
-        there = model.at_poses(poses)
-        verification = verify(there, estimate.x, estimate.covariance, q[poses], noise_of(poses))
-        found.append(HeldOut(poses=poses, estimate=estimate, verification=verification))
+        estimate = estimator(np.setdiff1d(np.arange(len(q)), poses))
+        there, own = model.at_poses(poses), replace(noise, joint_variance=variance[poses])
+        found.append(verify(there, estimate.x, estimate.covariance, q[poses], own).chi2)
         error = closure_at_readings(there, estimate.x, q[poses])
         rows = error.rotation_rows
         outside.append(error.residual)

@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.chain.parameters import wrap_angle
+from solver.chain.rotations import rotation_about_x, rotation_about_z
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,13 +47,13 @@ class ConstrainedAxis:
         # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
         off_n = _bearing(self.hand_direction) + 0.5 * np.pi
         alpha_n = _tilt(self.hand_direction)
-        t = turn_about_z(-off_n) @ self.hand_point_m
+        t = rotation_about_z(-off_n) @ self.hand_point_m
         # Distance of the tool point along the line from the foot of the common normal with z_{n-1}.
         slide = -_quotient(t[1], np.sin(alpha_n))
         # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
         off_1 = 0.5 * np.pi - _bearing(self.ground_direction)
         alpha_0 = _tilt(self.ground_direction)
-        g = turn_about_z(off_1) @ (self.ground_point_m - slide * self.ground_direction)
+        g = rotation_about_z(off_1) @ (self.ground_point_m - slide * self.ground_direction)
         s_0 = -_quotient(g[1], np.sin(alpha_0))
         return {
             "theta_off_1": float(wrap_angle(off_1)),
@@ -78,7 +79,7 @@ def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[st
     )
     found = axis.entries(n)
     # R Rz(off_n) is Rz(-off_1) Rx(-alpha_0).
-    turn = turn_about_x(found["alpha_0"]) @ turn_about_z(found["theta_off_1"]) @ R
+    turn = rotation_about_x(found["alpha_0"]) @ rotation_about_z(found["theta_off_1"]) @ R
     kept = {name: found[name] for name in ("theta_off_1", "s_0", "a_0", "alpha_0", "s_1")}
     return kept | {f"theta_off_{n}": float(-np.arctan2(turn[1, 0], turn[0, 0]))}
 
@@ -93,15 +94,3 @@ def _tilt(v: FloatArray) -> float:
 
 def _quotient(numerator: float, sine: float) -> float:
     return float(numerator / sine) if abs(sine) > 1e-9 else 0.0
-
-
-def turn_about_z(angle: float) -> FloatArray:
-    """Rotation matrix (3, 3) about z by an angle, rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def turn_about_x(angle: float) -> FloatArray:
-    """Rotation matrix (3, 3) about x by an angle, rad."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

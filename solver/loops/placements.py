@@ -16,8 +16,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from math import prod
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from solver.arrays import FloatArray, IntArray
 from solver.chain.kinematics import DhTable
@@ -124,29 +126,25 @@ class Placements(ClosureModel):
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
         found = [
-            (model.loop(x[..., columns], q[..., poses, :], u[..., poses, :]), columns, poses)
+            model.loop(x[..., columns], q[..., poses, :], u[..., poses, :])
             for model, columns, poses in self.parts()
         ]
-        m, width = q.shape[-2], x.shape[-1]
         return LoopError(
-            residual=_scatter([(e.residual, poses) for e, _, poses in found], m, 1),
-            jac_x=_spread([(e.jac_x, columns, poses) for e, columns, poses in found], m, width),
-            jac_q=_scatter([(e.jac_q, poses) for e, _, poses in found], m, 2),
-            jac_u=_scatter([(e.jac_u, poses) for e, _, poses in found], m, 2),
+            residual=self._gathered([e.residual for e in found], 1),
+            jac_x=self._gathered([e.jac_x for e in found], 2, by_parameters=True),
+            jac_q=self._gathered([e.jac_q for e in found], 2),
+            jac_u=self._gathered([e.jac_u for e in found], 2),
         )
 
     def initial_unsensed(self, x: FloatArray, q: FloatArray) -> FloatArray:
         """Initial unsensed angles of every pose."""
         x = np.asarray(x, dtype=np.float64)
         self._check(q)
-        return _scatter(
-            [
-                (model.initial_unsensed(x[..., columns], q[..., poses, :]), poses)
-                for model, columns, poses in self.parts()
-            ],
-            q.shape[-2],
-            1,
-        )
+        found = [
+            model.initial_unsensed(x[..., columns], q[..., poses, :])
+            for model, columns, poses in self.parts()
+        ]
+        return self._gathered(found, 1)
 
     def reduced(self, x: FloatArray, q: FloatArray, *, rates: bool = True) -> ReducedError:
         """Reduced closure error of every pose in its own placement."""
@@ -161,19 +159,36 @@ class Placements(ClosureModel):
 
     def merged(self, found: Sequence[ReducedError]) -> ReducedError:
         """Combine the reduced errors of all `parts`."""
-        m, first = len(self.placement), found[0]
-        places = [(columns, poses) for _, columns, poses in self.parts()]
-        flipped = np.zeros((*first.flipped.shape[:-1], m), dtype=np.bool_)
-        for error, (_, poses) in zip(found, places, strict=True):
-            flipped[..., poses] = error.flipped
-        pieces = [(e, c, p) for e, (c, p) in zip(found, places, strict=True)]
         return ReducedError(
-            residual=_scatter([(e.residual, poses) for e, _, poses in pieces], m, 1),
-            jac_x=_spread([(e.jac_x, c, poses) for e, c, poses in pieces], m, len(self.parameters)),
-            rotation_rows=first.rotation_rows,
-            unsensed=_scatter([(e.unsensed, poses) for e, _, poses in pieces], m, 1),
-            flipped=flipped,
+            residual=self._gathered([e.residual for e in found], 1),
+            jac_x=self._gathered([e.jac_x for e in found], 2, by_parameters=True),
+            rotation_rows=found[0].rotation_rows,
+            unsensed=self._gathered([e.unsensed for e in found], 1),
+            flipped=self._gathered([e.flipped for e in found], 0),
         )
+
+    def _gathered(
+        self, parts: list[NDArray[Any]], trailing: int, *, by_parameters: bool = False
+    ) -> NDArray[Any]:
+        """Put values (..., m_k, <trailing>) of all placements where their poses are.
+
+        `by_parameters`: the last axis is that of the placement's parameters, and becomes that of all parameters; with
+        no column it stays empty.
+        """
+        first, axis = parts[0], -1 - trailing
+        spread = by_parameters and first.shape[-1] > 0
+        shape = list(first.shape)
+        shape[axis] = len(self.placement)
+        if spread:
+            shape[-1] = len(self.parameters)
+        out = np.zeros(shape, dtype=first.dtype)
+        for k, (_, columns, poses) in enumerate(self.parts()):
+            whole = parts[k]
+            if spread:
+                whole = np.zeros((*whole.shape[:-1], shape[-1]), dtype=first.dtype)
+                whole[..., columns] = parts[k]
+            np.moveaxis(out, axis, 0)[poses] = np.moveaxis(whole, axis, 0)
+        return out
 
     def equivalents(self, x: FloatArray) -> FloatArray:
         """Equivalent parameter vectors of all loops together (E, P).
@@ -314,29 +329,3 @@ def place(
         else tuple(models.at_poses(np.flatnonzero(np.asarray(placement) == k)) for k in numbers)
     )
     return Placements(numbers=numbers, models=each, placement=placement, same_hand=same_hand)
-
-
-def _scatter(pieces: list[tuple[FloatArray, IntArray]], m: int, trailing: int) -> FloatArray:
-    """Put each placement's rows (..., m_k, <trailing>) where its poses are."""
-    first = pieces[0][0]
-    lead, tail = first.shape[: -1 - trailing], first.shape[first.ndim - trailing :]
-    out = np.zeros((*lead, m, *tail))
-    for values, poses in pieces:
-        if trailing == 1:
-            out[..., poses, :] = values
-        else:
-            out[..., poses, :, :] = values
-    return out
-
-
-def _spread(pieces: list[tuple[FloatArray, IntArray, IntArray]], m: int, width: int) -> FloatArray:
-    """Put each placement's Jacobian (..., m_k, r, P_k) where its poses and parameters are."""
-    first = pieces[0][0]
-    if not first.shape[-1]:
-        pieces, width = [(values, columns[:0], poses) for values, columns, poses in pieces], 0
-    out = np.zeros((*first.shape[:-3], m, first.shape[-2], width))
-    for values, columns, poses in pieces:
-        whole = np.zeros((*values.shape[:-1], width))
-        whole[..., columns] = values
-        out[..., poses, :, :] = whole
-    return out

@@ -64,7 +64,8 @@ def main() -> int:
         if sys.stderr.isatty():
             print(f"\r{seed + 1}/{count}", end="", file=sys.stderr)
     print(
-        f"{count} random hinge problems, nothing known, 40 poses; {found.starts} starts\nscaled condition numbers of the pose sets: median "
+        f"{count} random hinge problems, nothing known, 40 poses; {found.starts} starts\n"
+        f"scaled condition numbers of the pose sets: median "
         f"{np.median(conditions):.0f}, worst {np.max(conditions):.0f}\n"
     )
     print(

@@ -51,7 +51,7 @@ def rigid(arm: ArmModel) -> Rigid:
 def hinge_at(arm: ArmModel, point_m: list[float], direction: list[float]) -> Hinge:
     """The hinge on a line of the frame before the last link at home, with the offsets of the arm's file."""
     frames = at_home(arm)
-    R, p = frames.axes[-2] @ rotation_about_z(arm.home_rad[-1:])[0], frames.origins_m[-2]
+    R, p = frames.axes[-2] @ rotation_about_z(arm.home_rad[-1]), frames.origins_m[-2]
     point, along = p + R @ point_m, R @ direction
     hand = Line(point_m=(point - frames.p_end) @ frames.R_end, direction=along @ frames.R_end)
     placed = Hinge.between(arm, Line(point_m=point, direction=along), hand)

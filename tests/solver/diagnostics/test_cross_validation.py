@@ -124,13 +124,10 @@ def test_hold_out_of_sound_poses():
     q = SIMULATION.rereadings(3)
     fit = implicit(q, NOISE.joint_variance)
     found = hold_out(fit, MODEL, q, NOISE, fold_poses(q, 5))
-    assert [len(part.poses) for part in found.parts] == [10] * 5
-    for part in found.parts:
-        assert part.estimate.dof == 40 * 5 - 14
-        assert part.verification.chi2.dof == 50
+    assert [part.dof for part in found.parts] == [50] * 5
     assert found.sigmas.position_m.rms == pytest.approx(found.inside_sigmas.position_m.rms, rel=0.2)
     far = hold_out(fit, MODEL, q, NOISE, (far_block(q),))
-    assert far.parts[0].verification.chi2.accepted
+    assert far.parts[0].accepted
 
 
 def test_hold_out_uses_each_poses_own_variance():
@@ -138,6 +135,6 @@ def test_hold_out_uses_each_poses_own_variance():
     own = NOISE.joint_variance * np.linspace(0.5, 2.0, 50)[:, None]
     part = (np.arange(10),)
     found = hold_out(implicit(q, own), MODEL, q, NoiseModel(joint_variance=own), part)
-    rest = NoiseModel(joint_variance=own[10:])
-    expected = estimate_implicit(MODEL, q[10:], rest)
-    assert np.array_equal(found.parts[0].estimate.x, expected.x)
+    fit = estimate_implicit(MODEL, q[10:], NoiseModel(joint_variance=own[10:]))
+    alone = verify(MODEL, fit.x, fit.covariance, q[:10], NoiseModel(joint_variance=own[:10]))
+    assert found.parts[0] == alone.chi2

@@ -174,7 +174,7 @@ def _advice(
     """Search for better hinge placements around the nominal or estimated one."""
     from operator_app.planning.advice import advise
 
-    values = None
+    values: dict[str, float] = {}
     if shown.estimate is not None:
         values = {p.name: float(v) for p, v in zip(shown.parameters, shown.estimate.x, strict=True)}
     return advise(

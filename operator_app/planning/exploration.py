@@ -37,14 +37,14 @@ class Box:
     """
 
     joints: tuple[int, ...]
-    centre_rad: FloatArray
-    lower_rad: FloatArray
-    upper_rad: FloatArray
+    centre_rad: tuple[float, ...]
+    lower_rad: tuple[float, ...]
+    upper_rad: tuple[float, ...]
 
     def beyond_rad(self, positions_rad: FloatArray) -> FloatArray:
         """Return the distance (d,) of each drive joint from the box at these positions (n,); 0 inside."""
         here = positions_rad[[j - 1 for j in self.joints]]
-        return np.maximum(np.maximum(self.lower_rad - here, here - self.upper_rad), 0.0)
+        return np.maximum(np.maximum(np.subtract(self.lower_rad, here), here - self.upper_rad), 0.0)
 
 
 def box_of(
@@ -66,48 +66,33 @@ def box_of(
     if set(joints) == set(known):
         joints = tuple(known)
     boxes = [known.get(j, modest[j]) for j in joints]
-    columns = [j - 1 for j in joints]
-    centre = np.array([(home_rad if j in known else start_rad)[j - 1] for j in joints])
+    centres = [float((home_rad if j in known else start_rad)[j - 1]) for j in joints]
+    ends = [arm.joints[j - 1] for j in joints]
     return Box(
         joints=joints,
-        centre_rad=centre,
-        lower_rad=np.maximum(
-            (arm.lower_rad + RANGE_END_MARGIN_RAD)[columns],
-            centre + [box.lower_rad for box in boxes],
+        centre_rad=tuple(centres),
+        lower_rad=tuple(
+            max(end.lower_rad + RANGE_END_MARGIN_RAD, centre + box.lower_rad)
+            for end, centre, box in zip(ends, centres, boxes, strict=True)
         ),
-        upper_rad=np.minimum(
-            (arm.upper_rad - RANGE_END_MARGIN_RAD)[columns],
-            centre + [box.upper_rad for box in boxes],
+        upper_rad=tuple(
+            min(end.upper_rad - RANGE_END_MARGIN_RAD, centre + box.upper_rad)
+            for end, centre, box in zip(ends, centres, boxes, strict=True)
         ),
     )
 
 
+@lru_cache(maxsize=4)
 def waypoints(box: Box, *, poses: int, seed: int) -> tuple[Mapping[int, float], ...]:
     """Targets of the position-mode joints, in visiting order.
 
     There are three times as many as poses wanted, so that unreachable ones can be skipped. A resumed session gets the
-    same plan.
+    same plan. Cached, because each visit needs the whole list.
     """
-    corners = (box.lower_rad, box.upper_rad, box.centre_rad)
-    lower, upper, centre = (tuple(map(float, found)) for found in corners)
-    return _waypoints(box.joints, lower, upper, centre, poses, seed)
-
-
-@lru_cache(maxsize=4)
-def _waypoints(
-    joints: tuple[int, ...],
-    lower_rad: tuple[float, ...],
-    upper_rad: tuple[float, ...],
-    centre_rad: tuple[float, ...],
-    poses: int,
-    seed: int,
-) -> tuple[Mapping[int, float], ...]:
-    """Return the waypoints; cached, because each visit needs the whole list."""
-    unit = additive_recurrence(3 * poses, len(joints), seed)
-    low = np.array(lower_rad)
-    points = low + unit * (np.array(upper_rad) - low)
+    low, high = np.array(box.lower_rad), np.array(box.upper_rad)
+    points = low + additive_recurrence(3 * poses, len(low), seed) * (high - low)
     order: list[int] = []
-    here = np.array(centre_rad)
+    here = np.array(box.centre_rad)
     for first in range(0, len(points), BATCH):
         left = list(range(first, min(first + BATCH, len(points))))
         while left:
@@ -117,7 +102,7 @@ def _waypoints(
             here = points[nearest]
     return tuple(
         MappingProxyType(
-            {joint: float(value) for joint, value in zip(joints, points[k], strict=True)}
+            {joint: float(value) for joint, value in zip(box.joints, points[k], strict=True)}
         )
         for k in order
     )

@@ -180,7 +180,7 @@ def go_home(session: Session) -> str:
     """Move the drive joints straight home at 5 deg/s; return a message. A move that was stopped is not repeated."""
     require_no_reset_counter(session)
     box = drive_box(session)
-    targets = dict(zip(box.joints, box.centre_rad.tolist(), strict=True))
+    targets = dict(zip(box.joints, box.centre_rad, strict=True))
     moved = session.go_to(targets, speed_rad_per_s=HOMING_SPEED_RAD_PER_S)
     session.settle()
     q = session.arm.snapshot().positions_rad

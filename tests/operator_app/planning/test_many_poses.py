@@ -18,9 +18,9 @@ MANY = 150
 def box() -> Box:
     return Box(
         joints=(1, 5),
-        centre_rad=np.array([0.1, -0.4]),
-        lower_rad=np.array([-0.5, -1.2]),
-        upper_rad=np.array([0.8, 0.0]),
+        centre_rad=(0.1, -0.4),
+        lower_rad=(-0.5, -1.2),
+        upper_rad=(0.8, 0.0),
     )
 
 

@@ -19,13 +19,13 @@ from solver.design.manifold import Ranges
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 """Length of the first steps, from which rates are learnt."""
-STEP_RAD = float(np.deg2rad(4.0))
+RAY_STEP_RAD = float(np.deg2rad(4.0))
 """Length of a step of the drives."""
 REACH_RAD = float(np.deg2rad(28.0))
 """Length of a ray."""
 CAPTURE_EVERY = 3
 """Steps between captured poses, with two drives or more."""
-MARGIN_RAD = float(np.deg2rad(5.0))
+RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 """Distance of every joint from the ends of its range."""
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
@@ -108,7 +108,7 @@ class Explorer:
                 self._finish(ray)
                 continue
             wiggle = self._ray < 2 * len(self.drives)
-            step = WIGGLE_RAD if wiggle else STEP_RAD
+            step = WIGGLE_RAD if wiggle else RAY_STEP_RAD
             move = step * ray.direction
             ray.ended = self._ahead(move, trusted=not wiggle)
             if ray.ended:
@@ -165,7 +165,7 @@ class Explorer:
         signs = [np.array(v, dtype=np.float64) for v in product((1.0, -1.0, 0.0), repeat=count)]
         signs = [v for v in signs if np.any(v)]
         signs.sort(key=lambda v: int(np.abs(v).sum()))
-        steps = int(REACH_RAD / STEP_RAD)
+        steps = int(REACH_RAD / RAY_STEP_RAD)
         # The faster drive sets the step: a diagonal goes as far in each of its drives as an axis.
         return wiggles + [_Ray(direction=v, steps=steps) for v in signs]
 
@@ -174,7 +174,7 @@ class Explorer:
         here = self._here
         change = here.rates @ move
         # Until the rates are learnt, assume the largest allowed rate.
-        slack = MARGIN_RAD + 0.3 * np.abs(change)
+        slack = RAY_MARGIN_RAD + 0.3 * np.abs(change)
         if not trusted:
             slack = np.full(len(change), 2.0 * MOST_RATE * np.abs(move).max())
         after = here.q + change

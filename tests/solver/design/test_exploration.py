@@ -6,7 +6,7 @@ import pytest
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
-from solver.design.exploration import STEP_RAD, Explorer
+from solver.design.exploration import RAY_STEP_RAD, Explorer
 from solver.design.manifold import Ranges
 from tests.solver.design.conftest import HOME, paper_ranges
 
@@ -72,7 +72,7 @@ def test_steps_are_small(loop, x):
     while (step := explorer.propose()) is not None:
         asked = np.array([step.targets_rad[j] - before[j - 1] for j in DRIVES])
         if "back" not in step.why:
-            assert np.abs(asked).max() <= STEP_RAD + 1e-9
+            assert np.abs(asked).max() <= RAY_STEP_RAD + 1e-9
         before = chain.move(dict(step.targets_rad))
         explorer.observe(before)
 

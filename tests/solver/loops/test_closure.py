@@ -4,11 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from solver.chain.parameters import nominal_vector, wrap_angles
-from solver.closing import reduced_jacobian
-from solver.loops.closure import nearest_equivalent, poses_needed
+from solver.chain.parameters import nominal_vector
+from solver.loops.closure import poses_needed
 from solver.loops.dh import DhLoop
-from tests.oracles.loop_oracle import closed_poses, closure_rates, paper_truth, product
+from tests.oracles.loop_oracle import closed_poses, paper_truth, product
 from tests.oracles.pinocchio_chain import PinocchioChain
 from tests.solver.conftest import NAMES, loop_of
 
@@ -129,60 +128,6 @@ def test_upside_down_hand_is_flagged_and_not_closed():
     assert found.flipped.all()
     assert (np.linalg.norm(found.residual[:, :2], axis=1) > 3.0).all()
     assert not model.reduced(TRUTH.values(NAMES), Q).flipped.any()
-
-
-def test_unsensed_joints_have_columns_and_no_reading():
-    model = loop_of(TRUTH, unsensed=(6, 7))
-    x = nominal_vector(model.parameters)
-    u = np.concatenate((U, CLOSED[:, 6:8] + TRUTH.theta_off[6:8]), axis=1)
-    error = model.loop(x, Q, u)
-    assert model.equations_per_pose == 3
-    assert [p.name for p in model.parameters] == [
-        n for n in NAMES if n not in ("theta_off_6", "theta_off_7")
-    ]
-    assert np.abs(error.residual).max() < 1e-13
-    assert not error.jac_q[..., 5:].any()
-    by_u = central(lambda d: model.loop(x, Q, u + d).residual, np.zeros(3))
-    assert np.abs(by_u - error.jac_u).max() < 1e-8
-    with pytest.raises(ValueError, match="hinge"):
-        model.reduced(x, Q)
-    assert [p.name for p in model.with_all_joints_sensed().parameters][-2:] == [
-        "theta_off_6",
-        "theta_off_7",
-    ]
-
-
-def test_eight_equal_descriptions_close_alike():
-    model = loop_of(TRUTH)
-    x = TRUTH.values(NAMES)
-    all_of_them = model.equivalents(x)
-    assert all_of_them.shape == (8, 14)
-    assert len({tuple(np.round(y, 9)) for y in wrap_angles(model.parameters, all_of_them)}) == 8
-    for y in all_of_them:
-        assert np.abs(model.reduced(y, Q).residual).max() < 1e-13
-        assert nearest_equivalent(model, y, x) == pytest.approx(x, abs=1e-12)
-
-
-def test_a_pose_cannot_depend_on_its_neighbours():
-    model = loop_of(TRUTH)
-    x = perturbed(model, 1e-3)
-    whole = model.reduced(x, Q)
-    for pose in range(len(Q)):
-        alone = model.reduced(x, Q[pose : pose + 1])
-        assert np.array_equal(alone.residual[0], whole.residual[pose])
-
-
-def test_projected_jacobian_is_free_of_the_hinge():
-    model = loop_of(TRUTH)
-    A, B = reduced_jacobian(model, TRUTH.values(NAMES), Q, U)
-    assert A.shape == (8, 5, 14)
-    assert B.shape == (8, 5, 7)
-    # At closure the hinge column is (0, 0, 1, 0, 0, 0): the other five rows are the projection.
-    _, by_name = closure_rates(TRUTH, CLOSED, NAMES)
-    rest = np.delete(by_name, 2, axis=1)
-    assert np.linalg.svd(A, compute_uv=False) == pytest.approx(
-        np.linalg.svd(rest, compute_uv=False), rel=1e-10
-    )
 
 
 @pytest.mark.parametrize(("parameters", "rows", "needed"), [(14, 5, 3), (12, 3, 5), (11, 6, 2)])

@@ -6,7 +6,7 @@ and this is repeated until the residuals are as stated.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import log
 
@@ -16,7 +16,7 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics import limits
 from solver.diagnostics.change_points import ChangePoint, steps
-from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, PeakDeviation
+from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.hypothesis_tests import (
     HypothesisTest,
@@ -144,7 +144,7 @@ def diagnose(
     arm: ArmModel,
     *,
     taken: IntArray,
-    measured: Mapping[int, PeakDeviation] = NO_DEVIATIONS,
+    measured: Mapping[int, PeakDeviation] | None = None,
 ) -> Diagnosis:
     """Test a fit.
 
@@ -160,24 +160,28 @@ def diagnose(
     """
     stated = fit.stated
     order = np.argsort(taken, kind="stable")
-    scene = FaultModels.in_time(arm, stated.design, stated.whole, order)
+    scene = FaultModels.of(arm, stated, order, measured or {})
     left = residuals_of_fit(fit.at_known_noise, order)
     quiet = residuals_of_fit(with_found_motion_noise(fit), order)
     tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
     odd, largest, more = _residual_tests(scene, left, quiet)
     tests += more
     tests += pull_tests(stated)
-    tests += without_curves_in_specification(variance_tests(stated), scene, left, measured)
+    tests += without_curves_in_specification(variance_tests(stated), scene, left)
     tests.append(prediction_test(stated))
     tests += scale_tests(scene, left)
     fires = any(test.fires for test in tests)
     doubtful = not fires and any(
         test.fires for test in pull_tests(stated, limits.ENTRY_SUSPICION_PROBABILITY)
     )
+    rounds = tuple(_explanations(scene, left, odd)) if fires else ()
+    suspected = next(_explanations(scene, left, odd)).known if doubtful else ()
     return Diagnosis(
         tests=tuple(tests),
-        rounds=tuple(_explanations(scene, left, odd, measured)) if fires else (),
-        suspected_entries=_suspected_entries(scene, left, odd, measured) if doubtful else (),
+        rounds=rounds,
+        suspected_entries=tuple(
+            x for x in suspected if x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
+        ),
         odd=odd,
         step=largest,
         left=left,
@@ -207,13 +211,10 @@ def _residual_tests(
 
 
 def _explanations(
-    scene: FaultModels,
-    left: WhitenedResiduals,
-    odd: Outliers,
-    measured: Mapping[int, PeakDeviation],
-) -> Iterable[CauseRanking]:
+    scene: FaultModels, left: WhitenedResiduals, odd: Outliers
+) -> Iterator[CauseRanking]:
     """Fit the best explanation of the residuals, one after the other, until no test fires."""
-    persistent_faults = tuple(scene.persistent_faults(measured))
+    persistent_faults = tuple(scene.persistent_faults())
     for _ in range(limits.MOST_CAUSES_FITTED):
         found = _ranked(left, (*_changes(scene, left, odd), *persistent_faults))
         yield found
@@ -237,17 +238,6 @@ def _with_cause(left: WhitenedResiduals, cause: Candidate, sd: FloatArray) -> Wh
     return OwnColumns.of(left, cause.own, cause.columns * sd.reshape(len(cause.own), 1, -1)).drawn(
         left
     )
-
-
-def _suspected_entries(
-    scene: FaultModels,
-    left: WhitenedResiduals,
-    odd: Outliers,
-    measured: Mapping[int, PeakDeviation],
-) -> tuple[Explanation, ...]:
-    """Toleranced entries that may differ from the arm file although no test fires."""
-    found = _ranked(left, (*_changes(scene, left, odd), *scene.persistent_faults(measured)))
-    return tuple(x for x in found.known if x.candidate.cause in (Cause.LENGTH, Cause.TWIST))
 
 
 def _changes(scene: FaultModels, left: WhitenedResiduals, odd: Outliers) -> Iterable[Candidate]:

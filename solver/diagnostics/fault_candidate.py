@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
@@ -43,9 +42,6 @@ class PeakDeviation(NamedTuple):
     def beyond(self, stated: float) -> bool:
         """Whether it exceeds the stated value by more than chance would explain."""
         return self.peak - CERTAIN_SIGMAS * self.sd > stated
-
-
-NO_DEVIATIONS: Mapping[int, PeakDeviation] = {}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -15,9 +15,10 @@ from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import Encoder, Rvdt, SensorCurve
 from solver.diagnostics.change_points import Suspect
-from solver.diagnostics.fault_candidate import NO_DEVIATIONS, Candidate, Cause, PeakDeviation
+from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
 from solver.diagnostics.limits import FROZEN_POSES, OTHERS_MOVED_RAD
 from solver.estimators.effects import LinearModel, System
+from solver.estimators.linear_fit import LinearFit
 
 ANGLE_RAD, LENGTH_M = 1e-3, 1e-3
 """Natural size of faults without a stated size."""
@@ -34,7 +35,8 @@ LENGTHS_SHARE = 0.1
 class FaultModels:
     """A fit's system with poses in the order in which they were taken.
 
-    `readings` (m, n) are in the same order.
+    `order` (m,): index in the fit of the k-th pose taken; `readings` (m, n) are in the order of time. `measured`:
+    linearity deviations of sensors, by joint (1-based), where the loops have measured them.
     """
 
     arm: ArmModel
@@ -42,18 +44,24 @@ class FaultModels:
     system: System
     readings: FloatArray
     order: IntArray
+    measured: Mapping[int, PeakDeviation]
 
     @classmethod
-    def in_time(
-        cls, arm: ArmModel, design: LinearModel, system: System, order: IntArray
+    def of(
+        cls,
+        arm: ArmModel,
+        stated: LinearFit,
+        order: IntArray,
+        measured: Mapping[int, PeakDeviation],
     ) -> FaultModels:
-        """Return the system in time order: row k is the k-th pose taken; `order` (m,) are its indices."""
+        """Return the faults of a fit."""
         return cls(
             arm=arm,
-            design=design,
-            system=system.at_poses(order),
-            readings=design.q[order],
+            design=stated.design,
+            system=stated.whole.at_poses(order),
+            readings=stated.design.q[order],
             order=order,
+            measured=measured,
         )
 
     @property
@@ -128,19 +136,14 @@ class FaultModels:
             for name, c in self.changes().items()
         )
 
-    def persistent_faults(
-        self, measured: Mapping[int, PeakDeviation] = NO_DEVIATIONS
-    ) -> Iterator[Candidate]:
-        """Causes that act in all poses, or in a run of them.
-
-        `measured` are linearity deviations of sensors, by joint (1-based), where the loops have measured them.
-        """
+    def persistent_faults(self) -> Iterator[Candidate]:
+        """Causes that act in all poses, or in a run of them."""
         yield from self._readings()
         yield self._scatter()
         yield from self._drifts()
         yield from self.scales()
         yield from self._frozen()
-        yield from self._smooth(measured)
+        yield from self._smooth()
         yield from self._entries()
         yield from self._fixture()
 
@@ -198,7 +201,7 @@ class FaultModels:
                     poses=tuple(range(first, last)),
                 )
 
-    def linearity_curve(self, j: int, measured: PeakDeviation | None = None) -> Candidate | None:
+    def linearity_curve(self, j: int) -> Candidate | None:
         """Line and curve of joint j's sensor; None where it has none."""
         sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
         if not isinstance(sensor, Rvdt):
@@ -215,15 +218,15 @@ class FaultModels:
             shapes=shapes,
             least=0.5 * sensor.linearity_rad,
             most_stated=sensor.linearity_rad,
-            measured=measured,
+            measured=self.measured.get(j),
             lines=_lines(turn),
         )
 
-    def _smooth(self, measured: Mapping[int, PeakDeviation]) -> Iterator[Candidate]:
+    def _smooth(self) -> Iterator[Candidate]:
         """Candidates, by joint: an error of its reading that is a function of its angle, or of the pose."""
         for j in self.sensed:
             sensor, turn = self.arm.joints[j - 1].sensor, self.readings[:, j - 1]
-            linearity_curve = self.linearity_curve(j, measured.get(j))
+            linearity_curve = self.linearity_curve(j)
             if linearity_curve is not None:
                 yield linearity_curve
             elif isinstance(sensor, Encoder):

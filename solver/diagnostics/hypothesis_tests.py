@@ -5,14 +5,13 @@ All use one linear fit, without a refit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.diagnostics.cross_validation import far_block, fold_poses
-from solver.diagnostics.fault_candidate import PeakDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.limits import FALSE_ALARM_PROBABILITY, OUTLIER_LARGEST_SHARE
 from solver.diagnostics.model_selection import evidence
@@ -139,10 +138,7 @@ def variance_tests(stated: LinearFit) -> list[HypothesisTest]:
 
 
 def without_curves_in_specification(
-    tests: Iterable[HypothesisTest],
-    scene: FaultModels,
-    left: WhitenedResiduals,
-    measured: Mapping[int, PeakDeviation],
+    tests: Iterable[HypothesisTest], scene: FaultModels, left: WhitenedResiduals
 ) -> Iterable[HypothesisTest]:
     """Return the tests without those of linearity deviations within their specification.
 
@@ -151,23 +147,19 @@ def without_curves_in_specification(
     """
     for test in tests:
         joint = test.code.removeprefix("VARIANCE_CURVE_")
-        if not (test.fires and joint.isdigit() and _as_stated(int(joint), scene, left, measured)):
+        if not (test.fires and joint.isdigit() and _as_stated(int(joint), scene, left)):
             yield test
 
 
-def _as_stated(
-    j: int, scene: FaultModels, left: WhitenedResiduals, measured: Mapping[int, PeakDeviation]
-) -> bool:
+def _as_stated(j: int, scene: FaultModels, left: WhitenedResiduals) -> bool:
     """Whether the curve of joint j may be within specification, by the loops' measurement where there is one."""
-    linearity_curve = scene.linearity_curve(j)
-    if linearity_curve is None:
+    curve = scene.linearity_curve(j)
+    if curve is None:
         return False
-    if j in measured:
-        return not measured[j].beyond(linearity_curve.most_stated)
-    found = evidence(
-        left, linearity_curve.columns, linearity_curve.natural, most=linearity_curve.most
-    )
-    return found is not None and linearity_curve.within_specification(found.b, found.covariance)
+    if curve.measured is not None:
+        return not curve.measured.beyond(curve.most_stated)
+    found = evidence(left, curve.columns, curve.natural, most=curve.most)
+    return found is not None and curve.within_specification(found.b, found.covariance)
 
 
 ROUNDS = 100

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver.arrays import FloatArray
+from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor, Rvdt
@@ -99,24 +99,20 @@ def mistakes(arm: ArmModel, q: FloatArray) -> Iterator[Mistake]:
     for columns in dict.fromkeys((tuple(some), *((j,) for j in some))):
         if 0 < len(columns) < n:
             of = f"joint{'s' if len(columns) > 1 else ''} {', '.join(str(j + 1) for j in columns)}"
-            turned = q.copy()
-            turned[:, columns] = np.rad2deg(q[:, columns])
             yield Mistake(
                 code="_".join(("RADIANS", *(str(j + 1) for j in columns))),
                 text=f"the readings of {of} are in range if taken as radians",
                 remedy=f"a poses file has degrees (multiply the angles of {of} by 57.29578)",
-                q_rad=turned,
+                q_rad=np.where(np.isin(np.arange(n), columns), np.rad2deg(q), q),
             )
     rows = rows_in_radians(arm, q)
     if 0 < len(rows) < len(q):
-        turned = q.copy()
-        turned[rows] = np.rad2deg(q[rows])
         first = f"{len(rows)} of {len(q)} poses (the first is number {rows[0] + 1})"
         yield Mistake(
             code="RADIANS_POSES",
             text=f"the readings of {first} are in range if taken as radians",
             remedy="a poses file has degrees (multiply the angles of these rows by 57.29578)",
-            q_rad=turned,
+            q_rad=np.where(np.isin(np.arange(len(q)), rows)[:, None], np.rad2deg(q), q),
         )
     middle = np.array([joint.middle_rad for joint in arm.joints])
     wrapped = q - 2.0 * np.pi * np.round((q - middle) / (2.0 * np.pi))
@@ -189,34 +185,25 @@ def range_findings(
         if isinstance(joint.sensor, NoSensor) or j in unsensed_joints:
             continue
         beyond = outside[:, j - 1]
-        if bool(np.any(beyond > 0.0)):
-            order = np.argsort(-beyond, kind="stable")
-            named = tuple(int(k) for k in order[: int(np.count_nonzero(beyond > 0.0))])
+        found = np.argsort(-beyond, kind="stable")[: np.count_nonzero(beyond > 0.0)]
+        fault = ReadingFault.OUTSIDE
+        if len(found):
+            if _whole_turns(arm, q, j):
+                fault = ReadingFault.WHOLE_TURN
+        elif isinstance(joint.sensor, Rvdt):
+            found = _pinned(q[:, j - 1], joint.middle_rad, joint.sensor)
+            fault = ReadingFault.SATURATED
+        if len(found):
             findings.append(
                 RangeFinding(
                     joint=j,
-                    fault=ReadingFault.WHOLE_TURN
-                    if _whole_turns(arm, q, j)
-                    else ReadingFault.OUTSIDE,
-                    poses=named,
-                    reading_rad=float(q[named[0], j - 1]),
+                    fault=fault,
+                    poses=tuple(found.tolist()),
+                    reading_rad=float(q[found[0], j - 1]),
                     lower_rad=joint.lower_rad,
                     upper_rad=joint.upper_rad,
                 )
             )
-        elif isinstance(joint.sensor, Rvdt):
-            pinned = _pinned(q[:, j - 1], joint.middle_rad, joint.sensor)
-            if pinned:
-                findings.append(
-                    RangeFinding(
-                        joint=j,
-                        fault=ReadingFault.SATURATED,
-                        poses=pinned,
-                        reading_rad=float(q[pinned[0], j - 1]),
-                        lower_rad=joint.lower_rad,
-                        upper_rad=joint.upper_rad,
-                    )
-                )
     _refuse(arm, poses, tuple(findings), outside)
     return tuple(findings)
 
@@ -243,15 +230,15 @@ def _whole_turns(arm: ArmModel, q: FloatArray, joint: int) -> bool:
     return turns != 0.0 and not bool(np.any(_outside(arm, shifted)[:, joint - 1]))
 
 
-def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> tuple[int, ...]:
+def _pinned(reading: FloatArray, middle_rad: float, sensor: Rvdt) -> IntArray:
     """Poses in which an RVDT is saturated at an end of full scale: more than one identical reading there."""
     end = 0.5 * sensor.full_scale_rad
     near = limits.SATURATED_SIGMAS * sensor.sigma_rad
     for side in (-1.0, 1.0):
         there = np.flatnonzero(np.abs(reading - (middle_rad + side * end)) <= near)
         if len(there) >= limits.SATURATED_POSES:
-            return tuple(int(k) for k in there)
-    return ()
+            return there
+    return np.zeros(0, dtype=np.int64)
 
 
 def _refuse(

@@ -172,6 +172,24 @@ def choose_drives(
     )
 
 
+def named_drives(prediction: DrivePrediction, drives: tuple[int, ...], kind: str) -> DriveChoice:
+    """Return the drive joints that the procedure lists for a fixture of this kind, with their ranking."""
+    motion = prediction.manifold.motion
+    problem = modes_problem(
+        drives, joint_count=motion.joint_count, mobility=motion.degrees, kind=kind
+    )
+    if problem is not None:
+        raise problem
+    drives = tuple(sorted(drives))
+    of_it = next((r.reasons for r in prediction.region if r.drives == drives), ())
+    return DriveChoice(
+        drives=drives,
+        sets=(drives,),
+        reasons=("named by the procedure", *of_it),
+        prediction=prediction,
+    )
+
+
 def _beyond(arm: ArmModel, manifold: Manifold) -> str:
     """Return which joint is outside its range at the closed pose, as text; "" for none."""
     over = np.maximum(arm.lower_rad - manifold.q[0], manifold.q[0] - arm.upper_rad)

@@ -12,8 +12,7 @@ from fixtures.setup_checks import setup_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.errors import SessionError
-from operator_app.planning.drives import DriveChoice, choose_drives, predict_drives
-from operator_app.planning.preview import named_drives
+from operator_app.planning.drives import DriveChoice, choose_drives, named_drives, predict_drives
 from operator_app.planning.task import without_hidden
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
@@ -96,7 +95,7 @@ def outlook(
         choice = (
             choose_drives(prediction, unsensed_joints=unsensed)
             if position_joints is None
-            else named_drives(prediction, position_joints, arm, mobility, fixture.kind)
+            else named_drives(prediction, position_joints, fixture.kind)
         )
     except SessionError as error:
         refusal = error

@@ -12,9 +12,8 @@ from operator_app.calibration.closed_loops import in_order
 from operator_app.errors import SessionError
 from operator_app.planning.drives import (
     DriveChoice,
-    DrivePrediction,
     choose_drives,
-    modes_problem,
+    named_drives,
     predict_drives,
 )
 from operator_app.planning.task import STOP_MARGIN_RAD, planning_task
@@ -118,11 +117,10 @@ def preview(
             )
         x = estimate.x
     prediction = predict_drives(arm, task.model, x, start, seed=seed)
-    mobility = prediction.manifold.motion.degrees
     if position_joints is None:
         choice = choose_drives(prediction, unsensed_joints=unsensed_joints)
     else:
-        choice = named_drives(prediction, position_joints, arm, mobility, fixture.kind)
+        choice = named_drives(prediction, position_joints, fixture.kind)
     task = replace(task, drive_sets=choice.sets)
     try:
         plan = make_plan(
@@ -142,7 +140,7 @@ def preview(
     return Preview(
         arm=arm,
         parameters=task.model.parameters,
-        mobility=mobility,
+        mobility=prediction.manifold.motion.degrees,
         estimate=estimate,
         captured=0 if known_rad is None else len(known_rad),
         checks=setup_checks(
@@ -157,23 +155,6 @@ def preview(
         choice=choice,
         plan=plan,
         poses=_visited(task, plan, choice.drives),
-    )
-
-
-def named_drives(
-    prediction: DrivePrediction, drives: tuple[int, ...], arm: ArmModel, mobility: int, kind: str
-) -> DriveChoice:
-    """Return the drive joints that the procedure lists, with their ranking."""
-    problem = modes_problem(drives, joint_count=arm.joint_count, mobility=mobility, kind=kind)
-    if problem is not None:
-        raise problem
-    drives = tuple(sorted(drives))
-    of_it = next((r.reasons for r in prediction.region if r.drives == drives), ())
-    return DriveChoice(
-        drives=drives,
-        sets=(drives,),
-        reasons=("named by the procedure", *of_it),
-        prediction=prediction,
     )
 
 

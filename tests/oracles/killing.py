@@ -17,9 +17,11 @@ import re
 import signal
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +45,45 @@ CPU_S, MEMORY_MB = 5.0, 500.0
 """Most of the processor that noticing a dead controller may take, and of memory anybody."""
 
 
+class Victim(Enum):
+    """Who is killed; an embedded arm dies with its operator."""
+
+    OPERATOR = "operator"
+    CONTROLLER = "controller"
+    EMBEDDED = "operator with its arm"
+
+
 @dataclass
 class Deaths:
-    """What was seen of some kills: how many, sessions that came to their end and their poses, and what was wrong."""
+    """What was seen of some kills.
 
-    total: int = 0
+    `killed`: how many by victim and by the journal's last entry then. `reactions_s`: CPU time of an operator
+    from its controller's death to its own end. `words`: what operators said that ended by themselves.
+    """
+
+    killed: Counter[tuple[str, str]] = field(default_factory=Counter)
     sessions: int = 0
     poses: int = 0
+    torn: int = 0
     faults: list[str] = field(default_factory=list)
+    reactions_s: list[float] = field(default_factory=list)
+    peak_mb: float = 0.0
+    words: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def total(self) -> int:
+        return sum(self.killed.values())
+
+    def add(self, other: Deaths) -> None:
+        """Take in another chain's."""
+        self.killed += other.killed
+        self.words += other.words
+        self.sessions += other.sessions
+        self.poses += other.poses
+        self.torn += other.torn
+        self.faults += other.faults
+        self.reactions_s += other.reactions_s
+        self.peak_mb = max(self.peak_mb, other.peak_mb)
 
 
 class Program:
@@ -146,20 +179,22 @@ class Chain:
         operator = self._begin(*what, *bus)
         if self.found.total >= self.kills:
             return self._to_its_end(operator, known)
-        # An embedded arm dies with its operator.
-        of_controller = not self.embedded and self.rng.choice((False, False, True))
+        victim = Victim.EMBEDDED
+        if not self.embedded:
+            victim = self.rng.choice((Victim.OPERATOR, Victim.OPERATOR, Victim.CONTROLLER))
         phase = self.rng.choice(PHASES)
         later_s = self.rng.random() ** 2 * LATEST_S.get(phase, LATER_S)
         if not self._wait_for(operator, phase, known) or operator.wait(later_s) is False:
             return self._to_its_end(operator, known)
-        self.found.total += 1
-        if of_controller and self.controller is not None:
+        if victim is Victim.CONTROLLER and self.controller is not None:
             operator.look()
             before_s = operator.cpu_s
             self.controller.kill()
+            self._note(victim)
             self._look_at(self.controller)
             self.controller = None
             finished = self._to_its_end(operator, known, alone=True)
+            self.found.reactions_s.append(operator.cpu_s - before_s)
             if operator.cpu_s - before_s > CPU_S:
                 self._fault(
                     f"{operator.cpu_s - before_s:.1f} s of CPU after the controller's death"
@@ -167,6 +202,7 @@ class Chain:
             return finished
         operator.kill()
         self._find(known)
+        self._note(victim)
         self._look_at(operator)
         self._look_at_journal()
         self._look_at_slots()
@@ -188,6 +224,8 @@ class Chain:
         if code in (0, 4):
             self._finish(code)
             return True
+        last = said.strip().splitlines()[-1] if said.strip() else ""
+        self.found.words[f"exit {code}: {re.sub(r'[0-9.]+', '#', last)[:150]}"] += 1
         if code != 3 or (alone and "the arm is held" in said):
             self._fault(f"exit code {code}: {said[-1500:]}")
         # What is advised may have to wait for the drives to trip; it may not be refused again and again.
@@ -273,10 +311,15 @@ class Chain:
 
     # ---- what must hold -------------------------------------------------------------------------------
 
+    def _note(self, victim: Victim) -> None:
+        events = self._events()
+        self.found.killed[victim.value, events[-1]["event"] if events else "begin"] += 1
+
     def _look_at(self, program: Program) -> None:
         said = program.said()
         if "Traceback" in said:
             self._fault(f"traceback: {said[-2500:]}")
+        self.found.peak_mb = max(self.found.peak_mb, program.peak_mb)
         if program.peak_mb > MEMORY_MB:
             self._fault(f"{program.peak_mb:.0f} MB")
 
@@ -293,7 +336,9 @@ class Chain:
             return
         if not raw.startswith(self.kept):
             self._fault("lines of the journal that were whole are missing or changed")
-        self.kept = raw[: raw.rfind(b"\n") + 1]
+        whole = raw[: raw.rfind(b"\n") + 1]
+        self.found.torn += whole != raw
+        self.kept = whole
 
     def _look_at_slots(self) -> None:
         document = None if self.embedded else self._active()
@@ -302,3 +347,8 @@ class Chain:
 
     def _fault(self, what: str) -> None:
         self.found.faults.append(f"{self.folder.name}, program {self._programs}: {what}")
+
+
+def chain(folder: str, seed: int, kills: int, *, embedded: bool) -> Deaths:
+    """Run one; for a pool of processes."""
+    return Chain(Path(folder), seed, kills, embedded=embedded).run()

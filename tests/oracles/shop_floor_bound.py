@@ -49,6 +49,24 @@ def covariance(taken: Session, sizes: Sizes) -> np.ndarray:
     return np.linalg.inv(hard.T @ np.linalg.solve(V, hard))
 
 
+def step_sigma(taken: Session, sizes: Sizes) -> np.ndarray:
+    """Standard deviation (7, m) of the best estimate of a shift (rad) of joint j's reading from pose k on.
+
+    Of one that knows joint and pose; infinite for k = 0, where a shift is an offset.
+    """
+    hard, V, B = _equations(taken, sizes)
+    root = np.linalg.cholesky(V)
+    Q = np.linalg.qr(np.linalg.solve(root, hard))[0]
+    found = np.full((B.shape[-1], len(B)), np.inf)
+    for j, k in np.ndindex(found.shape):
+        column = B[:, :, j].copy()
+        column[:k] = 0.0
+        white = np.linalg.solve(root, column.ravel())
+        if k:
+            found[j, k] = 1.0 / np.linalg.norm(white - Q @ (Q.T @ white))
+    return found
+
+
 def _equations(taken: Session, sizes: Sizes) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rates of the closures with the parameters (5 m, 14), their covariance, and rates with angles (m, 5, 7).
 

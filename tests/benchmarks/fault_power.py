@@ -1,0 +1,76 @@
+"""How small a fault can any test find: a length that is off, a joint's reading that shifts? A table.
+
+    python -m tests.benchmarks.fault_power [--arms 5]
+
+The best test of one fault looks for that fault only and knows where it is (Neyman and Pearson): its statistic is
+normal with a mean of the fault's size over its standard deviation. A verdict that must look at every length, joint
+and pose can do no better; the last column is the power of one that may raise as few false alarms over all of them
+together (Bonferroni). Of a length against everything the files state; of a shift of a reading against what the shop
+floor's arms have (tests/oracles/shop_floor_bound: their true second moments). Bar for the verdict
+(tests/benchmarks/verdicts.py): 90 % of slips of 50 counts named.
+"""
+
+# ruff: noqa: T201 - a benchmark prints
+
+import argparse
+import sys
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
+from solver.estimators.variance_components import estimate_with_errors
+from tests.oracles.as_shipped import ARM, HINGE, poses_of
+from tests.oracles.shop_floor import RVDTS, Sizes, session
+from tests.oracles.shop_floor_bound import step_sigma
+from tests.oracles.shop_floor_misread import COUNT, LSB
+
+FIRST_SEED = 3000
+LEVEL = 1e-3
+LENGTHS = ("s_3", "s_5")
+PLACES = slice(8, 33)
+"""Where the verdict's cases slip."""
+
+
+def sigmas(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Standard deviations of the best estimates of each length, m (2,), and of a shift at each place, rad (7, k)."""
+    taken = session(seed)
+    poses = poses_of(taken)
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
+    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
+    errors = error_model(experiment, tolerance=tolerance)
+    stated = estimate_with_errors(model, poses.q_rad, errors).linear.stated
+    names = [p.name for p in model.parameters]
+    rates = stated.system.part(slice(0, len(poses))).A[:, :, [names.index(n) for n in LENGTHS]]
+    lengths = 1.0 / np.sqrt(np.diagonal(stated.score(rates)[1]))
+    return lengths, step_sigma(taken, Sizes())[:, PLACES]
+
+
+def line(name: str, size: str, z: np.ndarray, everywhere: int) -> None:
+    """Print the power at sizes of `z` (k,) standard deviations, of one test and of so many at once."""
+    power = [float(ndtr(z + ndtri(0.5 * LEVEL / n)).mean()) for n in (1, everywhere)]
+    print(f"{name:12}{size:>12}{z.mean():10.2f} ({z.min():6.2f}){power[0]:10.3f}{power[1]:10.3f}")
+
+
+def main() -> int:
+    """Print the power for several sizes of error."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--arms", type=int, default=5)
+    arms = parser.parse_args().arms
+    lengths, shifts = map(
+        np.array, zip(*map(sigmas, range(FIRST_SEED, FIRST_SEED + arms)), strict=True)
+    )
+    print(f"{'fault':12}{'size':>12}{'in sigmas':>10} (least){'known':>11}{'anywhere':>10}")
+    for name, column in zip(LENGTHS, lengths.T, strict=True):
+        for mm in (1.0, 2.0, 5.0, 30.0):
+            line(name, f"{mm:g} mm", 1e-3 * mm / column, len(LENGTHS))
+    for counts in (5, 50):
+        for j in range(7):
+            shift = counts * (LSB if j + 1 in RVDTS else COUNT)
+            line(f"joint {j + 1}", f"{counts} counts", shift / shifts[:, j].ravel(), shifts[0].size)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

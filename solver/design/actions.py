@@ -27,18 +27,18 @@ class GoTo:
     ----------
     targets_rad
         Targets of the drive joints (1-based).
+    why
+        Reason, as text.
     trace_rad
         (t, n) predicted readings of all joints on the way; None where no prediction exists.
     tolerance_rad
         Largest allowed deviation of readings from the trace.
-    why
-        Reason, as text.
     """
 
     targets_rad: Mapping[int, float]
-    trace_rad: FloatArray | None
-    tolerance_rad: float
     why: str
+    trace_rad: FloatArray | None = None
+    tolerance_rad: float = np.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,12 +127,7 @@ def moves_along(
 
 def straight_to(q_rad: FloatArray, drives: tuple[int, ...], why: str) -> GoTo:
     """Return the straight move of the drives to their angles in `q_rad` (n,), without a prediction on the way."""
-    return GoTo(
-        targets_rad={j: float(q_rad[j - 1]) for j in drives},
-        trace_rad=None,
-        tolerance_rad=np.inf,
-        why=why,
-    )
+    return GoTo(targets_rad={j: float(q_rad[j - 1]) for j in drives}, why=why)
 
 
 class Phase(Enum):

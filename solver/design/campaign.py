@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -163,15 +164,9 @@ class Campaign:
     def _explore(self) -> None:
         if self.estimate is not None and self.estimate.trusted and self._try_plan():
             return
-        step = self._explorer.propose()
-        if step is None:
+        self._queue += self._explorer.propose()
+        if not self._queue:
             self._end_exploration()
-            return
-        self._queue.append(
-            GoTo(targets_rad=step.targets_rad, trace_rad=None, tolerance_rad=np.inf, why=step.why)
-        )
-        if step.capture:
-            self._queue.append(Capture(planned=False, why=step.why))
 
     def _end_exploration(self) -> None:
         if self._explorer.failure:
@@ -221,46 +216,33 @@ class Campaign:
             self.phase = Phase.PLANNED
             return True
         others = (d for d in self.task.drive_sets or () if d != self.drives)
-        task = replace(self.task, drive_sets=(self.drives, *others))
-        plan = self._plan_with(task, left)
-        if plan is None and self._taken:
+        tasks = [replace(self.task, drive_sets=(self.drives, *others))]
+        if self._taken:
             # A pose slightly nearer to a singularity, or fewer poses, are better than none.
-            plan = self._plan_with(
-                replace(
-                    task,
-                    limits=replace(
-                        task.limits,
-                        least_leverage=EASIER_LEVERAGE * task.limits.least_leverage,
-                        most_rate=task.limits.most_rate / EASIER_LEVERAGE,
-                    ),
-                    pose_leverage=task.limits.least_leverage,
-                ),
-                left,
+            limits = self.task.limits
+            eased = replace(
+                limits,
+                least_leverage=EASIER_LEVERAGE * limits.least_leverage,
+                most_rate=limits.most_rate / EASIER_LEVERAGE,
             )
-        if plan is None:
-            return False
-        self.plan = plan
-        self.phase = Phase.PLANNED
-        self._visits = deque(plan.visits)
-        self._node = 0
-        return True
-
-    def _plan_with(self, task: PlanningTask, left: int) -> PosePlan | None:
-        if self.estimate is None:
-            return None
+            tasks.append(replace(tasks[0], limits=eased, pose_leverage=limits.least_leverage))
         avoid = self._blocked + self._unreached
-        try:
-            return make_plan(
-                task,
-                self.estimate.x,
-                self._q,
-                left,
-                captured=self.readings_rad,
-                covariance=self.estimate.covariance,
-                avoid_rad=np.array(avoid) if avoid else None,
-            )
-        except ValueError:
-            return None
+        for task in tasks:
+            with suppress(ValueError):
+                self.plan = make_plan(
+                    task,
+                    self.estimate.x,
+                    self._q,
+                    left,
+                    captured=self.readings_rad,
+                    covariance=self.estimate.covariance,
+                    avoid_rad=np.array(avoid) if avoid else None,
+                )
+                self.phase = Phase.PLANNED
+                self._visits = deque(self.plan.visits)
+                self._node = 0
+                return True
+        return False
 
     # -- visiting --------------------------------------------------------------------------------
 
@@ -284,8 +266,8 @@ class Campaign:
             reached = decision.standing is PrecisionStatus.REACHED
             self._finish(decision.text, complete=reached, decision=decision)
             return
-        plan, estimate = self.plan, self.estimate
-        if plan is None or estimate is None:
+        plan = self.plan
+        if plan is None:
             raise ValueError("there is no plan to visit")
         if not self._visits:
             self.plan = None

@@ -8,13 +8,13 @@ next step would reach the end of a range or a fold.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from solver.arrays import FloatArray, frozen
+from solver.design.actions import Capture, GoTo
 from solver.design.manifold import Ranges
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
@@ -30,19 +30,6 @@ RAY_MARGIN_RAD = float(np.deg2rad(5.0))
 MOST_RATE = 2.5
 """Largest allowed ratio of a passive joint's motion to the drives'; more means a fold is near. Where the start already
 exceeds it, up to twice as much is allowed."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExplorationStep:
-    """One small move.
-
-    `targets_rad`: drive joints (1-based) and their targets, reached in a straight line. `capture`: whether the pose at
-    its end is worth capturing. `why`: reason, as text.
-    """
-
-    targets_rad: Mapping[int, float]
-    capture: bool
-    why: str
 
 
 @dataclass(slots=True)
@@ -68,7 +55,7 @@ class _Here:
 
 
 class Explorer:
-    """The policy. Alternate `propose` and `observe` until `propose` returns None.
+    """The policy. Alternate `propose` and `observe` until `propose` returns no step.
 
     Parameters
     ----------
@@ -96,10 +83,13 @@ class Explorer:
         self.failure = ""
         self.ended: dict[tuple[float, ...], str] = {}
 
-    def propose(self) -> ExplorationStep | None:
-        """Return the next move, or None when exploration is over (`failure` is the reason if it failed)."""
+    def propose(self) -> tuple[GoTo | Capture, ...]:
+        """Return the next move, and a capture where the pose at its end is worth it.
+
+        Empty when exploration is over (`failure` is the reason if it failed).
+        """
         if self.failure:
-            return None
+            return ()
         while self._ray < len(self._rays):
             ray = self._rays[self._ray]
             if ray.ended or self._here.on_ray >= ray.steps:
@@ -113,16 +103,16 @@ class Explorer:
             ray.ended = self._ahead(move, trusted=not wiggle)
             if ray.ended:
                 continue
-            self._pending = self._here.q[self._columns] + move
+            target = self._here.q[self._columns] + move
             taken = self._here.on_ray + 1
-            return ExplorationStep(
-                targets_rad=self._targets(self._pending),
-                capture=not wiggle and taken % self._every == 0,
-                why="small trial motion that shows how the other joints follow"
-                if wiggle
-                else f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {taken}",
-            )
-        return None
+            if wiggle:
+                return self._move(
+                    target, "small trial motion that shows how the other joints follow"
+                )
+            why = f"exploring, ray {self._ray - 2 * len(self.drives) + 1}, step {taken}"
+            capture = Capture(planned=False, why=why)
+            return self._move(target, why) + (capture,) * (taken % self._every == 0)
+        return ()
 
     def observe(self, q_rad: FloatArray, stopped: str = "") -> None:
         """Report the readings (n,) at the end of the proposed move; `stopped` says why it ended early.
@@ -201,14 +191,10 @@ class Explorer:
         """Largest ratio of a joint's motion to the drives' in this direction, at the start."""
         return float(np.abs(self._start_rates @ direction).max() / np.abs(direction).max())
 
-    def _return(self, ray: _Ray) -> ExplorationStep:
+    def _return(self, ray: _Ray) -> tuple[GoTo, ...]:
         self._here.returning += 1
-        self._pending = self._start[self._columns].copy()
-        return ExplorationStep(
-            targets_rad=self._targets(self._pending),
-            capture=False,
-            why=f"back to the start ({ray.ended or 'the end of the ray'})",
-        )
+        why = f"back to the start ({ray.ended or 'the end of the ray'})"
+        return self._move(self._start[self._columns], why)
 
     def _observe_return(self, target: FloatArray, stopped: str) -> None:
         here = self._here
@@ -231,5 +217,7 @@ class Explorer:
         self._here.on_ray, self._here.rate, self._here.growth = 0, 0.0, 1.0
         self._ray += 1
 
-    def _targets(self, point: FloatArray) -> dict[int, float]:
-        return {j: float(value) for j, value in zip(self.drives, point, strict=True)}
+    def _move(self, target: FloatArray, why: str) -> tuple[GoTo, ...]:
+        """Propose a straight move of the drives to `target` (d,)."""
+        self._pending = target
+        return (GoTo(targets_rad=dict(zip(self.drives, target.tolist(), strict=True)), why=why),)

@@ -158,11 +158,10 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """One placement: its loop, its poses, and their inner problem."""
+    """One placement: its loop, and the inner problem of its poses."""
 
     model: ClosureModel
     columns: Which
-    q: FloatArray
     problem: InnerProblem
 
     def filled(self, offsets: FloatArray) -> FloatArray:
@@ -181,9 +180,8 @@ def projectable_parts(model: ClosureModel, q: FloatArray) -> list[Part]:
     for piece, columns, poses in model.parts():
         if piece.constrained_part is None:
             return []
-        here = q[poses]
-        problem = _inner(piece, piece.constrained_part, here)
-        parts.append(Part(model=piece, columns=columns, q=here, problem=problem))
+        problem = _inner(piece, piece.constrained_part, q[poses])
+        parts.append(Part(model=piece, columns=columns, problem=problem))
     return parts
 
 

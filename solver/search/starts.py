@@ -55,7 +55,7 @@ def best_minima(
     if not (parts and parts[0].problem.searched):
         return _best_of_all_unknowns(model, q, starts, rng, progress)
     # The largest placement finds the arm's offsets; the others only their own fixtures.
-    largest = max(parts, key=lambda part: len(part.q)).problem
+    largest = max((part.problem for part in parts), key=lambda problem: len(problem.q))
     count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
     few = replace(largest, q=spread_poses(largest.q, count))
     here = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])

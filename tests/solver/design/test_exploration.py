@@ -39,14 +39,13 @@ def explore(explorer: Explorer, chain: ClosedChain, most: int = 500):
     """Every reading, and those worth capturing."""
     seen, captured = [], []
     for _ in range(most):
-        step = explorer.propose()
-        if step is None:
+        if not (proposed := explorer.propose()):
             break
+        step, *capture = proposed
         q = chain.move(dict(step.targets_rad))
         explorer.observe(q)
         seen.append(q)
-        if step.capture:
-            captured.append(q)
+        captured += [q] * len(capture)
     return np.array(seen), np.array(captured)
 
 
@@ -55,7 +54,7 @@ def test_explores_inside_ranges_and_comes_home(loop, x):
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=ranges)
     seen, captured = explore(explorer, ClosedChain(loop, x))
     assert not explorer.failure
-    assert explorer.propose() is None
+    assert explorer.propose() == ()
     assert ranges.clearance(seen).min() > np.deg2rad(3.0)
     assert seen[-1] == pytest.approx(HOME, abs=1e-4)
     assert len(captured) >= 8
@@ -69,7 +68,8 @@ def test_steps_are_small(loop, x):
     chain = ClosedChain(loop, x)
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     before = HOME
-    while (step := explorer.propose()) is not None:
+    while proposed := explorer.propose():
+        step = proposed[0]
         asked = np.array([step.targets_rad[j] - before[j - 1] for j in DRIVES])
         if "back" not in step.why:
             assert np.abs(asked).max() <= RAY_STEP_RAD + 1e-9
@@ -111,27 +111,28 @@ def test_turns_back_before_a_fold_two_steps_away(loop):
 def test_a_stop_ends_the_ray_and_it_goes_back(loop, x):
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
     chain = ClosedChain(loop, x)
-    while not (step := explorer.propose()).capture:
-        explorer.observe(chain.move(dict(step.targets_rad)))
+    while len(proposed := explorer.propose()) == 1:
+        explorer.observe(chain.move(dict(proposed[0].targets_rad)))
+    step = proposed[0]
     explorer.observe(chain.move(dict(step.targets_rad)), stopped="joint 3 needs too much torque")
-    back = explorer.propose()
+    (back,) = explorer.propose()
     assert back.targets_rad == pytest.approx({1: HOME[0], 5: HOME[4]})
     assert "torque" in back.why
     explorer.observe(chain.move(dict(back.targets_rad)))
     assert "joint 3 needs too much torque" in explorer.ended.values()
-    assert explorer.propose() is not None
+    assert explorer.propose()
 
 
 def test_gives_up_when_the_arm_does_not_come_back():
     explorer = Explorer(start_rad=HOME, drives=DRIVES, ranges=paper_ranges())
-    step = explorer.propose()
+    (step,) = explorer.propose()
     away = HOME.copy()
     away[0] = step.targets_rad[1]
     explorer.observe(away)
     for _ in range(3):
         explorer.propose()
         explorer.observe(away, stopped="blocked")
-    assert explorer.propose() is None
+    assert explorer.propose() == ()
     assert "does not return to the start" in explorer.failure
 
 

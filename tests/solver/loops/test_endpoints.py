@@ -10,7 +10,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import entries, nominal_vector
 from solver.chain.rotations import rotation_matrix, rotation_vector
 from solver.estimators.implicit import NoiseModel, estimate_implicit
-from solver.loops.endpoint_geometry import ConstrainedAxis, constrained_frame_entries
+from solver.loops.endpoint_geometry import constrained_frame_entries
 from solver.loops.point import PointClosure
 from tests.contracts.planted import ball, measured
 from tests.oracles.loop_oracle import paper_truth, product
@@ -147,30 +147,6 @@ def test_rotation_vectors_and_back():
         R = rotation_matrix(r)
         np.testing.assert_allclose(R, Rotation.from_rotvec(r).as_matrix(), atol=1e-15)
         np.testing.assert_allclose(rotation_vector(R), r, atol=1e-7 if size > 3.13 else 1e-14)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_held_axis_becomes_the_entries_of_a_closed_loop(seed):
-    """Whatever line the hand holds: the loop of these entries closes at the pose it was taken from."""
-    rng = np.random.default_rng(seed)
-    off, s, a, alpha = columns(seed)
-    q = rng.uniform(-3.0, 3.0, 6)
-    off[0] = off[-1] = s[0] = s[-1] = a[-1] = alpha[-1] = 0.0
-    T = product(q + off, s, a, alpha)
-    h, t = rng.normal(size=3), rng.normal(size=3)
-    h /= np.linalg.norm(h)
-    axis = ConstrainedAxis(
-        ground_direction=T[:3, :3] @ h,
-        ground_point_m=T[:3, 3] + T[:3, :3] @ t,
-        hand_direction=h,
-        hand_point_m=t,
-    )
-    found = axis.entries(6)
-    loop = closed_loop(found, q, off, s, a, alpha)
-    turn = -np.arctan2(loop[1, 0], loop[0, 0])
-    c, sn = np.cos(turn), np.sin(turn)
-    loop[:2] = np.array([[c, -sn], [sn, c]]) @ loop[:2]
-    np.testing.assert_allclose(loop, np.eye(4), atol=1e-11)
 
 
 @pytest.mark.parametrize("seed", range(5))

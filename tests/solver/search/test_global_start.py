@@ -8,8 +8,6 @@ import pytest
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import entries, wrap_angle, wrap_angles
 from solver.errors import TooFewPosesError
-from solver.estimators.least_squares import solve_damped
-from solver.estimators.paper import closure_problem
 from solver.loops.closure import nearest_equivalent
 from solver.loops.dh import DhLoop
 from solver.loops.open_arm import BASE, TIP_POINT, MeasuredClosure
@@ -17,7 +15,7 @@ from solver.loops.placements import place
 from solver.loops.point import PointClosure
 from solver.search.global_start import CLOSED, global_start
 from tests.oracles.loop_oracle import paper_truth, product
-from tests.oracles.wild_loops import wild_problem, with_sensors
+from tests.oracles.wild_loops import wild_problem
 from tests.solver.conftest import NAMES, loop_of, read_poses
 
 
@@ -48,21 +46,6 @@ def test_offsets_anywhere_and_hinge_unknown(seed):
     assert not found.best.flipped
     assert found.alternatives == ()
     assert 10 < found.best.starts <= found.starts
-
-
-@pytest.mark.campaign
-@pytest.mark.parametrize("seed", [100, 101])
-def test_real_sensors_do_not_mislead_the_search(seed):
-    problem = wild_problem(seed)
-    q = with_sensors(problem.q, seed)
-    model = nothing_known()
-    found = global_start(model, q, starts=300)
-    exact = global_start(model, problem.q, starts=300).x
-    # The same minimum as from the true parameters.
-    from_truth = nearest_equivalent(
-        model, solve_damped(closure_problem(model, q), exact).x, found.x
-    )
-    assert np.abs(wrap_angles(model.parameters, from_truth - found.x)).max() < 1e-6
 
 
 def test_the_paper_arm_from_nothing(hinge_data, truth):
@@ -170,22 +153,6 @@ def test_placements_from_nothing():
     found = global_start(whole, q, starts=300)
     assert found.best.rms < 1e-12
     assert np.abs(wrap_angle(found.x[:5] - offsets[1:6])).max() < 1e-9
-
-
-@pytest.mark.campaign
-def test_two_hinges_share_one_arm():
-    """Offsets 2..6 are the arm's; 1 and 7 are counted from each hinge's own common normals."""
-    problems = [wild_problem(seed) for seed in (0, 1)]
-    # One arm: the second problem's readings are given the first one's offsets.
-    q = np.concatenate([p.q + p.offsets - problems[0].offsets for p in problems])
-    whole = place(nothing_known(), np.repeat([1, 2], 40))
-    found = global_start(whole, q, starts=300)
-    assert found.best.rms < 1e-12
-    names = [p.name for p in whole.parameters]
-    assert names[:5] == [f"theta_off_{j}" for j in range(2, 7)]
-    assert np.abs(wrap_angle(found.x[:5] - problems[0].offsets[1:6])).max() < 1e-9
-    for k in (1, 2):
-        assert {f"theta_off_1[{k}]", f"theta_off_7[{k}]", f"a_0[{k}]"} <= set(names)
 
 
 def test_a_fixture_that_cannot_be_projected_out_is_searched_whole():

@@ -56,18 +56,6 @@ class PastVerification:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EntryShift:
-    """Shift of entry `name` by `size` (rad, m; standard deviation `sigma`) from session `at` (numbered from 0) on."""
-
-    name: str
-    at: int
-    seen: int
-    size: float
-    sigma: float
-    chart: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class EntryHistory:
     """Calibrations with one fixture and estimator, oldest first, and those of their entries that are on one side.
 
@@ -78,7 +66,7 @@ class EntryHistory:
     values, sigma, within
         (sessions, entries), rad and m, in equivalent parameters: values, standard uncertainty, and its type A part.
     chart
-        Control limits of each session.
+        Control limits of each session, and the shifts of entries in the order in which they were detected.
     smallest
         Shift of each entry that the next three sessions would detect in 90 % of cases; NaN without a baseline.
     """
@@ -96,17 +84,6 @@ class EntryHistory:
     def several(self) -> bool:
         """Whether there are several sessions to compare."""
         return len(self.calibrations) > 1
-
-    @property
-    def shifts(self) -> tuple[EntryShift, ...]:
-        """Shifts, in the order in which they were detected."""
-        return tuple(
-            EntryShift(
-                name=self.names[c.column], at=c.at, seen=c.seen,
-                size=c.size, sigma=c.sigma, chart=c.chart,
-            )
-            for c in self.chart.changes
-        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,7 +104,7 @@ class ArmHistory:
     @property
     def shifted(self) -> bool:
         """Whether anything has shifted."""
-        return any(part.shifts for part in self.parts)
+        return any(part.chart.changes for part in self.parts)
 
 
 def history_of(
@@ -200,7 +177,7 @@ def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
             per = math.radians(1.0) if entry.kind.is_angle else 1.0
             sigma[k, j] = per * stated[entry.name]
             within[k, j] = past.within.get(entry.name, sigma[k, j])
-    chart = control_chart(values, within)
+    chart = control_chart(names, values, within)
     smallest = np.full(len(names), np.nan)
     if len(group) > BASELINE and names:
         between = chart.between[-1]
@@ -228,7 +205,7 @@ def _due(
     if failed := [v for v in checks if v.utc > last and not v.holds]:
         return failed[-1].utc, f"the verification of {failed[-1].utc:%Y-%m-%d} did not hold"
     for part in parts:
-        for shift in part.shifts:
+        for shift in part.chart.changes:
             if part.calibrations[shift.seen].session == kept[-1].session:
                 return last, f"{shift.name} has shifted: a second calibration confirms it"
     if interval is not None:

@@ -11,6 +11,7 @@ all of the false-alarm probability belongs to the EWMA, which averages several s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,12 +40,12 @@ LEAST_RATIO = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChartSignal:
-    """Detected shift of quantity `column` by `size` (standard deviation `sigma`), from session `at` on.
+    """Detected shift of quantity `name` by `size` (standard deviation `sigma`), from session `at` on.
 
     Session `seen` (from 0) is the first that shows it, by `chart`: ``shewhart`` or ``ewma``.
     """
 
-    column: int
+    name: str
     at: int
     seen: int
     size: float
@@ -78,11 +79,11 @@ class ControlChart:
     changes: tuple[ChartSignal, ...]
 
 
-def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
+def control_chart(names: Sequence[str], values: FloatArray, within: FloatArray) -> ControlChart:
     """Test sessions one after the other.
 
-    `values` (sessions, quantities) are in the order of time; `within`, of the same shape, is the stated repeatability
-    of each (type A).
+    `values` (sessions, quantities) of the quantities `names` are in the order of time; `within`, of the same shape, is
+    the stated repeatability of each (type A).
     """
     from scipy.special import stdtrit
 
@@ -119,7 +120,12 @@ def control_chart(values: FloatArray, within: FloatArray) -> ControlChart:
             begin[j] = first + found[0]
             changes.append(
                 ChartSignal(
-                    column=j, at=int(begin[j]), seen=t, size=found[1], sigma=found[2], chart=chart
+                    name=names[j],
+                    at=int(begin[j]),
+                    seen=t,
+                    size=found[1],
+                    sigma=found[2],
+                    chart=chart,
                 )
             )
     return ControlChart(

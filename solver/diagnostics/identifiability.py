@@ -156,9 +156,12 @@ def identifiability_of_jacobian(
     names: tuple[str, ...],
     *,
     poses: int,
-    spans_rad: FloatArray | None = None,
+    spans_rad: FloatArray,
 ) -> Identifiability:
-    """Compute the figures of a stacked Jacobian (R, P) whose columns are the parameters `names`."""
+    """Compute the figures of a stacked Jacobian (R, P) whose columns are the parameters `names`.
+
+    `spans_rad` (n,): range of each joint's readings over the `poses`.
+    """
     # The R factor has the same singular values and is P x P however many poses there are.
     R = stacked_triangle([J])
     scale = column_scale(R)
@@ -169,8 +172,7 @@ def identifiability_of_jacobian(
     directions = tuple(_direction(vector, names, spans_rad) for vector in _sparse_basis(Vt[rank:]))
     plain = np.linalg.svd(R, compute_uv=False)
     full = rank == len(names)
-    if spans_rad is not None:
-        directions += _immobile_offsets(names, spans_rad, directions)
+    directions += _immobile_offsets(names, spans_rad, directions)
     return Identifiability(
         rank=len(names) - len(directions),
         scaled_condition_number=float(s[0] / s[-1]) if full else float("inf"),
@@ -214,9 +216,7 @@ def _sparse_basis(null: FloatArray) -> FloatArray:
     return np.asarray(basis / np.where(norms > 0.0, norms, 1.0))
 
 
-def _immobile(spans_rad: FloatArray | None) -> tuple[int, ...]:
-    if spans_rad is None:
-        return ()
+def _immobile(spans_rad: FloatArray) -> tuple[int, ...]:
     return tuple(j + 1 for j, span in enumerate(spans_rad) if span < IMMOBILE_RAD)
 
 
@@ -245,7 +245,7 @@ def _immobile_offsets(
 
 
 def _direction(
-    vector: FloatArray, names: tuple[str, ...], spans_rad: FloatArray | None
+    vector: FloatArray, names: tuple[str, ...], spans_rad: FloatArray
 ) -> UnidentifiableDirection:
     size = np.abs(vector)
     # Either sign is the same direction: its largest part is positive, on every machine.
@@ -256,7 +256,7 @@ def _direction(
     parameters = tuple(names[k] for k in order)
     immobile = tuple(j for j in _immobile(spans_rad) if f"theta_off_{j}" in parameters)
     reason = ""
-    if immobile and spans_rad is not None:
+    if immobile:
         reason = _immobile_words(immobile, spans_rad)
         # The joint that does not move comes first, since the operator can act on it.
         lead = [f"theta_off_{j}" for j in immobile]

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from operator_app.calibration.comparison import Side
-from operator_app.calibration.history import ArmHistory, EntryHistory, EntryShift
+from operator_app.calibration.history import ArmHistory, EntryHistory
 from operator_app.report.table import Cell, Column, FactTable, figures, words
 from operator_app.report.text import WIDTH, paragraph, table_lines
 from operator_app.units import ANGLE, LENGTH, Figure, Quantity, places_to_show, plural
 from solver.chain.parameters import DhEntry
-from solver.diagnostics.control_chart import BASELINE, RECENT
+from solver.diagnostics.control_chart import BASELINE, RECENT, ChartSignal
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
 HOW = (
@@ -47,7 +47,7 @@ def title_of(part: EntryHistory) -> str:
 def entries_table(part: EntryHistory) -> FactTable:
     """Return one row per entry: its value and its control limits."""
     rows: list[tuple[Cell, ...]] = []
-    chart, shifted = part.chart, {s.name for s in part.shifts}
+    chart, shifted = part.chart, {s.name for s in part.chart.changes}
     for j, name in enumerate(part.names):
         unit = quantity(name)
         places = places_to_show((unit.per_si * float(part.within[-1, j]),), least=3)
@@ -99,7 +99,7 @@ def verdict_text(found: ArmHistory, width: int = WIDTH) -> str:
     lines = [
         paragraph(f"- {_shift_text(part, shift)}", indent=2, width=width)
         for part in found.parts
-        for shift in part.shifts
+        for shift in part.chart.changes
     ]
     if lines:
         return "\n".join(["SHIFTED:", *lines])
@@ -216,12 +216,12 @@ def _part_json(part: EntryHistory) -> dict[str, Any]:
                 "sigma": Figure(s.sigma, quantity(s.name)).in_json,
                 "chart": s.chart,
             }
-            for s in part.shifts
+            for s in part.chart.changes
         ],
     }
 
 
-def _shift_text(part: EntryHistory, shift: EntryShift) -> str:
+def _shift_text(part: EntryHistory, shift: ChartSignal) -> str:
     unit = quantity(shift.name)
     size = Figure(shift.size, unit, places=3, signed=True).with_unit
     sigma = Figure(shift.sigma, unit, places=3).with_unit

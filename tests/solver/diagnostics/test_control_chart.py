@@ -8,7 +8,8 @@ import pytest
 from solver.diagnostics.control_chart import ChartSignal, control_chart, smallest_shift
 from solver.diagnostics.limits import CONTROL_CHART_FALSE_ALARM_PROBABILITY
 
-SESSIONS, ENTRIES = 12, 5
+NAMES = "abcde"
+SESSIONS, ENTRIES = 12, len(NAMES)
 STATED_DEG = np.array([0.0091, 0.018, 0.013, 0.016, 0.012])
 """Type A of arm entries."""
 
@@ -40,7 +41,7 @@ def histories(
         values[7:, j] += shift_deg * rng.choice((-1.0, 1.0))
         within = np.tile(STATED_DEG * rng.uniform(0.7, 3.0), (SESSIONS, 1))
         last = SESSIONS if shift_deg == 0.0 else 10
-        yield j, control_chart(values[:last], within[:last]).changes
+        yield j, control_chart(NAMES, values[:last], within[:last]).changes
 
 
 @pytest.mark.campaign
@@ -61,7 +62,7 @@ def test_nor_do_histories_whose_entries_or_sessions_scatter_unequally(entries, s
 def test_a_shift_of_0_05_deg_at_session_8_is_named_by_session_10():
     named, placed = [], []
     for j, found in histories(1000, seed=77, shift_deg=0.05):
-        own = [c for c in found if c.column == j and c.at >= 6]
+        own = [c for c in found if c.name == NAMES[j] and c.at >= 6]
         named.append(bool(own))
         placed += [c.at == 7 for c in own[:1]]
     assert np.mean(named) >= 0.90
@@ -72,9 +73,9 @@ def test_a_shift_is_named_once_with_session_and_size():
     rng = np.random.default_rng(3)
     values = rng.normal(0.0, 0.01, (20, 4))
     values[12:, 2] += 0.2
-    found = control_chart(values, np.full((20, 4), 0.03))
+    found = control_chart("abcd", values, np.full((20, 4), 0.03))
     (change,) = found.changes
-    assert (change.column, change.at, change.seen, change.chart) == (2, 12, 12, "shewhart")
+    assert (change.name, change.at, change.seen, change.chart) == ("c", 12, 12, "shewhart")
     assert change.size == pytest.approx(0.2, abs=0.03)
     assert np.isnan(found.centre[:4]).all()
     assert not np.isnan(found.centre[4:, :2]).any()
@@ -87,7 +88,7 @@ def test_limits_are_of_the_scatter_and_not_of_what_was_stated():
     rng = np.random.default_rng(4)
     values = rng.normal(0.0, 0.01, (40, 5))
     for stated in (0.01, 0.05, 0.002):
-        found = control_chart(values, np.full((40, 5), stated))
+        found = control_chart(NAMES, values, np.full((40, 5), stated))
         assert found.changes == ()
         assert found.between[-1].mean() == pytest.approx(0.01, rel=0.25)
     least = smallest_shift(found.between[-1], 37, 5)
@@ -97,6 +98,6 @@ def test_limits_are_of_the_scatter_and_not_of_what_was_stated():
 
 def test_values_that_are_all_the_same_are_no_alarm():
     values = np.tile([0.1, 0.2], (9, 1))
-    assert control_chart(values, np.zeros((9, 2))).changes == ()
+    assert control_chart("ab", values, np.zeros((9, 2))).changes == ()
     values[8, 0] += 1e-6
-    assert [c.column for c in control_chart(values, np.full((9, 2), 1e-5)).changes] == []
+    assert control_chart("ab", values, np.full((9, 2), 1e-5)).changes == ()

@@ -17,6 +17,9 @@ from solver.estimators.paper import estimate_paper
 from tests.oracles.loop_oracle import Truth, closed_poses, closure, closure_rates, product
 from tests.solver.conftest import NAMES, loop_of, read_poses
 
+MOVING = np.ones(7)
+"""Spans of joints that all move."""
+
 
 def test_condition_at_the_readings_is_that_of_the_closure_as_the_paper_has_it(truth):
     """Eqs. 10 to 13 by a second implementation, differenced, where the loops are open by milliradians."""
@@ -98,7 +101,7 @@ def test_separate_blind_directions_are_named_apart():
     J = np.random.default_rng(8).normal(size=(40, 5))
     J[:, 1] = 0.0
     J[:, 4] = 2.0 * J[:, 3]
-    found = identifiability_of_jacobian(J, ("p", "q", "r", "s", "t"), poses=8)
+    found = identifiability_of_jacobian(J, ("p", "q", "r", "s", "t"), poses=8, spans_rad=MOVING)
     assert found.rank == 3
     assert found.scaled_condition_number == np.inf
     assert {frozenset(d.parameters) for d in found.directions} == {
@@ -110,7 +113,9 @@ def test_separate_blind_directions_are_named_apart():
 
 
 def test_fewer_rows_than_parameters():
-    found = identifiability_of_jacobian(np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1)
+    found = identifiability_of_jacobian(
+        np.eye(5)[:3], ("p", "q", "r", "s", "t"), poses=1, spans_rad=MOVING
+    )
     assert found.rank == 3
     assert {d.parameters for d in found.directions} == {("s",), ("t",)}
 

@@ -95,31 +95,25 @@ class LoopAngle:
         1-based.
     angle_rad
         theta' (m,), continuous, near the reading plus the nominal offset.
-    pose_variance
-        Variance (m,), rad^2, due to the pose's own readings: independent between poses.
-    by_parameters
-        (m, P): derivative of the angle by the parameters, whose error is common to all poses.
+    scatter
+        Covariance of the angles, rad^2: due to each pose's own readings, and to the parameters, whose error is common.
     """
 
     joint: int
     angle_rad: FloatArray
-    pose_variance: FloatArray
-    by_parameters: FloatArray
-
-    def scatter(self, root: FloatArray) -> Scatter:
-        """Covariance of the angles, rad^2, with ``root root'`` the covariance of the parameters."""
-        return Scatter(own=self.pose_variance, common=self.by_parameters @ root)
+    scatter: Scatter
 
 
 def loop_angles(
     model: ClosureModel,
     x: FloatArray,
+    covariance: FloatArray,
     q: FloatArray,
     noise: NoiseModel,
     *,
-    near: tuple[FloatArray, FloatArray] | None = None,
+    near: tuple[FloatArray, FloatArray],
 ) -> tuple[LoopAngle, ...]:
-    """Measure the unsensed arm joints of `model` at parameters `x` (P,) and readings `q` (m, n).
+    """Measure the unsensed arm joints of `model` at parameters `x` (P,) of `covariance` (P, P) and readings `q` (m, n).
 
     With c + J_q e + f + N du = 0 the best estimate of du has covariance
     ``N^+ (S - S E (E' S E)^-1 E' S) N^+'``, S the covariance of J_q e + f. `near` is as in `adjust_poses`.
@@ -137,13 +131,16 @@ def loop_angles(
     left = S - gain @ np.swapaxes(SE, -1, -2)
     spread = inverse @ left @ np.swapaxes(inverse, -1, -2)
     rates = -inverse @ (error.jac_x - gain @ system.A)
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
     first = adjusted.unsensed.shape[-1] - len(model.unsensed_joints)
     return tuple(
         LoopAngle(
             joint=joint,
             angle_rad=adjusted.unsensed[:, first + k],
-            pose_variance=spread[:, first + k, first + k],
-            by_parameters=rates[:, first + k, :],
+            scatter=Scatter(
+                own=spread[:, first + k, first + k], common=rates[:, first + k, :] @ root
+            ),
         )
         for k, joint in enumerate(model.unsensed_joints)
     )

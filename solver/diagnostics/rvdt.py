@@ -63,9 +63,9 @@ class RvdtVerdict:
     joint: int
     verdict: Soundness
     text: str
-    treat_as_unsensed: bool
-    share: float
-    figures: RvdtFigures | None
+    treat_as_unsensed: bool = False
+    share: float = 0.0
+    figures: RvdtFigures | None = None
     noise: SingleNoise | None = None
 
 
@@ -117,13 +117,12 @@ def rvdt_verdicts(
 
     ended = settle(model, q, errors, x0=x0, near=near, variances=at_least_stated)
     found, back = ended.fit, back_to_caller(ended.order)
-    values, vectors = np.linalg.eigh(found.fit.covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
     angles = {
         a.joint: a
         for a in loop_angles(
             model,
             found.x,
+            found.fit.covariance,
             q,
             noise_left(found, back),
             near=(found.corrections[back], found.unsensed[back]),
@@ -135,8 +134,7 @@ def rvdt_verdicts(
     verdicts = []
     for joint, sensor in sensors.items():
         reading, angle = q[:, joint - 1], angles[joint]
-        of_loops = angle.scatter(root)
-        reason = _undecidable(reading, of_loops, sensor)
+        reason = _undecidable(reading, angle.scatter, sensor)
         if not found.converged:
             reason = "the calibration without the RVDTs did not converge"
         if reason:
@@ -146,7 +144,6 @@ def rvdt_verdicts(
             reading,
             angle,
             sensor,
-            of_loops,
             noise.get(joint),
             samples=float(1.0 / np.mean(1.0 / samples)),
         )
@@ -199,9 +196,6 @@ def undecided(joint: int, sensor: Rvdt, reason: str, noise: SingleNoise | None) 
         verdict=verdict,
         text=f"RVDT of joint {joint}: "
         + "; ".join([verdict.value, *words, curve] if noisy else [curve, *words]),
-        treat_as_unsensed=False,
-        share=0.0,
-        figures=None,
         noise=noise,
     )
 

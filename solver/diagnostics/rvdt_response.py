@@ -87,7 +87,6 @@ def measure(
     reading_rad: FloatArray,
     measured: LoopAngle,
     sensor: Rvdt,
-    of_loops: Scatter,
     noise: SingleNoise | None,
     samples: float,
 ) -> RvdtFigures:
@@ -95,28 +94,28 @@ def measure(
 
     Raises `ValueError` if there are too few poses to fit any curve.
 
-    `of_loops`: scatter of the measured angles. `noise`: noise of a single reading; None where only the scatter about
-    the curve is known, which is an upper bound: it includes the loop's slow errors. `samples`: readings in each pose's
-    mean.
+    `noise`: noise of a single reading; None where only the scatter about the curve is known, which is an upper bound
+    because it includes the loop's slow errors. `samples`: readings in each pose's mean.
     """
     from scipy.special import chdtri
 
     angle, offset = sensor_angle(reading_rad, measured)
     deviation = reading_rad - angle
     curve = fit_curve(angle, deviation)
+    # The constant belongs to theta_off: deviations average to zero over the covered range.
+    constant = float(np.mean(curve(np.linspace(curve.low, curve.high, GRID_POINTS))))
+    angle, deviation, curve = angle + constant, deviation - constant, _shifted(curve, constant)
     grid = np.linspace(curve.low, curve.high, GRID_POINTS)
     fitted = curve(grid)
-    # The constant belongs to theta_off: deviations average to zero over the covered range.
-    constant = float(np.mean(fitted))
     bend, slope = _off_line(grid, fitted), _slope(grid, fitted)
     squares = float(curve.residual @ curve.residual)
-    own = float(np.mean(measured.pose_variance))
+    own = float(np.mean(measured.scatter.own))
     variance = max(squares / curve.dof - own, 0.0)
     if noise is None:
         most = max(squares / float(chdtri(curve.dof, 0.975)) - own, 0.0)
         lsb, high = (np.sqrt(np.array([variance, most]) * samples) / sensor.resolution_rad).tolist()
         noise = SingleNoise(lsb=lsb, low=0.0, high=high, from_spread=False)
-    of_points = of_loops.also_own(variance)
+    of_points = measured.scatter.also_own(variance)
     # The uncertainty of a straight line includes the bends that it could hide.
     bendable = curve if curve.degree >= LEAST_BEND else fit_curve(angle, deviation, LEAST_BEND)
     off_line = _off_line(grid, bendable.by_points(grid))
@@ -129,12 +128,12 @@ def measure(
         linearity_sd=float(np.sqrt(of_points.variance_of(off_line).max()) / sensor.full_scale_rad),
         half_range=float(0.5 * np.ptp(fitted) / sensor.full_scale_rad),
         noise=noise,
-        loop_sd_rad=float(np.sqrt(np.mean(of_loops.variance))),
+        loop_sd_rad=float(np.sqrt(np.mean(measured.scatter.variance))),
         line_probability=curve.line_probability,
-        angle_rad=angle + constant,
-        deviation_rad=deviation - constant,
-        curve=_shifted(curve, constant),
-        table_rad=_table(curve, constant, of_points),
+        angle_rad=angle,
+        deviation_rad=deviation,
+        curve=curve,
+        table_rad=_table(curve, of_points),
     )
 
 
@@ -160,13 +159,12 @@ def _shifted(curve: SmoothCurve, constant: float) -> SmoothCurve:
     )
 
 
-def _table(curve: SmoothCurve, constant: float, of_points: Scatter) -> FloatArray:
+def _table(curve: SmoothCurve, of_points: Scatter) -> FloatArray:
     grid = np.linspace(curve.low, curve.high, TABLE_POINTS)
-    by_points = curve.by_points(grid)
-    deviation = curve(grid) - constant
+    by_points, deviation = curve.by_points(grid), curve(grid)
     # Covariance of the deviation from its own mean.
     sd = np.sqrt(of_points.variance_of(by_points - by_points.mean(axis=0)))
-    return np.stack((grid + constant + deviation, -deviation, sd), axis=1)
+    return np.stack((grid + deviation, -deviation, sd), axis=1)
 
 
 TERMS = 200

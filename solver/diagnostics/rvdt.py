@@ -228,28 +228,7 @@ def _judge(joint: int, sensor: Rvdt, figures: RvdtFigures, share: float) -> Rvdt
         verdict = Soundness.CURVED
     else:
         verdict = Soundness.SOUND
-    return RvdtVerdict(
-        joint=joint,
-        verdict=verdict,
-        text=_words(joint, sensor, figures, share, verdict, harmful=harmful),
-        treat_as_unsensed=harmful,
-        share=share,
-        figures=figures,
-        noise=figures.noise,
-    )
-
-
-def _words(
-    joint: int,
-    sensor: Rvdt,
-    figures: RvdtFigures,
-    share: float,
-    verdict: Soundness,
-    *,
-    harmful: bool,
-) -> str:
-    allowed = f"specification {100.0 * sensor.linearity:.2g} %"
-    head = verdict.value
+    allowed, head = f"specification {100.0 * sensor.linearity:.2g} %", verdict.value
     if figures.linearity > sensor.linearity:
         allowed = f"sigma {100.0 * figures.linearity_sd:.2f} %, {allowed}"
         if verdict is Soundness.CURVED:
@@ -265,18 +244,25 @@ def _words(
         parts.append(f"explains {100.0 * share:.0f} % of the squared closure error")
     if harmful:
         parts.append(f"treat joint {joint} as unsensed, or correct its readings by the table")
-    return "; ".join(parts)
+    return RvdtVerdict(
+        joint=joint,
+        verdict=verdict,
+        text="; ".join(parts),
+        treat_as_unsensed=harmful,
+        share=share,
+        figures=figures,
+        noise=figures.noise,
+    )
 
 
 def _noise_words(noise: SingleNoise, sensor: Rvdt) -> list[str]:
     """Return a sentence on the noise and its remedy."""
     allowed = f"specification {sensor.noise_lsb:g} LSB"
-    if noise.determined:
-        words = f"noise of a single reading {noise.lsb:.1f} LSB ({allowed})"
-        return [words, NOISY] if _too_noisy(noise, sensor) else [words]
-    if _too_noisy(noise, sensor):
-        words = f"noise of a single reading {noise.low:.1f} to {noise.high:.1f} LSB ({allowed})"
-        return [words, NOISY]
+    noisy = _too_noisy(noise, sensor)
+    if noise.determined or noisy:
+        size = f"{noise.lsb:.1f}" if noise.determined else f"{noise.low:.1f} to {noise.high:.1f}"
+        words = f"noise of a single reading {size} LSB ({allowed})"
+        return [words, NOISY] if noisy else [words]
     most = f"below {noise.high:.1f} LSB ({allowed})"
     words = f"noise of a single reading: not determined by these poses, {most}"
     remedy = "to measure it, record several samples per pose with their sd"

@@ -20,7 +20,8 @@ from solver.design.drive_joints import (
     rank_over_region,
 )
 from solver.design.manifold import Manifold, candidate_poses
-from solver.design.paths import LIMITS, PathGraph
+from solver.design.motion import LIMITS
+from solver.design.paths import PathGraph
 from solver.loops.closure import ClosureModel
 
 REGION_POSES = 700

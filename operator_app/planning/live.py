@@ -16,8 +16,8 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.d_optimal import choose_poses
-from solver.design.motion import drive_straight
-from solver.design.paths import LIMITS, LINE_STEP_RAD
+from solver.design.motion import LIMITS, drive_straight
+from solver.design.paths import LINE_STEP_RAD
 from solver.design.plan import PlanningTask, information_of
 from solver.diagnostics.identifiability import identifiability
 from solver.estimators.estimate import closure_at_readings
@@ -259,9 +259,5 @@ def is_path_clear(
     traces = drive_straight(
         model, x, start.q, start.u, drives, goal, steps=max(1, int(np.ceil(way / LINE_STEP_RAD)))
     )
-    safe = traces.safe(
-        ranges_of(arm).within(STOP_MARGIN_RAD),
-        least_leverage=LIMITS.least_leverage,
-        most_rate=LIMITS.most_rate,
-    )
+    safe = traces.safe(ranges_of(arm).within(STOP_MARGIN_RAD), LIMITS)
     return bool(start.closed[0] and safe[0])

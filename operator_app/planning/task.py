@@ -20,7 +20,7 @@ from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
-from solver.design.manifold import Ranges
+from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask, StatedErrors
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel

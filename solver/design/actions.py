@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from solver.arrays import FloatArray
-from solver.design.manifold import Ranges
+from solver.design.motion import Ranges
 from solver.design.paths import Route
 from solver.design.stop_rule import StopDecision
 

@@ -220,11 +220,7 @@ class Campaign:
         if self._taken:
             # A pose slightly nearer to a singularity, or fewer poses, are better than none.
             limits = self.task.limits
-            eased = replace(
-                limits,
-                least_leverage=EASIER_LEVERAGE * limits.least_leverage,
-                most_rate=limits.most_rate / EASIER_LEVERAGE,
-            )
+            eased = limits.eased(EASIER_LEVERAGE)
             tasks.append(replace(tasks[0], limits=eased, pose_leverage=limits.least_leverage))
         avoid = self._blocked + self._unreached
         for task in tasks:

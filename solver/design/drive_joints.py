@@ -16,8 +16,8 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.closing import close_loops
 from solver.design.manifold import Manifold
-from solver.design.motion import ChainMotion, chain_motion
-from solver.design.paths import LIMITS, PathGraph
+from solver.design.motion import LIMITS, ChainMotion, chain_motion
+from solver.design.paths import PathGraph
 from solver.loops.closure import ClosureModel
 
 SAMPLE = 200

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.arrays import FloatArray, frozen
 from solver.design.actions import Capture, GoTo
-from solver.design.manifold import Ranges
+from solver.design.motion import Ranges
 
 WIGGLE_RAD = float(np.deg2rad(1.5))
 """Length of the first steps, from which rates are learnt."""

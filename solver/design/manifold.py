@@ -14,7 +14,7 @@ import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.closing import close_loops
-from solver.design.motion import ChainMotion, chain_motion
+from solver.design.motion import ChainMotion, Ranges, chain_motion
 from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
@@ -31,26 +31,6 @@ BENT = 0.35
 LEAST_SPACING_SHARE = 0.2
 """A tangent step is not closed if an earlier one is nearer to it than this share of a step."""
 COARSE_STEP_RAD = 0.15
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ranges:
-    """Allowed measured joint angles: (n,) rad each, sensor coordinates."""
-
-    lower_rad: FloatArray
-    upper_rad: FloatArray
-
-    def __post_init__(self) -> None:
-        if np.any(self.lower_rad >= self.upper_rad):
-            raise ValueError("every lower end must lie below its upper end")
-
-    def within(self, margin_rad: float | FloatArray) -> Ranges:
-        """Return the ranges narrowed by `margin_rad` (scalar or (n,)) at both ends."""
-        return Ranges(lower_rad=self.lower_rad + margin_rad, upper_rad=self.upper_rad - margin_rad)
-
-    def clearance(self, q: FloatArray) -> FloatArray:
-        """Distance of each pose (..., n) from the nearest end of any range (...,); < 0 outside."""
-        return np.asarray(np.minimum(q - self.lower_rad, self.upper_rad - q).min(-1))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,10 +1,9 @@
-"""Motion of a closed chain: tangents at its poses, and the path of all joints while the drives move straight."""
+"""Motion of a closed chain and its limits: tangents at poses, the path of all joints while the drives move straight."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,10 +11,49 @@ from solver.arrays import BoolArray, FloatArray
 from solver.closing import close_loops, held_still, left_null_space
 from solver.loops.closure import ClosureModel
 
-if TYPE_CHECKING:
-    from solver.design.manifold import Ranges
-
 RANK_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Ranges:
+    """Allowed measured joint angles: (n,) rad each, sensor coordinates."""
+
+    lower_rad: FloatArray
+    upper_rad: FloatArray
+
+    def __post_init__(self) -> None:
+        if np.any(self.lower_rad >= self.upper_rad):
+            raise ValueError("every lower end must lie below its upper end")
+
+    def within(self, margin_rad: float | FloatArray) -> Ranges:
+        """Return the ranges narrowed by `margin_rad` (scalar or (n,)) at both ends."""
+        return Ranges(lower_rad=self.lower_rad + margin_rad, upper_rad=self.upper_rad - margin_rad)
+
+    def clearance(self, q: FloatArray) -> FloatArray:
+        """Distance of each pose (..., n) from the nearest end of any range (...,); < 0 outside."""
+        return np.asarray(np.minimum(q - self.lower_rad, self.upper_rad - q).min(-1))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionLimits:
+    """Limits of a path.
+
+    `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest ratio of the speed
+    of a passive joint to that of the faster drive joint.
+    """
+
+    least_leverage: float
+    most_rate: float
+
+    def eased(self, share: float) -> MotionLimits:
+        """Return limits with this share of the least leverage, and so much more of the rate."""
+        return MotionLimits(
+            least_leverage=share * self.least_leverage, most_rate=self.most_rate / share
+        )
+
+
+LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
+"""Limits of every path, as long as there is one within them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,13 +150,13 @@ class DriveTraces:
     rate: FloatArray
     closed: BoolArray
 
-    def safe(self, ranges: Ranges, *, least_leverage: float, most_rate: float) -> BoolArray:
+    def safe(self, ranges: Ranges, limits: MotionLimits) -> BoolArray:
         """Which lines (b,) stay inside the ranges, away from folds, and below the speed limits."""
         return np.asarray(
             self.closed
             & (ranges.clearance(self.q).min(-1) >= 0.0)
-            & (self.leverage.min(-1) >= least_leverage)
-            & (self.rate <= most_rate)
+            & (self.leverage.min(-1) >= limits.least_leverage)
+            & (self.rate <= limits.most_rate)
         )
 
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solver.arrays import BoolArray, FloatArray, IntArray
-from solver.design.manifold import Manifold, Ranges
-from solver.design.motion import drive_straight
+from solver.design.manifold import Manifold
+from solver.design.motion import MotionLimits, Ranges, drive_straight
 from solver.loops.closure import ClosureModel
 
 if TYPE_CHECKING:
@@ -32,22 +32,6 @@ ATTEMPTS = 20
 """How often a path may be replaced after one of its edges fails."""
 LINE_STEP_RAD = 0.03
 """Spacing at which straight drive moves are followed."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class MotionLimits:
-    """Limits of a path.
-
-    `least_leverage`: least leverage of the drive joints, anywhere on the path. `most_rate`: largest ratio of the speed
-    of a passive joint to that of the faster drive joint.
-    """
-
-    least_leverage: float
-    most_rate: float
-
-
-LIMITS = MotionLimits(least_leverage=0.2, most_rate=5.0)
-"""Limits of every path, as long as there is one within them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -266,12 +250,8 @@ class PathGraph:
                 targets,
                 steps=max(2, int(np.ceil(longest / LINE_STEP_RAD))),
             )
-            safe = lines.safe(
-                ranges,
-                least_leverage=(AT_START if poses[here] == 0 else BETWEEN)
-                * self.limits.least_leverage,
-                most_rate=self.limits.most_rate / (AT_START if poses[here] == 0 else BETWEEN),
-            )
+            share = AT_START if poses[here] == 0 else BETWEEN
+            safe = lines.safe(ranges, self.limits.eased(share))
             # The same drive angles on another branch are another pose.
             safe &= np.abs(lines.q[:, -1] - q[ahead]).max(-1) < 1e-6
             if not safe.any():

@@ -19,8 +19,9 @@ from solver.chain.parameters import DhEntry
 from solver.closing import close_loops, reduced_jacobian
 from solver.design.d_optimal import TooFewCandidatesError, choose_poses
 from solver.design.drive_joints import RankedDrives, rank_over_region
-from solver.design.manifold import Manifold, Ranges, candidate_poses
-from solver.design.paths import LIMITS, MotionLimits, PathGraph
+from solver.design.manifold import Manifold, candidate_poses
+from solver.design.motion import LIMITS, MotionLimits, Ranges
+from solver.design.paths import PathGraph
 from solver.design.pose_information import PoseInformation, about_parameters, pose_information
 from solver.design.stop_rule import standard_deviations
 from solver.diagnostics.identifiability import Identifiability, identifiability_of_jacobian

@@ -253,19 +253,15 @@ def _direction(
     # Equal parts stay in the order of the parameters, whatever their last digits.
     share = np.round(size / size.max(), 6)
     order = [int(k) for k in np.argsort(-share, kind="stable") if share[k] > 0.05]
+    offsets = {f"theta_off_{j}": j for j in _immobile(spans_rad)}
+    # The joint that does not move comes first, since the operator can act on it.
+    order.sort(key=lambda k: names[k] not in offsets)
     parameters = tuple(names[k] for k in order)
-    immobile = tuple(j for j in _immobile(spans_rad) if f"theta_off_{j}" in parameters)
-    reason = ""
-    if immobile:
-        reason = _immobile_words(immobile, spans_rad)
-        # The joint that does not move comes first, since the operator can act on it.
-        lead = [f"theta_off_{j}" for j in immobile]
-        order.sort(key=lambda k: names[k] not in lead)
-        parameters = tuple(names[k] for k in order)
+    immobile = tuple(j for name, j in offsets.items() if name in parameters)
     return UnidentifiableDirection(
         parameters=parameters,
         weights=tuple(float(vector[k]) for k in order),
-        reason=reason,
+        reason=_immobile_words(immobile, spans_rad) if immobile else "",
         immobile_joints=immobile,
     )
 

@@ -5,7 +5,8 @@ import pytest
 
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
-from solver.design.manifold import Ranges, grow_manifold
+from solver.design.manifold import grow_manifold
+from solver.design.motion import Ranges
 from solver.design.plan import PlanningTask, StatedErrors, information_of
 from solver.design.pose_information import pose_information
 from solver.estimators.error_model import ErrorModel

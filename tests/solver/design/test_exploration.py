@@ -7,7 +7,7 @@ from solver.chain.kinematics import DhTable
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.exploration import RAY_STEP_RAD, Explorer
-from solver.design.manifold import Ranges
+from solver.design.motion import Ranges
 from tests.solver.design.conftest import HOME, paper_ranges
 
 DRIVES = (1, 5)

@@ -3,8 +3,8 @@ import itertools
 import numpy as np
 import pytest
 
-from solver.design.motion import drive_straight
-from solver.design.paths import LIMITS, PathGraph
+from solver.design.motion import LIMITS, MotionLimits, drive_straight
+from solver.design.paths import PathGraph
 from solver.design.plan import visiting_order
 from tests.oracles.loop_oracle import closure, paper_truth
 
@@ -84,10 +84,10 @@ def test_line_into_a_fold_is_not_safe(loop, x, region, ranges):
     for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
         target = q[:, 5:7] + 1.2 * np.array([[np.cos(angle), np.sin(angle)]])
         lines = drive_straight(loop, x, q, u, (6, 7), target, steps=60)
-        safe.append(bool(lines.safe(ranges, least_leverage=0.2, most_rate=6.0)[0]))
+        safe.append(bool(lines.safe(ranges, MotionLimits(least_leverage=0.2, most_rate=6.0))[0]))
     assert not all(safe)
     still = drive_straight(loop, x, q, u, (6, 7), q[:, 5:7] + 0.02, steps=3)
-    assert still.safe(ranges, least_leverage=0.05, most_rate=20.0)[0]
+    assert still.safe(ranges, MotionLimits(least_leverage=0.05, most_rate=20.0))[0]
 
 
 def test_tour_is_short():

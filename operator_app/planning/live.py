@@ -6,7 +6,7 @@ As long as the geometry is nominal, the prediction has its errors.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -54,13 +54,13 @@ class LiveQuality:
 
     needed: int
     x: FloatArray
-    estimated: bool
-    scaled_condition_number: float
-    weakest: tuple[str, ...]
-    history: tuple[tuple[int, float], ...]
-    coverage: tuple[tuple[float, float], ...]
-    predicted_m: dict[int, float]
-    numbers: tuple[int, ...]
+    estimated: bool = False
+    scaled_condition_number: float = float("inf")
+    weakest: tuple[str, ...] = ()
+    history: tuple[tuple[int, float], ...] = ()
+    coverage: tuple[tuple[float, float], ...] = ()
+    predicted_m: Mapping[int, float] = field(default_factory=dict)
+    numbers: tuple[int, ...] = ()
 
 
 def live_quality(
@@ -76,9 +76,11 @@ def live_quality(
     if earlier is not None and earlier.numbers == numbers[: len(earlier.numbers)]:
         quality, shared = earlier, len(earlier.numbers)
     else:
-        quality = _empty(model)
-        if earlier is not None:
-            quality = replace(quality, predicted_m=dict(earlier.predicted_m))
+        quality = LiveQuality(
+            needed=poses_needed(len(model.parameters), model.equations_per_pose),
+            x=nominal_vector(model.parameters),
+            predicted_m={} if earlier is None else earlier.predicted_m,
+        )
     for count in range(shared + 1, len(numbers) + 1):
         # If many poses come at once, as after a resume, only the last estimate is shown.
         last_of_many = count == len(numbers) > shared + 1
@@ -86,20 +88,6 @@ def live_quality(
             arm, model, q_rad[:count], numbers[:count], quality, at_once=last_of_many
         )
     return quality
-
-
-def _empty(model: ClosureModel) -> LiveQuality:
-    return LiveQuality(
-        needed=poses_needed(len(model.parameters), model.equations_per_pose),
-        x=nominal_vector(model.parameters),
-        estimated=False,
-        scaled_condition_number=float("inf"),
-        weakest=(),
-        history=(),
-        coverage=(),
-        predicted_m={},
-        numbers=(),
-    )
 
 
 def _with_one_more(

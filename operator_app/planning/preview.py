@@ -76,12 +76,6 @@ class Preview:
     plan: PosePlan
     poses: tuple[PlannedPose, ...]
 
-    @property
-    def reach_rad(self) -> FloatArray:
-        """Lowest and highest reading (n, 2) of each joint over all reachable poses."""
-        reached = self.plan.manifold.q[self.plan.allowed]
-        return np.stack((reached.min(axis=0), reached.max(axis=0)), axis=-1)
-
 
 def preview(
     arm: ArmModel,

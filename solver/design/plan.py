@@ -137,6 +137,12 @@ class PosePlan:
         """Planned poses (k, n) in visiting order: predicted readings of all joints."""
         return self.manifold.q[list(self.visits)]
 
+    @property
+    def reach_rad(self) -> FloatArray:
+        """Lowest and highest reading (n, 2) of each joint over all reachable poses."""
+        reached = self.manifold.q[self.allowed]
+        return np.stack((reached.min(axis=0), reached.max(axis=0)), axis=-1)
+
 
 def make_plan(
     task: PlanningTask,

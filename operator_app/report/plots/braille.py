@@ -141,7 +141,7 @@ def region_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
 def coverage_lines(shown: Preview, *, ascii_only: bool) -> list[str]:
     """Draw the range of every joint, its reachable part, and the poses."""
     empty, reached, taken, left, right = " -#||" if ascii_only else " ─█├┤"
-    reach = shown.reach_rad
+    reach = shown.plan.reach_rad
     lines = []
     for k, joint in enumerate(shown.arm.joints):
         full = joint.upper_rad - joint.lower_rad

@@ -289,7 +289,7 @@ def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
         "weakest_direction": list(seen.weakest.parameters),
         "candidates": shown.plan.manifold.size,
         "reachable": int(shown.plan.allowed.sum()),
-        "reach_deg": np.rad2deg(shown.reach_rad).tolist(),
+        "reach_deg": np.rad2deg(shown.plan.reach_rad).tolist(),
     }
 
 

@@ -138,47 +138,35 @@ class FaultModels:
 
     def persistent_faults(self) -> Iterator[Candidate]:
         """Causes that act in all poses, or in a run of them."""
-        yield from self._readings()
-        yield self._scatter()
-        yield from self._drifts()
+        # Noise of one sensor, or one that does not work; of all, when the arm was not at rest.
+        for j in self.sensed:
+            yield self._independent(Cause.READING, str(j), (j,), most=300.0)
+        yield self._independent(Cause.SCATTER, "all joints", self.sensed, most=15.0)
+        # A linear drift over the poses, of mean zero.
+        ramp = np.linspace(-0.5, 0.5, len(self.readings))
+        for j in self.sensed:
+            yield self._along(Cause.DRIFT, j, ramp[:, None])
         yield from self.scales()
         yield from self._frozen()
         yield from self._smooth()
         yield from self._entries()
         yield from self._fixture()
 
-    def _readings(self) -> Iterator[Candidate]:
-        """Candidates, by joint: independent errors of its readings in every pose (noise, or no working sensor)."""
-        stated = self.design.noise_variance(self.design.stated_variances())
-        for j in self.sensed:
-            yield Candidate(
-                cause=Cause.READING,
-                subject=str(j),
-                columns=self.joint(j),
-                own=self._all,
-                natural=np.full(len(self._all), ANGLE_RAD),
-                least=2.0 * float(np.sqrt(np.mean(stated[:, j - 1]))),
-            )
-
-    def _scatter(self) -> Candidate:
-        """Candidate: independent errors of equal size in the readings of all joints (the arm was not at rest)."""
-        sensed = np.array(self.sensed) - 1
-        stated = self.design.noise_variance(self.design.stated_variances())[:, sensed]
+    def _independent(
+        self, cause: Cause, subject: str, joints: tuple[int, ...], most: float
+    ) -> Candidate:
+        """Candidate: independent errors of equal size in the readings of these joints (1-based) in every pose."""
+        columns = [j - 1 for j in joints]
+        stated = self.design.noise_variance(self.design.stated_variances())[:, columns]
         return Candidate(
-            cause=Cause.SCATTER,
-            subject="all joints",
-            columns=self.system.B[:, :, sensed],
+            cause=cause,
+            subject=subject,
+            columns=self.system.B[:, :, columns],
             own=self._all,
-            natural=np.full(len(self._all) * len(sensed), ANGLE_RAD),
-            most=15.0,
+            natural=np.full(len(self._all) * len(columns), ANGLE_RAD),
+            most=most,
             least=2.0 * float(np.sqrt(np.mean(stated))),
         )
-
-    def _drifts(self) -> Iterator[Candidate]:
-        """Candidates, by joint: a linear drift of its reading over the poses, of mean zero."""
-        ramp = np.linspace(-0.5, 0.5, len(self.readings))
-        for j in self.sensed:
-            yield self._along(Cause.DRIFT, j, ramp[:, None])
 
     def scales(self) -> Iterator[Candidate]:
         """Candidates, by encoder: a wrong number of counts per turn, whose uncertainty no file states."""

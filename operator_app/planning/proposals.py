@@ -15,7 +15,7 @@ from fixtures.ball import Ball
 from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
 from operator_app.planning.outlook import Outlook, from_home_rad, outlook
-from solver.arrays import BoolArray, FloatArray, frozen
+from solver.arrays import FloatArray, frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.parameters import nominal_vector
@@ -74,7 +74,9 @@ def closing_home(
     for q in _closed(arm, model, x):
         there = replace(arm, home_rad=frozen(_whole_degrees(q)))
         found = outlook(there, fixture)
-        if not found.refused and found.from_home_rad is not None and _is_seen_well(found):
+        if found.refused or found.from_home_rad is None:
+            continue
+        if found.seen is None or found.seen.scaled_condition_number <= CONDITION_LIMIT:
             return there.home_rad, found
     return None
 
@@ -82,7 +84,9 @@ def closing_home(
 def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[FloatArray]:
     """Yield closed poses, nearest to home first, in which all joints can move and none is near an end of its range."""
     found = close_loops(model, x, np.concatenate((arm.home_rad[None], _drawn(arm))))
-    here = found.closed & _clear(arm, found.q)
+    low, high = _ranges(arm).T
+    room = CLEAR * (high - low)
+    here = found.closed & ((found.q > low + room) & (found.q < high - room)).all(axis=1)
     if not here.any():
         return
     q = found.q[here]
@@ -94,10 +98,6 @@ def _closed(arm: ArmModel, model: ClosureModel, x: FloatArray) -> Iterator[Float
     good = q[(score > 0.0) & (score >= AS_GOOD * score.max())]
     off = np.abs(good - arm.home_rad).max(axis=1)
     yield from good[np.argsort(off, kind="stable")[:BEST]]
-
-
-def _is_seen_well(found: Outlook) -> bool:
-    return found.seen is None or found.seen.scaled_condition_number <= CONDITION_LIMIT
 
 
 def _least_motion(columns: FloatArray, joints: int | None = None) -> FloatArray:
@@ -132,12 +132,6 @@ def _drawn(arm: ArmModel) -> FloatArray:
     ranges = _ranges(arm)
     share = qmc.Halton(arm.joint_count, scramble=False).random(TRIED_HOMES)
     return np.asarray(ranges.mean(axis=1) + MIDDLE * (share - 0.5) * np.diff(ranges, axis=1)[:, 0])
-
-
-def _clear(arm: ArmModel, q: FloatArray) -> BoolArray:
-    low, high = _ranges(arm).T
-    room = CLEAR * (high - low)
-    return np.asarray(((q > low + room) & (q < high - room)).all(axis=1))
 
 
 def _ranges(arm: ArmModel) -> FloatArray:

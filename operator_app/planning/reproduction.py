@@ -20,7 +20,6 @@ from operator_app.config.procedure import Procedure
 from operator_app.config.procedure_file import load_procedure
 from operator_app.planning.exploration import box_of, waypoints
 from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
@@ -97,7 +96,9 @@ def published(*, poses: int = PUBLISHED_POSES) -> Published:
         for name, chosen in alone
     ]
     shares.append(_share("all together", solution))
-    measured = _measured(procedure.arm, all_three)
+    # The true fixed lengths of the specimen, as if measured by an open-loop calibration.
+    arm, true = procedure.arm, all_three.true_loop().table
+    measured = replace(arm, table=replace(arm.table, s_m=true.s_m[1:], a_m=true.a_m[1:]))
     stiff = capture_specimen(procedure, replace(all_three, loads=STIFF), poses=poses)
     known = replace(procedure, arm=measured)
     remedies = (
@@ -130,13 +131,6 @@ def _calibrated(
         estimator=estimator,
         unsensed_joints=unsensed_joints,
     )
-
-
-def _measured(arm: ArmModel, chosen: Scenario) -> ArmModel:
-    """Return the arm with the true fixed lengths of the specimen, as if measured by an open-loop calibration."""
-    true = chosen.true_loop().table
-    table = replace(arm.table, s_m=true.s_m[1:], a_m=true.a_m[1:])
-    return replace(arm, table=table)
 
 
 def _share(name: str, found: Solution) -> Share:

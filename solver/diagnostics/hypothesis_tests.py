@@ -210,7 +210,7 @@ def find_outliers(left: WhitenedResiduals, *, scale: float = 1.0) -> Outliers:
     first: Outlier | None = None
     rest = left
     while True:
-        chi2, dof = _misfits(rest, kept)
+        chi2, dof = leave_one_out_chi2(rest, kept)
         limit = chdtri(np.maximum(dof, 1), FALSE_ALARM_PROBABILITY / m)
         excess = np.where(kept & (dof > 0), chi2 / scale - limit, -np.inf)
         worst = np.argsort(-excess, kind="stable")[:at_once]
@@ -237,17 +237,18 @@ def pose_columns(left: WhitenedResiduals, poses: IntArray) -> FloatArray:
     return np.asarray(np.linalg.inv(left.whitener[poses]))
 
 
-def leave_one_out_chi2(left: WhitenedResiduals) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose to the prediction by all others, and its degrees of freedom, (m,) each."""
-    return _misfits(left, np.ones(len(left.U), dtype=np.bool_))
+def leave_one_out_chi2(
+    left: WhitenedResiduals, kept: BoolArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each.
 
-
-def _misfits(left: WhitenedResiduals, kept: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Misfit of every pose to the prediction by the others, and its degrees of freedom, (m,) each."""
+    0 for poses that are not `kept` (m,).
+    """
     r = left.U.shape[1]
     H = np.eye(r) - left.U @ np.swapaxes(left.U, -1, -2)
     values, vectors = np.linalg.eigh(H)
     free = values > FREE
     along = (np.swapaxes(vectors, -1, -2) @ left.white[..., None])[..., 0]
     chi2 = np.where(free, along**2 / np.where(free, values, 1.0), 0.0).sum(-1)
+    kept = np.ones(len(H), dtype=np.bool_) if kept is None else kept
     return np.where(kept, chi2, 0.0), np.where(kept, free.sum(-1), 0)

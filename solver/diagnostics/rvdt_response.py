@@ -107,7 +107,7 @@ def measure(
     angle, deviation, curve = angle + constant, deviation - constant, _shifted(curve, constant)
     grid = np.linspace(curve.low, curve.high, GRID_POINTS)
     fitted = curve(grid)
-    bend, slope = _off_line(grid, fitted), _slope(grid, fitted)
+    bend, slope = _off_line(grid, fitted), float(np.polyfit(grid, fitted, 1)[0])
     squares = float(curve.residual @ curve.residual)
     own = float(np.mean(measured.scatter.own))
     variance = max(squares / curve.dof - own, 0.0)
@@ -135,12 +135,6 @@ def measure(
         curve=curve,
         table_rad=_table(curve, of_points),
     )
-
-
-def _slope(x: FloatArray, y: FloatArray) -> float:
-    """Slope of the best-fit line through points (k,)."""
-    across = x - x.mean()
-    return float(across @ y / (across @ across))
 
 
 def _off_line(x: FloatArray, y: FloatArray) -> FloatArray:

@@ -35,7 +35,6 @@ operator_app/manual/test_commands.py
 operator_app/manual/test_help.py
 operator_app/manual/test_notebooks.py
 operator_app/manual/test_site.py
-operator_app/planning/test_hidden.py
 operator_app/planning/test_many_poses.py
 operator_app/report/test_html_numbers.py
 operator_app/report/test_position_only.py

@@ -4,43 +4,31 @@ import numpy as np
 import pytest
 
 from fixtures.base import CheckKind, SetupCheck, Severity
-from fixtures.hinge import Hinge, moved_hinge
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import HingePlacement, load_fixture
+from fixtures.hinge import moved_hinge
+from operator_app.config.fixture_file import HingePlacement
 from operator_app.config.quantities import in_si
 from operator_app.errors import SessionError
 from operator_app.planning.advice import RankedPlacement, advise, assess_placement
 from operator_app.report.results.plan import advice_json, advice_text
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
+from tests.oracles.as_shipped import ARM, HINGE
 
 
-@pytest.fixture(scope="module")
-def arm():
-    return load_arm("sarcos_dextrous")
-
-
-@pytest.fixture(scope="module")
-def hinge():
-    fixture = load_fixture("hinge").fixture
-    assert isinstance(fixture, Hinge)
-    return fixture
-
-
-def test_a_good_placement_is_judged_good(arm, hinge):
-    report = assess_placement(moved_hinge(arm, hinge))
+def test_a_good_placement_is_judged_good():
+    report = assess_placement(moved_hinge(ARM, HINGE))
     assert report.feasible
     assert report.mobility == 2
     assert report.scaled_condition_number < 20.0
     assert report.drives[0].drives == (1, 5)
-    assert np.all(report.reach_rad[:, 0] >= arm.lower_rad)
-    assert np.all(report.reach_rad[:, 1] <= arm.upper_rad)
+    assert np.all(report.reach_rad[:, 0] >= ARM.lower_rad)
+    assert np.all(report.reach_rad[:, 1] <= ARM.upper_rad)
     assert np.ptp(report.reach_rad, axis=1).min() > np.deg2rad(20.0)
     assert set(report.sigma) >= {"theta_off_1", "a_0", "alpha_7"}
 
 
-def test_a_refused_check_makes_it_unusable(arm, hinge):
-    report = assess_placement(moved_hinge(arm, hinge), poses=5, candidates=150)
+def test_a_refused_check_makes_it_unusable():
+    report = assess_placement(moved_hinge(ARM, HINGE), poses=5, candidates=150)
     refused = SetupCheck(
         kind=CheckKind.AXIS_ANGLE, joint=7, severity=Severity.REFUSED, text="parallel"
     )
@@ -48,8 +36,8 @@ def test_a_refused_check_makes_it_unusable(arm, hinge):
     assert not replace(report, checks=(*report.checks, refused)).feasible
 
 
-def test_where_too_few_poses_can_be_reached_it_says_so(arm, hinge):
-    home = moved_hinge(arm, hinge).arm
+def test_where_too_few_poses_can_be_reached_it_says_so():
+    home = moved_hinge(ARM, HINGE).arm
     narrow = replace(
         home,
         joints=tuple(
@@ -57,14 +45,14 @@ def test_where_too_few_poses_can_be_reached_it_says_so(arm, hinge):
             for j, q in zip(home.joints, home.home_rad, strict=True)
         ),
     )
-    report = assess_placement(moved_hinge(narrow, hinge), poses=12)
+    report = assess_placement(moved_hinge(narrow, HINGE), poses=12)
     assert not report.feasible
     assert "no plan can be made" in report.text
 
 
 @pytest.mark.campaign
-def test_search_ranks_by_what_is_asked(arm, hinge):
-    found = advise(arm, hinge, tries=3, best=6, parameters=("s_1",))
+def test_search_ranks_by_what_is_asked():
+    found = advise(ARM, HINGE, tries=3, best=6, parameters=("s_1",))
     assert [p.gain for p in found] == sorted(p.gain for p in found)
     here = next(p for p in found if p.text == "as it is")
     assert here.gain == pytest.approx(1.0)
@@ -76,25 +64,25 @@ def test_search_ranks_by_what_is_asked(arm, hinge):
 
 
 @pytest.mark.campaign
-def test_search_is_deterministic_and_knows_its_parameters(arm, hinge):
-    first, again = (advise(arm, hinge, tries=1, poses=5) for _ in range(2))
+def test_search_is_deterministic_and_knows_its_parameters():
+    first, again = (advise(ARM, HINGE, tries=1, poses=5) for _ in range(2))
     assert [p.text for p in first] == [p.text for p in again]
     with pytest.raises(SessionError, match="a_9"):
-        advise(arm, hinge, tries=0, poses=5, parameters=("a_9",))
+        advise(ARM, HINGE, tries=0, poses=5, parameters=("a_9",))
 
 
-def test_the_placement_that_is_printed_closes_where_it_was_planned(arm, hinge):
-    """Without the offsets of the first and last joint a fixture file of it was another hinge."""
-    mounted = moved_hinge(arm, hinge, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
+def test_the_placement_that_is_printed_closes_where_it_was_planned():
+    """Without the offsets of the first and last joint a fixture file of it was another HINGE."""
+    mounted = moved_hinge(ARM, HINGE, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
     report = assess_placement(mounted, poses=5, candidates=150)
     ranked = RankedPlacement(report=report, gain=1.0, text="")
     parameters = {p.name: p for p in mounted.hinge.model(mounted.arm).parameters}
     shown = advice_json((ranked,), parameters)[0]["placement"]
-    read = replace(hinge, **in_si(HingePlacement(**shown).model_dump()))
-    loop = read.model(arm)
+    read = replace(HINGE, **in_si(HingePlacement(**shown).model_dump()))
+    loop = read.model(ARM)
     pose = close_loops(loop, nominal_vector(loop.parameters), mounted.arm.home_rad[None, :])
     assert pose.q[0] == pytest.approx(mounted.arm.home_rad, abs=1e-9)
-    words = advice_text((ranked,), parameters, arm.joint_count)
+    words = advice_text((ranked,), parameters, ARM.joint_count)
     for name in ("theta_off_1", "theta_off_7"):
-        offset = np.rad2deg(mounted.hinge.model(arm).table.theta_off_rad[int(name[-1])])
+        offset = np.rad2deg(mounted.hinge.model(ARM).table.theta_off_rad[int(name[-1])])
         assert f"{name} {offset:.1f}" in " ".join(words.split())

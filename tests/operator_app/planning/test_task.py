@@ -5,22 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from operator_app.config.arm_file import load_arm
-from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.task import planning_task
 from solver.chain.parameters import nominal_vector
 from solver.design.plan import make_plan
 from solver.design.stop_rule import standard_deviations
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA
 from tests.solver.design.conftest import known, of_noise
 
-ARM = load_arm("sarcos_dextrous")
 POSES = 12
 
 
 @pytest.fixture(scope="module")
 def task():
-    hinge = load_fixture("hinge").fixture
-    return planning_task(ARM, hinge, drive_sets=((1, 5),), samples=32, candidates=500)
+    return planning_task(ARM, HINGE, drive_sets=((1, 5),), samples=32, candidates=500)
 
 
 @pytest.fixture(scope="module")
@@ -70,3 +67,15 @@ def test_what_the_files_state_of_an_offset_counts(task, x, plan):
     at = [p.name for p in task.model.parameters].index("theta_off_3")
     assert with_prior[at] == pytest.approx((free[at] ** -2 + 0.001**-2) ** -0.5, rel=1e-3)
     assert (with_prior <= free + 1e-12).all()
+
+
+def test_a_ball_hides_the_first_and_the_last_offset_and_a_hinge_none():
+    """As unknowns of a plan they would make every sigma infinite or absurd."""
+    ball, hinge = (planning_task(PANDA, fixture, drive_sets=None) for fixture in (BALL, HINGE))
+    names = {p.name for p in ball.model.parameters}
+    assert names == {
+        *(f"theta_off_{j}" for j in range(2, 7)),
+        *(f"{side}_{axis}" for side in ("tip", "ground") for axis in "xyz"),
+    }
+    assert set(ball.parameters or ()) == names
+    assert {"theta_off_1", "theta_off_7"} < {p.name for p in hinge.model.parameters}

@@ -56,21 +56,16 @@ def simulated_poses(
     require_closed_chain(fixture.fixture)
     rng = np.random.default_rng([seed, 7])
     model, spread = free_within_tolerance(fixture.fixture.model(arm), arm)
-    x, reached = _moving(arm, fixture, model, spread, rng, most=ROOM * poses, least=poses)
+    x, reached = _moving(arm, fixture, model, spread, rng, poses)
     chosen = np.sort(rng.choice(reached.size, size=poses, replace=False))
     sensors = [_sensor(arm, j, rng) for j in range(arm.joint_count)]
     draws = rng.standard_normal((poses, samples, arm.joint_count))
-    readings = np.array(
-        [
-            [
-                [s.counts(angle, z) * s.resolution_rad for z in draws[k, :, j].tolist()]
-                if s is not None
-                else [0.0] * samples
-                for j, (s, angle) in enumerate(zip(sensors, reached.q[pose].tolist(), strict=True))
-            ]
-            for k, pose in enumerate(chosen)
-        ]
-    )
+    readings = np.zeros((poses, arm.joint_count, samples))
+    for j, sensor in enumerate(sensors):
+        if sensor is not None:
+            for k, angle in enumerate(reached.q[chosen, j].tolist()):
+                counts = [sensor.counts(angle, z) for z in draws[k, :, j].tolist()]
+                readings[k, j] = np.array(counts) * sensor.resolution_rad
     return SimulatedPoses(
         poses=PoseSet(
             placement=np.ones(poses, dtype=np.int64),
@@ -90,23 +85,21 @@ def _moving(
     model: ClosureModel,
     spread: Mapping[str, float],
     rng: np.random.Generator,
-    *,
-    most: int,
-    least: int,
+    poses: int,
 ) -> tuple[FloatArray, Manifold]:
     """Draw placements until one allows that many poses."""
     ranges = ranges_of(arm).within(margin_rad(arm))
     for _ in range(SIMULATION_TRIES):
         x = _drawn(fixture, model, spread, arm.offset_tolerance_rad or PLANTED_OFFSET_RAD, rng)
         try:
-            reached = candidate_poses(model, x, arm.home_rad, ranges, count=most)
+            reached = candidate_poses(model, x, arm.home_rad, ranges, count=ROOM * poses)
         except ValueError:
             continue
-        if reached.size >= least:
+        if reached.size >= poses:
             return x, reached
     raise SessionError(
         f"the loop of {arm.name} in fixture {fixture.name} does not close near home for "
-        f"{least} poses in any of {SIMULATION_TRIES} drawn placements",
+        f"{poses} poses in any of {SIMULATION_TRIES} drawn placements",
         "check the fixture's placement and the arm's home pose (sarcal plan), or request fewer poses",
     )
 

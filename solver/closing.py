@@ -31,6 +31,9 @@ SINGULAR = 1e-7
 TINY = 1e-200
 """Prevents a division by zero for a pose whose joints are all fixed."""
 
+LONGEST_CORRECTION_RAD = 0.5
+"""Largest correction of a joint in one iteration."""
+
 STALLED_RAD = 1e-14
 """A step as short as rounding: the pose cannot be closed any further."""
 
@@ -123,7 +126,6 @@ def close_loops(
     u: FloatArray | None = None,
     max_iterations: int = 30,
     tolerance: float = 1e-12,
-    max_step_rad: float = 0.5,
 ) -> ClosedPoses:
     """Project poses onto the loops that parameters `x` describe, by Newton's iteration.
 
@@ -138,19 +140,16 @@ def close_loops(
         (default: all joints alike). A joint with 0 does not move.
     u
         Unsensed angles (m, U) to start from, by default the model's; they may change freely.
-    max_step_rad
-        Largest correction of a joint in one iteration.
     """
     if len(q) > BLOCK_POSES:
         # Poses are closed in blocks, so that the Jacobians of all are never in memory at once.
-        blocks = [slice(k, k + BLOCK_POSES) for k in range(0, len(q), BLOCK_POSES)]
         found = [
             close_loops(
-                model.at_poses(np.arange(len(q))[here]), x, q[here],
+                model.at_poses(here), x, q[here],
                 sigma_rad=sigma_rad, u=None if u is None else u[here],
-                max_iterations=max_iterations, tolerance=tolerance, max_step_rad=max_step_rad,
+                max_iterations=max_iterations, tolerance=tolerance,
             )
-            for here in blocks
+            for here in np.split(np.arange(len(q)), range(BLOCK_POSES, len(q), BLOCK_POSES))
         ]  # fmt: skip
         return ClosedPoses(
             q=np.concatenate([f.q for f in found]),
@@ -174,7 +173,7 @@ def close_loops(
             here = model.at_poses(going)
         dq, du = newton_step(error, sigma)
         longest = np.concatenate((np.abs(dq), np.abs(du)), axis=-1).max(-1, keepdims=True)
-        shrink = np.minimum(1.0, max_step_rad / np.maximum(longest, 1e-300))
+        shrink = np.minimum(1.0, LONGEST_CORRECTION_RAD / np.maximum(longest, 1e-300))
         q[going] += dq * shrink
         u[going] += du * shrink
         moved[going] = longest[:, 0]

@@ -77,11 +77,10 @@ class Explorer:
         self._here = _Here(q=np.array(start_rad), rates=self._start_rates.copy())
         # One drive has two rays and no diagonals: every step is captured.
         self._every = 1 if len(drives) == 1 else CAPTURE_EVERY
-        self._rays = self._plan_rays()
+        self.rays = self._plan_rays()
         self._ray = 0
         self._pending: FloatArray | None = None
         self.failure = ""
-        self.ended: dict[tuple[float, ...], str] = {}
 
     def propose(self) -> tuple[GoTo | Capture, ...]:
         """Return the next move, and a capture where the pose at its end is worth it.
@@ -90,12 +89,12 @@ class Explorer:
         """
         if self.failure:
             return ()
-        while self._ray < len(self._rays):
-            ray = self._rays[self._ray]
+        while self._ray < len(self.rays):
+            ray = self.rays[self._ray]
             if ray.ended or self._here.on_ray >= ray.steps:
                 if self._here.away:
                     return self._return(ray)
-                self._finish(ray)
+                self._finish()
                 continue
             wiggle = self._ray < 2 * len(self.drives)
             step = WIGGLE_RAD if wiggle else RAY_STEP_RAD
@@ -121,7 +120,7 @@ class Explorer:
         """
         if self._pending is None:
             raise ValueError("nothing was proposed")
-        here, ray = self._here, self._rays[self._ray]
+        here, ray = self._here, self.rays[self._ray]
         target, self._pending = self._pending, None
         moved, by = q_rad - here.q, (q_rad - here.q)[self._columns]
         here.q = np.array(q_rad)
@@ -205,12 +204,10 @@ class Explorer:
             return
         here.returning = 0
         here.away = False
-        self._finish(self._rays[self._ray])
+        self._finish()
 
-    def _finish(self, ray: _Ray) -> None:
+    def _finish(self) -> None:
         """End the ray; back at the start, the rates of the first steps apply again."""
-        if ray.ended:
-            self.ended[tuple(ray.direction.tolist())] = ray.ended
         if self._ray < 2 * len(self.drives):
             self._start_rates = self._here.rates.copy()
         self._here.rates = self._start_rates.copy()

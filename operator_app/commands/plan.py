@@ -20,7 +20,7 @@ from operator_app.safe_output import as_json, say
 
 if TYPE_CHECKING:
     from operator_app.config.procedure import Procedure
-    from operator_app.planning.advice import RankedPlacement
+    from operator_app.planning.advice import PlacementReport
     from operator_app.planning.preview import Preview
     from solver.arrays import FloatArray
 
@@ -170,7 +170,7 @@ def _of_session(args: argparse.Namespace) -> tuple[Procedure, FloatArray | None,
 
 def _advice(
     args: argparse.Namespace, procedure: Procedure, shown: Preview, poses: int
-) -> tuple[RankedPlacement, ...]:
+) -> tuple[PlacementReport, ...]:
     """Search for better hinge placements around the nominal or estimated one."""
     from operator_app.planning.advice import advise
 

@@ -32,7 +32,7 @@ from operator_app.units import (
 
 if TYPE_CHECKING:
     from fixtures.hinge import MountedHinge
-    from operator_app.planning.advice import RankedPlacement
+    from operator_app.planning.advice import PlacementReport
     from operator_app.planning.preview import PlannedPose, Preview
     from solver.chain.parameters import Parameter
     from solver.design.drive_joints import RankedDrives
@@ -170,21 +170,20 @@ def _sigma(parameter: Parameter, sigma: float) -> list[str]:
 
 
 def advice_text(
-    ranked: tuple[RankedPlacement, ...], parameters: dict[str, Parameter], joints: int
+    ranked: tuple[PlacementReport, ...], parameters: dict[str, Parameter], joints: int
 ) -> str:
     """Return ranked hinge placements: predicted sigmas, and the difference from the current placement."""
     if not ranked:
         return "No placement near the present one can be used."
     rows = [["", "tilt", "shift", "uncertainty", "condition", "mobility", "drives", "poses"]]
     rows.append(["", "deg", "mm", "of present", "scaled", "", "", ""])
-    for number, placement in enumerate(ranked, 1):
-        r = placement.report
+    for number, r in enumerate(ranked, 1):
         rows.append(
             [
                 str(number),
                 WHOLE_DEGREES(r.mounted.tilt_rad).shown,
                 NOMINAL_LENGTH(r.mounted.shift_m).shown,
-                f"{placement.gain:.0%}",
+                f"{r.gain:.0%}",
                 CONDITION(r.scaled_condition_number).shown,
                 str(r.mobility),
                 " ".join(map(str, r.drives[0].drives)) if r.drives else "",
@@ -201,13 +200,12 @@ def advice_text(
 
 
 def _placement(
-    number: int, placement: RankedPlacement, parameters: dict[str, Parameter], joints: int
+    number: int, placement: PlacementReport, parameters: dict[str, Parameter], joints: int
 ) -> str:
-    report = placement.report
     entries = "; ".join(
         ", ".join(
             f"{name.replace('_n', f'_{joints}')} {kind(v).shown}"
-            for name, v in _entries(report.mounted).items()
+            for name, v in _entries(placement.mounted).items()
             if name.startswith(ANGULAR) is angles
         )
         + f" {kind.quantity.unit}"
@@ -215,7 +213,7 @@ def _placement(
     )
     travel = ", ".join(
         f"J{j} {WHOLE_DEGREES(low).shown} to {WHOLE_DEGREES(high).shown}"
-        for j, (low, high) in enumerate(report.reach_rad.tolist(), 1)
+        for j, (low, high) in enumerate(placement.reach_rad.tolist(), 1)
     )
     lines = [
         f"{number}. {placement.text}",
@@ -225,11 +223,11 @@ def _placement(
     for quantity in (ANGLE, LENGTH):
         some = [
             f"{name} {Figure(sigma, quantity, places=PLACES).shown}"
-            for name, sigma in report.sigma.items()
+            for name, sigma in placement.sigma.items()
             if quantity_of(parameters[name]) is quantity
         ]
         lines.append(f"sigmas in {quantity.unit}: {', '.join(some)}")
-    lines += [f"! {c.text}: {c.remedy}" for c in report.checks if c.severity is not Severity.OK]
+    lines += [f"! {c.text}: {c.remedy}" for c in placement.checks if c.severity is not Severity.OK]
     head, *others = lines
     below = (
         textwrap.fill(
@@ -300,34 +298,35 @@ def ranked_json(ranked: RankedDrives) -> dict[str, Any]:
 
 
 def advice_json(
-    ranked: tuple[RankedPlacement, ...], parameters: Mapping[str, Parameter]
+    ranked: tuple[PlacementReport, ...], parameters: Mapping[str, Parameter]
 ) -> list[dict[str, Any]]:
     """Return ranked hinge placements."""
     return [_placement_json(placement, parameters) for placement in ranked]
 
 
 def _placement_json(
-    placement: RankedPlacement, parameters: Mapping[str, Parameter]
+    placement: PlacementReport, parameters: Mapping[str, Parameter]
 ) -> dict[str, Any]:
-    report = placement.report
     return {
         "text": placement.text,
         "gain": placement.gain,
-        "tilt_deg": math.degrees(report.mounted.tilt_rad),
-        "shift_mm": 1e3 * report.mounted.shift_m,
+        "tilt_deg": math.degrees(placement.mounted.tilt_rad),
+        "shift_mm": 1e3 * placement.mounted.shift_m,
         "placement": dict(
             (f"{name}_deg", math.degrees(v))
             if name.startswith(ANGULAR)
             else (f"{name}_mm", 1e3 * v)
-            for name, v in _entries(report.mounted).items()
+            for name, v in _entries(placement.mounted).items()
         ),
-        "mobility": report.mobility,
-        "reach_deg": np.rad2deg(report.reach_rad).tolist(),
-        "drives": [ranked_json(r) for r in report.drives],
-        "poses": report.poses,
-        "scaled_condition_number": Figure(report.scaled_condition_number).in_json,
-        "sigma": {name: in_json(parameters[name], sigma) for name, sigma in report.sigma.items()},
-        "checks": [c.data for c in report.checks],
+        "mobility": placement.mobility,
+        "reach_deg": np.rad2deg(placement.reach_rad).tolist(),
+        "drives": [ranked_json(r) for r in placement.drives],
+        "poses": placement.poses,
+        "scaled_condition_number": Figure(placement.scaled_condition_number).in_json,
+        "sigma": {
+            name: in_json(parameters[name], sigma) for name, sigma in placement.sigma.items()
+        },
+        "checks": [c.data for c in placement.checks],
     }
 
 

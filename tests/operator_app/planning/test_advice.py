@@ -8,7 +8,7 @@ from fixtures.hinge import moved_hinge
 from operator_app.config.fixture_file import HingePlacement
 from operator_app.config.quantities import in_si
 from operator_app.errors import SessionError
-from operator_app.planning.advice import RankedPlacement, advise, assess_placement
+from operator_app.planning.advice import advise, assess_placement
 from operator_app.report.results.plan import advice_json, advice_text
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
@@ -57,7 +57,7 @@ def test_search_ranks_by_what_is_asked():
     here = next(p for p in found if p.text == "as it is")
     assert here.gain == pytest.approx(1.0)
     for placement in found:
-        expected = placement.report.sigma["s_1"] / here.report.sigma["s_1"]
+        expected = placement.sigma["s_1"] / here.sigma["s_1"]
         assert placement.gain == pytest.approx(expected)
     assert found[0].gain < 1.0
     assert "s_1 known to" in found[0].text
@@ -75,14 +75,13 @@ def test_the_placement_that_is_printed_closes_where_it_was_planned():
     """Without the offsets of the first and last joint a fixture file of it was another HINGE."""
     mounted = moved_hinge(ARM, HINGE, tilt_rad=(0.3, -0.2), shift_m=(0.03, 0.02))
     report = assess_placement(mounted, poses=5, candidates=150)
-    ranked = RankedPlacement(report=report, gain=1.0, text="")
     parameters = {p.name: p for p in mounted.hinge.model(mounted.arm).parameters}
-    shown = advice_json((ranked,), parameters)[0]["placement"]
+    shown = advice_json((report,), parameters)[0]["placement"]
     read = replace(HINGE, **in_si(HingePlacement(**shown).model_dump()))
     loop = read.model(ARM)
     pose = close_loops(loop, nominal_vector(loop.parameters), mounted.arm.home_rad[None, :])
     assert pose.q[0] == pytest.approx(mounted.arm.home_rad, abs=1e-9)
-    words = advice_text((ranked,), parameters, ARM.joint_count)
+    words = advice_text((report,), parameters, ARM.joint_count)
     for name in ("theta_off_1", "theta_off_7"):
         offset = np.rad2deg(mounted.hinge.model(ARM).table.theta_off_rad[int(name[-1])])
         assert f"{name} {offset:.1f}" in " ".join(words.split())

@@ -89,16 +89,12 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
 
 
 def _hinge_placement(hinge: Hinge) -> Mapping[str, Any]:
+    entries = [
+        (name, name.startswith(("alpha", "theta")), v) for name, v in hinge.placement.items()
+    ]
     return {
-        "a_0_mm": _millimetres(hinge.a_0_m),
-        "s_0_mm": _millimetres(hinge.s_0_m),
-        "alpha_0_deg": _degrees(hinge.alpha_0_rad),
-        "s_1_mm": _millimetres(hinge.s_1_m),
-        "a_n_mm": _millimetres(hinge.a_n_m),
-        "s_n_mm": _millimetres(hinge.s_n_m),
-        "alpha_n_deg": _degrees(hinge.alpha_n_rad),
-        "theta_off_1_deg": _degrees(hinge.theta_off_1_rad or 0.0),
-        "theta_off_n_deg": _degrees(hinge.theta_off_n_rad or 0.0),
+        f"{name}_{'deg' if angle else 'mm'}": _degrees(v) if angle else _millimetres(v)
+        for name, angle, v in entries
     }
 
 

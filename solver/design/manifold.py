@@ -45,18 +45,12 @@ class Manifold:
         Tangents at all poses.
     neighbours
         (E, 2) pairs of neighbouring poses, lower index first, sorted.
-    step_rad
-        Length of a growing step in the space of all joints.
-    complete
-        Whether growth ended at the ends of the ranges and not at the limit on the number of poses.
     """
 
     q: FloatArray
     u: FloatArray
     motion: ChainMotion
     neighbours: IntArray
-    step_rad: float
-    complete: bool
 
     @property
     def size(self) -> int:
@@ -115,8 +109,6 @@ def grow_manifold(
         u=u,
         motion=motion,
         neighbours=_touching(points, motion, step_rad),
-        step_rad=step_rad,
-        complete=len(points) < most,
     )
 
 

@@ -31,7 +31,6 @@ from operator_app.units import (
 )
 
 if TYPE_CHECKING:
-    from fixtures.hinge import MountedHinge
     from operator_app.planning.advice import PlacementReport
     from operator_app.planning.preview import PlannedPose, Preview
     from solver.chain.parameters import Parameter
@@ -205,7 +204,7 @@ def _placement(
     entries = "; ".join(
         ", ".join(
             f"{name.replace('_n', f'_{joints}')} {kind(v).shown}"
-            for name, v in _entries(placement.mounted).items()
+            for name, v in placement.mounted.hinge.placement.items()
             if name.startswith(ANGULAR) is angles
         )
         + f" {kind.quantity.unit}"
@@ -240,23 +239,6 @@ def _placement(
 
 ANGULAR = ("alpha", "theta")
 """Beginnings of the names of entries that are angles."""
-
-
-def _entries(mounted: MountedHinge) -> dict[str, float]:
-    """D-H entries (rad, m) of a hinge's placement; n stands for the last joint."""
-    hinge = mounted.hinge
-    _, off_1, *_, off_n = hinge.model(mounted.arm).table.theta_off_rad.tolist()
-    return {
-        "a_0": hinge.a_0_m,
-        "s_0": hinge.s_0_m,
-        "alpha_0": hinge.alpha_0_rad,
-        "s_1": hinge.s_1_m,
-        "a_n": hinge.a_n_m,
-        "s_n": hinge.s_n_m,
-        "alpha_n": hinge.alpha_n_rad,
-        "theta_off_1": off_1,
-        "theta_off_n": off_n,
-    }
 
 
 def plan_json(shown: Preview, *, basis: str) -> dict[str, Any]:
@@ -316,7 +298,7 @@ def _placement_json(
             (f"{name}_deg", math.degrees(v))
             if name.startswith(ANGULAR)
             else (f"{name}_mm", 1e3 * v)
-            for name, v in _entries(placement.mounted).items()
+            for name, v in placement.mounted.hinge.placement.items()
         ),
         "mobility": placement.mobility,
         "reach_deg": np.rad2deg(placement.reach_rad).tolist(),

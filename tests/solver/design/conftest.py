@@ -16,6 +16,7 @@ from tests.oracles.simulated_loops import ENCODER_SD
 from tests.solver.conftest import loop_of
 
 HOME = paper_truth().home
+REGION_STEP_RAD = 0.12
 SIGMA = np.array([ENCODER_SD] * 5 + [6e-3] * 2)
 
 
@@ -57,7 +58,7 @@ def ranges():
 
 @pytest.fixture(scope="session")
 def region(loop, x, ranges):
-    return grow_manifold(loop, x, HOME, ranges, step_rad=0.12)
+    return grow_manifold(loop, x, HOME, ranges, step_rad=REGION_STEP_RAD)
 
 
 @pytest.fixture(scope="session")

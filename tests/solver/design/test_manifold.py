@@ -10,6 +10,7 @@ from solver.design.manifold import candidate_poses, grow_manifold
 from solver.design.motion import Ranges
 from solver.loops.dh import DhLoop
 from tests.oracles.loop_oracle import closed_poses, closure, paper_truth, product
+from tests.solver.design.conftest import REGION_STEP_RAD
 
 TRUTH = paper_truth()
 
@@ -25,7 +26,6 @@ def test_every_pose_closes_for_the_oracle_and_is_in_range(region, ranges):
     )
     assert np.trace(T[:, :3, :3], axis1=1, axis2=2).min() > 2.99
     assert ranges.clearance(region.q).min() >= 0.0
-    assert region.complete
 
 
 def test_region_covers_what_random_search_finds(region, ranges):
@@ -35,13 +35,13 @@ def test_region_covers_what_random_search_finds(region, ranges):
     gap, _ = cKDTree(region.q).query(inside)
     # The manifold has other parts that cannot be reached from home; most random poses are on this.
     assert len(inside) > 60
-    assert np.mean(gap < region.step_rad) > 0.9
+    assert np.mean(gap < REGION_STEP_RAD) > 0.9
 
 
 def test_spacing_is_even(region):
     nearest = cKDTree(region.q).query(region.q, k=2)[0][:, 1]
-    assert nearest.min() > 0.7 * region.step_rad
-    assert np.percentile(nearest, 95) < 1.1 * region.step_rad
+    assert nearest.min() > 0.7 * REGION_STEP_RAD
+    assert np.percentile(nearest, 95) < 1.1 * REGION_STEP_RAD
 
 
 def test_same_seed_same_poses(loop, x, ranges):
@@ -56,10 +56,9 @@ def test_candidates_come_in_the_number_asked_for(loop, x, ranges):
     assert 600 < candidate_poses(loop, x, TRUTH.home, ranges, count=800).size < 1000
 
 
-def test_growth_stops_at_its_limit_and_says_so(loop, x, ranges):
+def test_growth_stops_at_its_limit(loop, x, ranges):
     cut = grow_manifold(loop, x, TRUTH.home, ranges, most=50)
     assert cut.size == 50
-    assert not cut.complete
 
 
 def test_start_that_cannot_close_is_refused(loop, x, ranges):
@@ -99,7 +98,6 @@ def test_a_curve_is_followed_where_the_hinge_turns_most():
     curve = grow_manifold(six, nominal_vector(six.parameters), home, wide, step_rad=0.1)
     assert curve.motion.degrees == 1
     assert np.abs(curve.motion.tangent[0, 6, 0]) > 0.75
-    assert curve.complete
-    assert curve.size > 50
+    assert 50 < curve.size < 8000
     # Whoever stands on it has a neighbour on either side.
     assert np.bincount(curve.neighbours.ravel(), minlength=curve.size).min() >= 1

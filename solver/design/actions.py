@@ -11,7 +11,7 @@ import numpy as np
 from solver.arrays import FloatArray
 from solver.design.motion import Ranges
 from solver.design.paths import Route
-from solver.design.stop_rule import StopDecision
+from solver.design.stop_rule import WeakParameter
 
 NOISE_RAD = float(np.deg2rad(0.3))
 """Allowed drift of a resting joint's reading."""
@@ -61,12 +61,12 @@ class ChangeDrives:
 class Finished:
     """Nothing left to do.
 
-    `complete`: whether all planned poses were taken or the requested precision was reached. `decision`: decision of the
-    stop rule; None without a requested precision or an estimate. `text`: why it ended.
+    `complete`: whether all planned poses were taken or the requested precision was reached. `weak`: parameters that are
+    less precise than requested. `text`: why it ended.
     """
 
     complete: bool
-    decision: StopDecision | None
+    weak: tuple[WeakParameter, ...]
     text: str
 
 

@@ -353,4 +353,6 @@ class Campaign:
 
     def _finish(self, text: str, *, complete: bool, decision: StopDecision | None = None) -> None:
         self.phase = Phase.FINISHED
-        self._queue.append(Finished(complete=complete, decision=decision, text=text))
+        self._queue.append(
+            Finished(complete=complete, weak=() if decision is None else decision.weak, text=text)
+        )

@@ -30,7 +30,6 @@ from operator_app.session.workflow.session import Session
 from operator_app.units import WHOLE_DEGREES, joints_named
 from solver.design.actions import Capture, ChangeDrives, Finished, GoTo, Phase, path_watch
 from solver.design.campaign import Campaign
-from solver.design.stop_rule import PrecisionStatus
 
 SAME_BRANCH_RAD = float(np.deg2rad(6.0))
 """Free joints farther from their last position, with the drives back, are on another branch of the loop."""
@@ -276,8 +275,6 @@ class PlannedCapture:
         )
 
     def _end(self, action: Finished) -> CampaignEnd:
-        decision = action.decision
-        reached = decision is None or decision.standing is PrecisionStatus.REACHED
         data = {
             "complete": action.complete,
             "text": action.text,
@@ -287,7 +284,7 @@ class PlannedCapture:
                     "sigma": w.sigma if np.isfinite(w.sigma) else None,
                     "requested": w.requested,
                 }
-                for w in (() if reached or decision is None else decision.weak)
+                for w in action.weak
             ],
         }
         self._session.record("campaign_ended", data)

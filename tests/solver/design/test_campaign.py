@@ -74,7 +74,7 @@ def test_precision_out_of_reach_is_said(task, x):
     campaign = at_plan(task, x, poses=3, requested={"alpha_0": 1e-9})
     actions = drive(campaign, task, x)
     assert actions[-1].text.startswith("all 3 planned poses are taken; alpha_0")
-    assert actions[-1].decision.weak[0].name == "alpha_0"
+    assert actions[-1].weak[0].name == "alpha_0"
 
 
 @pytest.mark.campaign

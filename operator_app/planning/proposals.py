@@ -162,10 +162,7 @@ def hinge_between(arm: ArmModel, hand: Line, base: Line | None) -> Hinge:
     Of the two directions along the base's line, it takes the one that closes nearer to the arm's home.
     """
     if base is None:
-        R, p = _hand_at_home(arm)
-        return Hinge.between(
-            arm, Line(point_m=p + R @ hand.point_m, direction=R @ hand.direction), hand
-        )
+        return Hinge.between(arm, hand.seen(*_hand_at_home(arm)), hand)
     ways = [
         Hinge.between(arm, Line(point_m=base.point_m, direction=sign * base.direction), hand)
         for sign in (1.0, -1.0)

@@ -17,6 +17,7 @@ import numpy as np
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry, Parameter, wrap_angles
+from solver.loops.endpoint_geometry import Line
 
 BLOCK_POSES = 1024
 """Poses evaluated at a time: kinematics and Jacobian of this many fit in a core's cache."""
@@ -84,22 +85,15 @@ class ConstrainedPart(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ToolConstraint:
-    """Where a fixture constrains the tool, and where on the table, in the frames of `ConstrainedAxis`.
+    """Where a fixture constrains the tool, and where on the table.
 
-    Attributes
-    ----------
-    direction, ground_direction
-        Direction of the line constrained by a hinge, (3,).
-    point_m, ground_point_m
-        Coordinates of the constrained point, (3,).
-    rotation
-        Mean (3, 3) of the tool's rotations over the poses; itself a rotation if the fixture is rigid.
+    `ground`, `hand`: the lines constrained by a hinge, in the frames of `constrained_axis_entries`; their points are
+    those of any fixture. `rotation`: mean (3, 3) of the tool's rotations over the poses, in the frame of `ground`; with
+    a rigid fixture it is a rotation itself.
     """
 
-    direction: FloatArray
-    ground_direction: FloatArray
-    point_m: FloatArray
-    ground_point_m: FloatArray
+    ground: Line
+    hand: Line
     rotation: FloatArray
 
 

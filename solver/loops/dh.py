@@ -26,7 +26,7 @@ from solver.loops.closure import (
     ReducedError,
     ToolConstraint,
 )
-from solver.loops.endpoint_geometry import ConstrainedAxis, constrained_frame_entries
+from solver.loops.endpoint_geometry import constrained_axis_entries, constrained_frame_entries
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,13 +166,8 @@ class DhLoop(ArmLoop):
     def constraint_entries(self, at: ToolConstraint) -> dict[str, float]:
         """D-H entries of the fixture for this constraint of the tool."""
         if not self.hinge:
-            return constrained_frame_entries(at.rotation, at.ground_point_m, self.joint_count)
-        return ConstrainedAxis(
-            ground_direction=at.ground_direction,
-            ground_point_m=at.ground_point_m,
-            hand_direction=at.direction,
-            hand_point_m=at.point_m,
-        ).entries(self.joint_count)
+            return constrained_frame_entries(at.rotation, at.ground.point_m, self.joint_count)
+        return constrained_axis_entries(at.ground, at.hand, self.joint_count)
 
     def dh_table(self, x: FloatArray) -> DhTable:
         """D-H table of links 0..n."""

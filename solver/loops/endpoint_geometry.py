@@ -23,61 +23,56 @@ class Line:
     point_m: FloatArray
     direction: FloatArray
 
+    def seen(self, R: FloatArray, p_m: FloatArray) -> Line:
+        """Return the line in a frame in which the present one has rotation `R` and origin `p_m`."""
+        return Line(point_m=p_m + R @ self.point_m, direction=R @ self.direction)
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ConstrainedAxis:
-    """A line fixed in the tool, and the line fixed in the table with which it coincides.
 
-    `ground_direction`, `ground_point_m`: in the base frame turned and shifted so that theta_off_1 and s_1 are zero,
-    (3,). `hand_direction`, `hand_point_m`: in the frame that turns with joint n, with theta_off_n zero: ``R_1 ..
-    R_{n-1} Rz(theta_n)``, origin of frame n-1, (3,).
+def constrained_axis_entries(ground: Line, hand: Line, n: int) -> dict[str, float]:
+    """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi], of two lines that coincide.
+
+    Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do, here the one
+    through the tool's or the table's point.
+
+    Parameters
+    ----------
+    ground
+        The line fixed in the table, in the base frame turned and shifted so that theta_off_1 and s_1 are zero.
+    hand
+        The line fixed in the tool, in the frame that turns with joint n, with theta_off_n zero: ``R_1 .. R_{n-1}
+        Rz(theta_n)``, origin of frame n-1.
     """
-
-    ground_direction: FloatArray
-    ground_point_m: FloatArray
-    hand_direction: FloatArray
-    hand_point_m: FloatArray
-
-    def entries(self, n: int) -> dict[str, float]:
-        """D-H entries of links 0, 1 and n, by name, with alpha_0 and alpha_n in [0, pi].
-
-        Where neighbouring axes are parallel (Hayati [9]) the common normal is not unique: any will do, here the one
-        through the tool's or the table's point.
-        """
-        # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
-        off_n = _bearing(self.hand_direction) + 0.5 * np.pi
-        alpha_n = _tilt(self.hand_direction)
-        t = rotation_about_z(-off_n) @ self.hand_point_m
-        # Distance of the tool point along the line from the foot of the common normal with z_{n-1}.
-        slide = -_quotient(t[1], np.sin(alpha_n))
-        # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
-        off_1 = 0.5 * np.pi - _bearing(self.ground_direction)
-        alpha_0 = _tilt(self.ground_direction)
-        g = rotation_about_z(off_1) @ (self.ground_point_m - slide * self.ground_direction)
-        s_0 = -_quotient(g[1], np.sin(alpha_0))
-        return {
-            "theta_off_1": float(wrap_angle(off_1)),
-            "s_0": s_0,
-            "a_0": float(-g[0]),
-            "alpha_0": alpha_0,
-            "s_1": float(-s_0 * np.cos(alpha_0) - g[2]),
-            f"theta_off_{n}": float(wrap_angle(off_n)),
-            f"s_{n}": float(t[2] - slide * np.cos(alpha_n)),
-            f"a_{n}": float(t[0]),
-            f"alpha_{n}": alpha_n,
-        }
+    # Tool: direction = Rz(off_n) (0, -sin alpha_n, cos alpha_n).
+    off_n = _bearing(hand.direction) + 0.5 * np.pi
+    alpha_n = _tilt(hand.direction)
+    t = rotation_about_z(-off_n) @ hand.point_m
+    # Distance of the tool point along the line from the foot of the common normal with z_{n-1}.
+    slide = -_quotient(t[1], np.sin(alpha_n))
+    # Ground: Rz(off_1) direction = (0, sin alpha_0, cos alpha_0), z_-1 seen in frame 0.
+    off_1 = 0.5 * np.pi - _bearing(ground.direction)
+    alpha_0 = _tilt(ground.direction)
+    g = rotation_about_z(off_1) @ (ground.point_m - slide * ground.direction)
+    s_0 = -_quotient(g[1], np.sin(alpha_0))
+    return {
+        "theta_off_1": float(wrap_angle(off_1)),
+        "s_0": s_0,
+        "a_0": float(-g[0]),
+        "alpha_0": alpha_0,
+        "s_1": float(-s_0 * np.cos(alpha_0) - g[2]),
+        f"theta_off_{n}": float(wrap_angle(off_n)),
+        f"s_{n}": float(t[2] - slide * np.cos(alpha_n)),
+        f"a_{n}": float(t[0]),
+        f"alpha_{n}": alpha_n,
+    }
 
 
 def constrained_frame_entries(R: FloatArray, p_m: FloatArray, n: int) -> dict[str, float]:
     """D-H entries of a rigid loop whose tool frame (s_n = a_n = alpha_n = 0) is fixed at `R`, `p_m`.
 
-    Both are in the frame of `ConstrainedAxis.ground_direction` and do not include theta_off_n.
+    Both are in the frame of a constrained axis' `ground` and do not include theta_off_n.
     """
-    z = np.array([0.0, 0.0, 1.0])
-    axis = ConstrainedAxis(
-        ground_direction=R[:, 2], ground_point_m=p_m, hand_direction=z, hand_point_m=np.zeros(3)
-    )
-    found = axis.entries(n)
+    hand = Line(point_m=np.zeros(3), direction=np.array([0.0, 0.0, 1.0]))
+    found = constrained_axis_entries(Line(point_m=p_m, direction=R[:, 2]), hand, n)
     # R Rz(off_n) is Rz(-off_1) Rx(-alpha_0).
     turn = rotation_about_x(found["alpha_0"]) @ rotation_about_z(found["theta_off_1"]) @ R
     kept = {name: found[name] for name in ("theta_off_1", "s_0", "a_0", "alpha_0", "s_1")}

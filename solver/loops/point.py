@@ -93,14 +93,14 @@ class PointClosure(ArmLoop):
         # The ends of the arm as a separate chain: links n and 1 at their nominal values.
         c, s = np.cos(table.theta_off_rad), np.sin(table.theta_off_rad)
         ca, sa = np.cos(table.alpha_rad[-1]), np.sin(table.alpha_rad[-1])
-        x, y, z = at.point_m
+        x, y, z = at.hand.point_m
         along, across, up = (
             c[-1] * x + s[-1] * y - table.a_m[-1],
             c[-1] * y - s[-1] * x,
             z - table.s_m[-1],
         )
         tip = (along, ca * across + sa * up, ca * up - sa * across)
-        x, y, z = at.ground_point_m
+        x, y, z = at.ground.point_m
         ground = (c[0] * x - s[0] * y, s[0] * x + c[0] * y, z + table.s_m[0])
         return dict(zip(TIP + GROUND, map(float, (*tip, *ground)), strict=True))
 

@@ -24,6 +24,7 @@ from solver.arrays import FloatArray
 from solver.chain.kinematics import DhTable, Frames, forward
 from solver.chain.parameters import DhKind, wrap_angle
 from solver.loops.closure import ClosureModel, ConstrainedPart, ToolConstraint, Which
+from solver.loops.endpoint_geometry import Line
 
 RIDGE = 1e-9
 """Keeps the projection defined where t may slide along h; negligibly small."""
@@ -102,12 +103,11 @@ class InnerProblem:
         M, p = frames.R_end, frames.p_end
         mean = M.mean(-3, keepdims=True)
         h, t = self._projected(M, M - mean, p)
-        ground = (mean[0, 0] @ h[0], (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0])
+        along = mean[0, 0] @ h[0]
+        point = (p + (M @ t[:, None, :, None])[..., 0]).mean(-2)[0]
         return ToolConstraint(
-            direction=h[0],
-            ground_direction=ground[0] / np.linalg.norm(ground[0]),
-            point_m=t[0],
-            ground_point_m=ground[1],
+            ground=Line(point_m=point, direction=along / np.linalg.norm(along)),
+            hand=Line(point_m=t[0], direction=h[0]),
             rotation=mean[0, 0],
         )
 

@@ -52,9 +52,9 @@ def hinge_at(arm: ArmModel, point_m: list[float], direction: list[float]) -> Hin
     """The hinge on a line of the frame before the last link at home, with the offsets of the arm's file."""
     frames = at_home(arm)
     R, p = frames.axes[-2] @ rotation_about_z(arm.home_rad[-1]), frames.origins_m[-2]
-    point, along = p + R @ point_m, R @ direction
-    hand = Line(point_m=(point - frames.p_end) @ frames.R_end, direction=along @ frames.R_end)
-    placed = Hinge.between(arm, Line(point_m=point, direction=along), hand)
+    ground = Line(point_m=np.array(point_m), direction=np.array(direction)).seen(R, p)
+    hand = ground.seen(frames.R_end.T, -frames.p_end @ frames.R_end)
+    placed = Hinge.between(arm, ground, hand)
     return replace(placed, theta_off_1_rad=None, theta_off_n_rad=None)
 
 

@@ -21,7 +21,7 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter, nominal_vector
 from solver.design.interim import InterimEstimate, implicit_interim
-from solver.design.paths import Route
+from solver.design.paths import Leg
 from solver.design.plan import PlanningTask, PosePlan, make_plan
 from solver.diagnostics.identifiability import Identifiability, identifiability
 
@@ -36,7 +36,7 @@ class PlannedPose:
 
     q_rad: FloatArray
     drives: tuple[int, ...]
-    route: Route | None
+    route: tuple[Leg, ...] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,6 +168,6 @@ def _visited(
         )
         if route is not None:
             here = target
-            drives = route.legs[-1].drives if route.legs else drives
+            drives = route[-1].drives if route else drives
         poses.append(PlannedPose(q_rad=plan.manifold.q[target], drives=drives, route=route))
     return tuple(poses)

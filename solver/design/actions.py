@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from solver.arrays import FloatArray
 from solver.design.motion import Ranges
-from solver.design.paths import Route
+from solver.design.paths import Leg
 from solver.design.stop_rule import WeakParameter
 
 NOISE_RAD = float(np.deg2rad(0.3))
@@ -104,11 +104,11 @@ def path_watch(
 
 
 def moves_along(
-    route: Route, drives: tuple[int, ...], goal: str, *, of: str = ""
+    route: Sequence[Leg], drives: tuple[int, ...], goal: str, *, of: str = ""
 ) -> list[GoTo | ChangeDrives]:
     """Return moves along a route, with the changes of drives on it; `drives` are in position mode before it."""
     moves: list[GoTo | ChangeDrives] = []
-    for leg in route.legs:
+    for leg in route:
         if leg.drives != drives:
             drives = leg.drives
             why = f"joints {' and '.join(map(str, drives))} reach {goal}"

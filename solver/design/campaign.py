@@ -27,7 +27,7 @@ from solver.design.actions import (
 )
 from solver.design.exploration import Explorer
 from solver.design.interim import Calibrate, InterimEstimate, implicit_interim
-from solver.design.paths import Route
+from solver.design.paths import Leg
 from solver.design.plan import PlanningTask, PosePlan, information_of, make_plan
 from solver.design.stop_rule import PrecisionStatus, StopDecision, stop_decision
 from solver.errors import SolverError
@@ -286,7 +286,7 @@ class Campaign:
         self._queue.append(Capture(planned=True, why=goal))
         self._node = target
 
-    def _route(self, plan: PosePlan, target: int) -> Route | None:
+    def _route(self, plan: PosePlan, target: int) -> tuple[Leg, ...] | None:
         """Return a path from the current pose to a candidate of `plan`; None where none is known to be safe.
 
         A path must keep four fifths of the planning margin, not all: it may bulge between two candidates that keep all.
@@ -321,7 +321,7 @@ class Campaign:
         if route is None:
             return None
         moves = moves_along(route, self.drives, "a captured pose")
-        drives = route.legs[-1].drives if route.legs else self.drives
+        drives = route[-1].drives if route else self.drives
         return (*moves, straight_to(captured_rad, drives, BACK))
 
     def _judge(self) -> StopDecision | None:

@@ -57,13 +57,6 @@ class Leg:
         return {j: float(self.waypoints_rad[waypoint, j - 1]) for j in self.drives}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Route:
-    """A checked path from one pose of the manifold to another; no legs when they are the same."""
-
-    legs: tuple[Leg, ...]
-
-
 class PathGraph:
     """Graph of the poses that are reachable from each other, with their drive joints.
 
@@ -124,8 +117,8 @@ class PathGraph:
         source: int,
         target: int,
         drives: tuple[int, ...],
-    ) -> Route | None:
-        """Find a path and check it along its whole length; None if no path passes.
+    ) -> tuple[Leg, ...] | None:
+        """Find a path and check it along its whole length: its legs; None if no path passes.
 
         `model`, `x`, `ranges`: loops, parameters (P,) and ranges against which the trace is checked. `drives`: the
         drive joints in position mode at the source.
@@ -136,7 +129,7 @@ class PathGraph:
                 return None
             legs = self._follow(model, x, ranges, nodes)
             if legs is not None:
-                return Route(legs=legs)
+                return legs
             self._graph = self._assemble()
         return None
 

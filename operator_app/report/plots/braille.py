@@ -188,7 +188,7 @@ class Plane:
         """Draw the path to a pose."""
         if pose.route is None:
             return
-        for leg in pose.route.legs:
+        for leg in pose.route:
             points = [self._at(q) for q in leg.trace_rad]
             for (x0, y0), (x1, y1) in pairwise(points):
                 self._canvas.segment(x0, y0, x1, y1)

@@ -314,7 +314,7 @@ def _placement_json(
 
 def _pose_json(number: int, pose: PlannedPose) -> dict[str, Any]:
     degrees = np.rad2deg(pose.q_rad).tolist()
-    legs = () if pose.route is None else pose.route.legs
+    legs = pose.route or ()
     return {
         "number": number,
         "drives": list(pose.drives),

@@ -32,20 +32,20 @@ def test_routes_arrive_inside_ranges_with_closed_loops(graph, alone, loop, x, ra
     for target in far_poses(alone, 12):
         route = graph.route(loop, x, ranges, source=here, target=target, drives=drives)
         assert route is not None
-        assert route.legs[-1].waypoints_rad[-1] == pytest.approx(graph.manifold.q[target], abs=1e-6)
-        for leg in route.legs:
+        assert route[-1].waypoints_rad[-1] == pytest.approx(graph.manifold.q[target], abs=1e-6)
+        for leg in route:
             assert ranges.clearance(leg.trace_rad).min() >= 0.0
             u = loop.initial_unsensed(x, leg.trace_rad)
             angles = np.concatenate((u[:, :1], leg.trace_rad), axis=1)
             assert np.abs(closure(TRUTH, angles)).max() < 1e-7
             assert np.abs(np.diff(leg.trace_rad, axis=0)).max() < 0.3
-        here, drives = target, route.legs[-1].drives
+        here, drives = target, route[-1].drives
 
 
 def test_drives_go_straight_on_every_move(graph, alone, loop, x, ranges):
     (target,) = far_poses(alone, 1)
     route = graph.route(loop, x, ranges, source=0, target=target, drives=(1, 5))
-    leg = route.legs[0]
+    leg = route[0]
     drives = leg.trace_rad[:, [j - 1 for j in leg.drives]]
     corners = np.concatenate((drives[:1], leg.waypoints_rad[:, [j - 1 for j in leg.drives]]))
     for point in drives:
@@ -62,7 +62,7 @@ def test_route_changes_drives_when_it_must(graph, alone, loop, x, ranges):
     only_both = np.flatnonzero(graph.reachable(0) & ~alone)
     route = graph.route(loop, x, ranges, source=0, target=int(only_both[0]), drives=(1, 5))
     assert route is not None
-    assert {leg.drives for leg in route.legs} >= {(3, 5)}
+    assert {leg.drives for leg in route} >= {(3, 5)}
 
 
 def test_no_route_out_of_an_island(region, loop, x, ranges):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,7 @@ from solver.chain.parameters import DhEntry, nominal_vector
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import NoSensor
 from solver.design.motion import Ranges
-from solver.design.plan import PlanningTask, StatedErrors
+from solver.design.plan import PlanningTask
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
 from solver.loops.closure import ClosureModel
@@ -89,6 +89,7 @@ def planning_task(
     """
     require_closed_chain(fixture)
     model = without_hidden(arm, fixture, fixture.model(arm))
+    _, tolerance = free_within_tolerance(model, arm)
     lost = {f"theta_off_{j}" for j in unsensed_joints}
     variance = (CURVE_SHARE * arm.linearity_rad()) ** 2
     for j, joint in enumerate(arm.joints):
@@ -101,7 +102,9 @@ def planning_task(
         ranges=ranges_of(arm),
         margin_rad=margin_rad(arm),
         noise=NoiseModel(joint_variance=variance),
-        errors=_stated_errors(arm, fixture, model, unsensed_joints, samples),
+        errors_at=_errors_at(arm, fixture, tolerance, unsensed_joints, samples),
+        toleranced=tuple(DhEntry.parse(name) for name in tolerance),
+        prior=stated_priors(model, arm, fixture),
         parameters=tuple(p.name for p in model.parameters if p.name not in lost),
         drive_sets=drive_sets,
         candidates=candidates,
@@ -137,15 +140,14 @@ def entries_to_fix(arm: ArmModel, fixture: EndpointConstraint) -> Mapping[str, s
     }
 
 
-def _stated_errors(
+def _errors_at(
     arm: ArmModel,
     fixture: EndpointConstraint,
-    model: ClosureModel,
+    tolerance: Mapping[str, float],
     unsensed_joints: tuple[int, ...],
     samples: int,
-) -> StatedErrors:
-    """Return the stated errors for a calibration from poses of `samples` readings each."""
-    _, tolerance = free_within_tolerance(model, arm)
+) -> Callable[[FloatArray], ErrorModel]:
+    """Return the stated errors of poses of `samples` readings each, as a function of the readings (m, n)."""
 
     def at_readings(q_rad: FloatArray) -> ErrorModel:
         m = len(q_rad)
@@ -153,7 +155,6 @@ def _stated_errors(
             placement=np.ones(m, dtype=np.int64),
             label=tuple(map(str, range(m))),
             q_rad=q_rad,
-            sd_rad=None,
             samples=np.full(m, samples),
         )
         near = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed_joints)
@@ -162,8 +163,4 @@ def _stated_errors(
         variance[:, [j - 1 for j in unsensed_joints]] = UNSENSED_SIGMA_RAD**2
         return replace(errors, joint_variance=variance)
 
-    return StatedErrors(
-        toleranced=tuple(DhEntry.parse(name) for name in tolerance),
-        at_readings=at_readings,
-        prior=stated_priors(model, arm, fixture),
-    )
+    return at_readings

@@ -38,25 +38,6 @@ MOST_UNCERTAIN_RAD = float(np.deg2rad(3.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class StatedErrors:
-    """Errors of poses as stated by arm and fixture.
-
-    Attributes
-    ----------
-    toleranced
-        Entries of the arm's table that are corrected within their tolerances.
-    at_readings
-        Function from readings (m, n) to the errors of these poses.
-    prior
-        Standard deviations (rad, m) of parameters before any pose, by name.
-    """
-
-    toleranced: tuple[DhEntry, ...]
-    at_readings: Callable[[FloatArray], ErrorModel]
-    prior: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PlanningTask:
     """Inputs that are the same for every plan.
 
@@ -70,8 +51,12 @@ class PlanningTask:
         Distance of planned poses and paths from the ends of the ranges, scalar or (n,).
     noise
         Noise of the readings, for interim estimates.
-    errors
-        Error model for the information of a pose, the same as in the final calibration.
+    errors_at
+        Function from readings (m, n) to the stated errors of these poses, the same as in the final calibration.
+    toleranced
+        Entries of the arm's table that are corrected within their tolerances.
+    prior
+        Standard deviations (rad, m) of parameters before any pose, by name.
     parameters
         Names of the parameters to be determined; the others count as known. None takes all.
     drive_sets
@@ -91,7 +76,9 @@ class PlanningTask:
     ranges: Ranges
     margin_rad: float | FloatArray
     noise: NoiseModel
-    errors: StatedErrors
+    errors_at: Callable[[FloatArray], ErrorModel]
+    toleranced: tuple[DhEntry, ...] = ()
+    prior: Mapping[str, float] = field(default_factory=dict)
     parameters: tuple[str, ...] | None = None
     drive_sets: tuple[tuple[int, ...], ...] | None = None
     limits: MotionLimits = LIMITS
@@ -259,15 +246,15 @@ def information_of(
         np.concatenate(parts)
         for parts in ((readings, closed_q), (closed.q, closed_q), (closed.u, closed_u))
     )
-    model, errors = task.model.freed(task.errors.toleranced), task.errors
+    model = task.model.freed(task.toleranced)
     values = {p.name: v for p, v in zip(task.model.parameters, x, strict=True)}
     every = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    found = pose_information(model, every, every_q, q, u, errors.at_readings(every_q))
+    found = pose_information(model, every, every_q, q, u, task.errors_at(every_q))
     found = found.with_errors_scaled(found.at_poses(slice(c)).error_scale())
     found = found if task.parameters is None else found.about(task.parameters)
     prior = np.zeros(found.root.shape[-1])
     for k, name in enumerate(found.parameters):
-        prior[k] = errors.prior.get(name, np.inf) ** -2.0
+        prior[k] = task.prior.get(name, np.inf) ** -2.0
     return found.of(range(c)) + np.diag(prior), found.at_poses(slice(c, None))
 
 

@@ -30,12 +30,16 @@ def plan(task, x):
     return make_plan(task, x, ARM.home_rad, POSES)
 
 
+def by_noise_alone(task):
+    return replace(task, errors_at=of_noise(ARM.sigma_rad()), toleranced=(), prior={})
+
+
 def combined(task, x, q: np.ndarray) -> np.ndarray:
     return standard_deviations(known(task, x, q), len(x))
 
 
 def test_no_entry_is_worse_than_of_poses_planned_by_noise_alone(task, x, plan):
-    by_noise = make_plan(replace(task, errors=of_noise(ARM.sigma_rad())), x, ARM.home_rad, POSES)
+    by_noise = make_plan(by_noise_alone(task), x, ARM.home_rad, POSES)
     ratio = combined(task, x, plan.poses_rad) / combined(task, x, by_noise.poses_rad)
     assert ratio.max() < 1.02
     assert np.exp(np.log(ratio).mean()) < 0.9
@@ -49,7 +53,7 @@ def test_the_hundredth_pose_of_one_kind_promises_little(task, x, plan):
         return standard_deviations(100.0 * once, len(x)) / standard_deviations(once, len(x))
 
     assert np.median(left(task)) > 0.25
-    assert left(replace(task, errors=of_noise(ARM.sigma_rad()))) == pytest.approx(0.1)
+    assert left(by_noise_alone(task)) == pytest.approx(0.1)
 
 
 def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x, plan):
@@ -62,7 +66,7 @@ def test_captured_poses_that_scatter_more_than_stated_widen_the_forecast(task, x
 
 def test_what_the_files_state_of_an_offset_counts(task, x, plan):
     """Nobody knows less of an offset after poses than its file says before."""
-    stated = replace(task, errors=replace(task.errors, prior={"theta_off_3": 0.001}))
+    stated = replace(task, prior={"theta_off_3": 0.001})
     free, with_prior = combined(task, x, plan.poses_rad), combined(stated, x, plan.poses_rad)
     at = [p.name for p in task.model.parameters].index("theta_off_3")
     assert with_prior[at] == pytest.approx((free[at] ** -2 + 0.001**-2) ** -0.5, rel=1e-3)

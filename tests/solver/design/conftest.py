@@ -7,7 +7,7 @@ from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.design.manifold import grow_manifold
 from solver.design.motion import Ranges
-from solver.design.plan import PlanningTask, StatedErrors, information_of
+from solver.design.plan import PlanningTask, information_of
 from solver.design.pose_information import pose_information
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.implicit import NoiseModel
@@ -20,13 +20,9 @@ REGION_STEP_RAD = 0.12
 SIGMA = np.array([ENCODER_SD] * 5 + [6e-3] * 2)
 
 
-def of_noise(sigma_rad: np.ndarray) -> StatedErrors:
-    """Readings with independent noise (n,), and nothing else that is not exact."""
-
-    def at_readings(q_rad: np.ndarray) -> ErrorModel:
-        return ErrorModel(joint_variance=np.broadcast_to(sigma_rad**2, q_rad.shape))
-
-    return StatedErrors(toleranced=(), at_readings=at_readings)
+def of_noise(sigma_rad: np.ndarray):
+    """Errors of readings with independent noise (n,), and nothing else that is not exact."""
+    return lambda q_rad: ErrorModel(joint_variance=np.broadcast_to(sigma_rad**2, q_rad.shape))
 
 
 def known(task: PlanningTask, x: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -68,12 +64,12 @@ def task(loop):
         ranges=paper_ranges(),
         margin_rad=np.deg2rad(3.0),
         noise=NoiseModel(joint_variance=SIGMA**2),
-        errors=of_noise(SIGMA),
+        errors_at=of_noise(SIGMA),
         drive_sets=((1, 5),),
     )
 
 
 @pytest.fixture(scope="session")
 def told(loop, x, region):
-    errors = of_noise(SIGMA).at_readings(region.q)
+    errors = of_noise(SIGMA)(region.q)
     return pose_information(loop, x, region.q, region.q, region.u, errors)

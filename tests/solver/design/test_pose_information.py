@@ -22,7 +22,7 @@ def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, 
     poses = [0, 5, 50, 200, 400, 700, 900]
     q, sigma = region.q[poses], SIGMA.copy()
     sigma[5:] = 1.0
-    told = pose_information(loop, x, q, q, region.u[poses], of_noise(sigma).at_readings(q))
+    told = pose_information(loop, x, q, q, region.u[poses], of_noise(sigma)(q))
     names = [n for n in told.parameters if n not in ("theta_off_6", "theta_off_7")]
     mine = told.about(names).of(range(len(poses)))
     angles = np.concatenate((region.u[poses], region.q[poses]), axis=1)
@@ -36,4 +36,4 @@ def test_unsensed_joints_tell_nothing_about_themselves_and_leave_the_rest(loop, 
 def test_joints_without_noise_are_refused(loop, x, region):
     q = region.q[:2]
     with pytest.raises(ValueError, match="have no noise"):
-        pose_information(loop, x, q, q, region.u[:2], of_noise(np.zeros(7)).at_readings(q))
+        pose_information(loop, x, q, q, region.u[:2], of_noise(np.zeros(7))(q))

@@ -32,26 +32,27 @@ RIDGE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InnerProblem:
-    """A `BatchProblem` over the offsets of some inner joints.
+    """A `BatchProblem` over the offsets of some inner joints in one placement.
 
     Attributes
     ----------
+    model, columns
+        Loop of the placement, and the indices of its parameters in the whole vector.
     table
         D-H rows 1..n, with the offsets of joints 1 and n, s_1 and all lengths and twists of row n zero.
         Offsets of joints that are not searched keep their values.
     searched
         Joints (1-based) whose offsets are sought, none of them 1 or n.
-    constrained_part
-        Constraint of the fixture.
     q
         Joint angles (m, n), rad.
     per_m
         Weight of positions relative to directions, 1/m.
     """
 
+    model: ClosureModel
+    columns: Which
     table: DhTable
     searched: tuple[int, ...]
-    constrained_part: ConstrainedPart
     q: FloatArray
     per_m: float
 
@@ -64,7 +65,7 @@ class InnerProblem:
         o = frames.origins_m[..., before, :]
         M_c = M - M.mean(-3, keepdims=True)
         rows, rates, basis = [], [], []
-        if self.constrained_part is ConstrainedPart.FRAME:
+        if self.model.constrained_part is ConstrainedPart.FRAME:
             for k in range(3):
                 rows.append(M_c[..., k])
                 rates.append(np.cross(z, M[..., None, :, k]))
@@ -73,7 +74,7 @@ class InnerProblem:
             h, t = self._projected(M, M_c, p)
             end = p + (M @ t[:, None, :, None])[..., 0]
             by_point = self.per_m * M_c
-            if self.constrained_part is ConstrainedPart.AXIS:
+            if self.model.constrained_part is ConstrainedPart.AXIS:
                 direction = (M @ h[:, None, :, None])[..., 0]
                 rows.append(direction)
                 rates.append(np.cross(z, direction[..., None, :]))
@@ -97,7 +98,16 @@ class InnerProblem:
         N = Lt @ L + RIDGE * len(self.q) * np.eye(L.shape[-1])
         return r, J - L @ np.linalg.solve(N, Lt @ J)
 
-    def constraint(self, offsets: FloatArray) -> ToolConstraint:
+    def filled(self, offsets: FloatArray) -> FloatArray:
+        """Parameters (P,) of the placement's loop for offsets (K,)."""
+        values = {
+            f"theta_off_{j}": float(wrap_angle(v))
+            for j, v in zip(self.searched, offsets, strict=True)
+        }
+        values |= self.model.constraint_entries(self._constraint(offsets))
+        return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
+
+    def _constraint(self, offsets: FloatArray) -> ToolConstraint:
         """Geometry of the fixture for given offsets (K,)."""
         frames = self._frames(offsets[None, :])
         M, p = frames.R_end, frames.p_end
@@ -122,7 +132,7 @@ class InnerProblem:
     ) -> tuple[FloatArray, FloatArray]:
         """Best direction h (S, 3) and point t (S, 3) of the tool; t is zero for a rigid fixture."""
         count = len(M)
-        if self.constrained_part is ConstrainedPart.FRAME:
+        if self.model.constrained_part is ConstrainedPart.FRAME:
             return np.tile([0.0, 0.0, 1.0], (count, 1)), np.zeros((count, 3))
         h = np.linalg.svd(M.mean(-3))[2][:, 0]
         A = M_c.reshape(count, -1, 3)
@@ -156,48 +166,28 @@ def spread_poses(q: FloatArray, count: int) -> FloatArray:
     return q[chosen]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Part:
-    """One placement: its loop, and the inner problem of its poses."""
-
-    model: ClosureModel
-    columns: Which
-    problem: InnerProblem
-
-    def filled(self, offsets: FloatArray) -> FloatArray:
-        """Parameters (P,) of this placement's loop for inner offsets (K,)."""
-        values = {
-            f"theta_off_{j}": float(wrap_angle(v))
-            for j, v in zip(self.problem.searched, offsets, strict=True)
-        }
-        values |= self.model.constraint_entries(self.problem.constraint(offsets))
-        return np.array([values.get(p.name, p.nominal) for p in self.model.parameters])
-
-
-def projectable_parts(model: ClosureModel, q: FloatArray) -> list[Part]:
-    """Placements whose fixture can be projected out; none if any fixture cannot."""
+def projectable_parts(model: ClosureModel, q: FloatArray) -> list[InnerProblem]:
+    """Inner problem of each placement; none if any fixture cannot be projected out."""
     parts = []
+    n = model.joint_count
     for piece, columns, poses in model.parts():
         if piece.constrained_part is None:
             return []
-        problem = _inner(piece, piece.constrained_part, q[poses])
-        parts.append(Part(model=piece, columns=columns, problem=problem))
+        stacked = piece.arm_rows()
+        stacked[[DhKind.THETA_OFF, DhKind.S], 0] = 0.0
+        stacked[:, -1] = 0.0
+        reach = float(np.abs(stacked[[DhKind.S, DhKind.A]]).sum())
+        parts.append(
+            InnerProblem(
+                model=piece,
+                columns=columns,
+                table=DhTable.from_stacked(stacked),
+                searched=tuple(
+                    e.row for e in piece.entries if e.kind is DhKind.THETA_OFF and 1 < e.row < n
+                ),
+                q=q[poses],
+                # Half an arm's length counts as one radian.
+                per_m=2.0 / reach if reach > 0.0 else 1.0,
+            )
+        )
     return parts
-
-
-def _inner(model: ClosureModel, constrained_part: ConstrainedPart, q: FloatArray) -> InnerProblem:
-    n = model.joint_count
-    stacked = model.arm_rows()
-    stacked[[DhKind.THETA_OFF, DhKind.S], 0] = 0.0
-    stacked[:, -1] = 0.0
-    reach = float(np.abs(stacked[[DhKind.S, DhKind.A]]).sum())
-    return InnerProblem(
-        table=DhTable.from_stacked(stacked),
-        searched=tuple(
-            e.row for e in model.entries if e.kind is DhKind.THETA_OFF and 1 < e.row < n
-        ),
-        constrained_part=constrained_part,
-        q=q,
-        # Half an arm's length counts as one radian.
-        per_m=2.0 / reach if reach > 0.0 else 1.0,
-    )

@@ -52,10 +52,10 @@ def best_minima(
 ) -> list[tuple[FloatArray, int]]:
     """Minimise from all starts; return the best minima (P,), with the number of starts that ended in each."""
     parts, nominal = projectable_parts(model, q), nominal_vector(model.parameters)
-    if not (parts and parts[0].problem.searched):
+    if not (parts and parts[0].searched):
         return _best_of_all_unknowns(model, q, starts, rng, progress)
     # The largest placement finds the arm's offsets; the others only their own fixtures.
-    largest = max((part.problem for part in parts), key=lambda problem: len(problem.q))
+    largest = max(parts, key=lambda part: len(part.q))
     count = -(-SEARCH_EQUATIONS // model.equations_per_pose)
     few = replace(largest, q=spread_poses(largest.q, count))
     here = np.array([largest.table.theta_off_rad[j - 1] for j in largest.searched])

@@ -53,8 +53,6 @@ class ChangePoint:
         First pose after the step, index in time order.
     size
         Size of the step (d,), in the columns' units.
-    sd
-        Standard deviation of the size (d,).
     chi2, dof
         Reduction of chi2 when the step is fitted, and its number of unknowns.
     threshold
@@ -64,7 +62,6 @@ class ChangePoint:
     suspect: str
     pose: int
     size: FloatArray
-    sd: FloatArray
     chi2: float
     dof: int
     threshold: float
@@ -128,13 +125,11 @@ def _largest(
         here = (best, k)
         if not (size[k] > 0.0).all() or not free[here].any():
             continue
-        spread = (vectors[here] * inverse[here]) @ vectors[here].T
         dof = int(free[here].sum())
         yield ChangePoint(
             suspect=suspects[k].name,
             pose=best + STEP_EDGE_POSES,
             size=(vectors[here] @ (inverse[here] * along[here])) / size[k],
-            sd=np.sqrt(scale * np.diagonal(spread)) / size[k],
             chi2=float(chi2[here]) / scale,
             dof=dof,
             threshold=step_threshold(m, dof, suspects[k].share * level),

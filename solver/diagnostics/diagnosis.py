@@ -15,7 +15,7 @@ import numpy as np
 from solver.arrays import FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
 from solver.diagnostics import limits
-from solver.diagnostics.change_points import ChangePoint, steps
+from solver.diagnostics.change_points import steps
 from solver.diagnostics.fault_candidate import Candidate, Cause, PeakDeviation
 from solver.diagnostics.fault_models import FaultModels
 from solver.diagnostics.hypothesis_tests import (
@@ -104,10 +104,6 @@ class Diagnosis:
         For each accepted cause, the explanations that were compared.
     suspected_entries
         Lengths and twists that may differ from the arm file although no test fires, the most probable first.
-    odd
-        Poses that do not fit the others, indices in time order.
-    step
-        The most significant step of any suspect.
     left
         Whitened residuals at the noise of the fit, poses in time order.
     stated_chi2_per_dof
@@ -121,8 +117,6 @@ class Diagnosis:
     tests: tuple[HypothesisTest, ...]
     rounds: tuple[CauseRanking, ...]
     suspected_entries: tuple[Explanation, ...]
-    odd: Outliers
-    step: ChangePoint | None
     left: WhitenedResiduals
     stated_chi2_per_dof: float
     parameter_shift: FloatArray
@@ -164,7 +158,7 @@ def diagnose(
     left = residuals_of_fit(fit.at_known_noise, order)
     quiet = residuals_of_fit(with_found_motion_noise(fit), order)
     tests = [HypothesisTest.of_chi2("CHI2_STATED", stated.chi2, stated.dof)]
-    odd, largest, more = _residual_tests(scene, left, quiet)
+    odd, more = _residual_tests(scene, left, quiet)
     tests += more
     tests += pull_tests(stated)
     tests += without_curves_in_specification(variance_tests(stated), scene, left)
@@ -182,8 +176,6 @@ def diagnose(
         suspected_entries=tuple(
             x for x in suspected if x.candidate.cause in (Cause.LENGTH, Cause.TWIST)
         ),
-        odd=odd,
-        step=largest,
         left=left,
         stated_chi2_per_dof=stated.chi2 / max(stated.dof, 1),
         parameter_shift=stated.change - fit.change,
@@ -193,7 +185,7 @@ def diagnose(
 
 def _residual_tests(
     scene: FaultModels, left: WhitenedResiduals, quiet: WhitenedResiduals
-) -> tuple[Outliers, ChangePoint | None, list[HypothesisTest]]:
+) -> tuple[Outliers, list[HypothesisTest]]:
     """Search for outliers and steps with the noise of the fit; for steps of a reading with `quiet` noise.
 
     The noise is not scaled down where the residuals are small: one sensor may exceed its specification while most
@@ -207,7 +199,7 @@ def _residual_tests(
         tests.append(
             HypothesisTest(code="STEP", statistic=found[0].chi2, threshold=found[0].threshold)
         )
-    return odd, found[0] if found else None, tests
+    return odd, tests
 
 
 def _explanations(
@@ -224,7 +216,7 @@ def _explanations(
             return
         size = best.evidence.size * best.candidate.natural
         left = _with_cause(left, best.candidate, size)
-        odd, _, tests = _residual_tests(scene, left, left)
+        odd, tests = _residual_tests(scene, left, left)
         if left.dof <= 0 or not any(
             t.fires for t in (HypothesisTest.of_chi2("CHI2_STATED", left.chi2, left.dof), *tests)
         ):

@@ -29,7 +29,7 @@ def test_a_step_is_found_where_it_is_and_as_large_as_it_is(pose):
     found, other = steps(fitted(A, w), SUSPECTS)
     assert (found.suspect, found.pose) == ("one", pose)
     assert found.chi2 > found.threshold
-    assert abs(found.size[0] - 12.0) < 4.0 * found.sd[0]
+    assert abs(found.size[0] - 12.0) < 4.0 * found.size[0] / np.sqrt(found.chi2)
     assert other.suspect == "three"
 
 

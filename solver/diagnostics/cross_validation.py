@@ -41,8 +41,6 @@ class HeldOutPoses:
         sigma_pos and sigma_ori at the measured joints.
     closed
         (m,) bool: whether the pose's loop can be closed at all under these parameters.
-    flipped
-        Indices of poses on the flipped branch.
     """
 
     chi2: Chi2Test
@@ -50,7 +48,6 @@ class HeldOutPoses:
     pose_probability: FloatArray
     sigmas: ClosureSigmas
     closed: BoolArray
-    flipped: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,14 +105,12 @@ def verify(
     shared = np.linalg.solve(L, system.A).reshape(m * r, P) @ root
     inside = np.linalg.solve(np.eye(P) + shared.T @ shared, shared.T @ w)
     together = float(w @ w - (shared.T @ w) @ inside)
-    error = closure_at_readings(model, x, q)
     return HeldOutPoses(
         chi2=chi2_test(together, m * r),
         pose_chi2=pose_chi2,
         pose_probability=np.asarray(chdtrc(r, pose_chi2)),
-        sigmas=error.sigmas,
+        sigmas=closure_at_readings(model, x, q).sigmas,
         closed=adjusted.converged,
-        flipped=error.flipped_poses,
     )
 
 

@@ -10,7 +10,7 @@ estimates from the same poses.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -51,13 +51,13 @@ class Side(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drift:
-    """One parameter in both calibrations, SI units.
+class ParameterChange:
+    """One parameter in two calibrations, SI units.
 
     Attributes
     ----------
     before, after
-        Values; of equivalent values, `after` is the one nearest to `before`.
+        Values in the first and the second; of equivalent values, `after` is the one nearest to `before`.
     change
         after minus before; for angles within half a turn.
     sigma
@@ -69,7 +69,7 @@ class Drift:
 
     name: str
     is_angle: bool
-    side: Side
+    side: Side = Side.ARM
     before: float
     after: float
     change: float
@@ -104,7 +104,7 @@ class CalibrationComparison:
 
     before: ParametersDocument
     after: ParametersDocument
-    drifts: tuple[Drift, ...]
+    drifts: tuple[ParameterChange, ...]
     level: float
     threshold_sigmas: float
     scale_before: float
@@ -118,10 +118,14 @@ class CalibrationComparison:
         return _same_poses(self.before, self.after)
 
     @property
-    def drifted(self) -> tuple[Drift, ...]:
+    def drifted(self) -> tuple[ParameterChange, ...]:
         """Significant changes, largest first."""
-        found = [d for d in self.drifts if d.significant]
-        return tuple(sorted(found, key=lambda d: -d.sigmas))
+        return significant_changes(self.drifts)
+
+
+def significant_changes(changes: Iterable[ParameterChange]) -> tuple[ParameterChange, ...]:
+    """Return the significant ones of these changes, the largest (in sigmas) first."""
+    return tuple(sorted((d for d in changes if d.significant), key=lambda d: -d.sigmas))
 
 
 def compare(
@@ -164,7 +168,7 @@ def compare(
         # Where no noise is stated every difference is real, except for rounding.
         real = not same and abs(change) > max(threshold * sigma, 1e-12)
         drifts.append(
-            Drift(
+            ParameterChange(
                 name=item.entry,
                 is_angle=angle,
                 side=sides[item.entry],

@@ -12,6 +12,7 @@ import numpy as np
 
 from fixtures.measured import Measured
 from operator_app.calibration.calibrate import calibrate
+from operator_app.calibration.comparison import ParameterChange, significant_changes
 from operator_app.calibration.instrument_registration import placed_by_poses
 from operator_app.calibration.result import Solution
 from solver.chain.arm_model import ArmModel
@@ -19,22 +20,6 @@ from solver.chain.parameters import wrap_angles
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 from solver.diagnostics.statistics import Chi2Test, chi2_test, sigmas_at
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ParameterDifference:
-    """One parameter of the arm in both calibrations, rad or m.
-
-    `sigma` is the standard deviation of `change`, open minus closed; `significant`: whether chance is improbable.
-    """
-
-    name: str
-    is_angle: bool
-    closed: float
-    open: float
-    change: float
-    sigma: float
-    significant: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +31,7 @@ class OpenLoopCheck:
     solution
         Calibration of the open arm.
     differences
-        Differences of all parameters of the arm that both identified.
+        All parameters of the arm that both identified, before: in the closed loop, after: on the open arm.
     chi2
         chi2 of all differences together.
     left_out
@@ -54,15 +39,14 @@ class OpenLoopCheck:
     """
 
     solution: Solution
-    differences: tuple[ParameterDifference, ...]
+    differences: tuple[ParameterChange, ...]
     chi2: Chi2Test
     left_out: tuple[str, ...]
 
     @property
-    def disagree(self) -> tuple[ParameterDifference, ...]:
+    def disagree(self) -> tuple[ParameterChange, ...]:
         """Parameters that differ significantly, the worst first."""
-        found = [d for d in self.differences if d.significant]
-        return tuple(sorted(found, key=lambda d: -abs(d.change) / d.sigma))
+        return significant_changes(self.differences)
 
     @property
     def holds(self) -> bool:
@@ -98,11 +82,11 @@ def check_open_loop(
     return OpenLoopCheck(
         solution=found,
         differences=tuple(
-            ParameterDifference(
+            ParameterChange(
                 name=p.name,
                 is_angle=p.is_angle,
-                closed=float(closed.estimate.x[i]),
-                open=float(estimate.x[j]),
+                before=float(closed.estimate.x[i]),
+                after=float(estimate.x[j]),
                 change=float(c),
                 sigma=float(s),
                 significant=bool(abs(c) > threshold * s),

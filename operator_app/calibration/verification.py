@@ -112,6 +112,13 @@ class VerificationResult:
         chi2 = found.chi2 if self.stated is None else self.stated
         return bool(found.closed.all()) and chi2.per_dof <= chi2.high
 
+    @property
+    def verdict(self) -> str:
+        """Whether it holds, as text, with the shift if one was found."""
+        if self.holds:
+            return "as expected"
+        return "worse than expected" + (f" ({self.why})" if self.why else "")
+
 
 def fixed_calibration(solution: Solution, placement: int | None = None) -> Fixed:
     """Return the parameters of a calibration with its other results.

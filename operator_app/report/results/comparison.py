@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
-from operator_app.calibration.comparison import CalibrationComparison, Side
+from operator_app.calibration.comparison import CalibrationComparison, ParameterChange, Side
 from operator_app.report.json_schema import notices_data
 from operator_app.report.parameter_tables import precision_of
 from operator_app.report.table import Cell, FactTable, figures, shown, words
@@ -117,19 +118,26 @@ def _whose(name: str, document: ParametersDocument) -> str:
     )
 
 
-def _table(found: CalibrationComparison) -> FactTable:
-    places = precision_of((d, d.sigma) for d in found.drifts)
-    titles = ("A", "B", "change", "sigma", "sigmas")
-    rows: list[tuple[Cell, ...]] = []
-    for d in found.drifts:
-        quantity, n = quantity_of(d), places(quantity_of(d))
-        shown_there = (
-            Figure(value, quantity, places=n, signed=value is d.change)
+def change_cells(
+    changes: Sequence[ParameterChange],
+) -> Iterator[tuple[ParameterChange, tuple[Cell, ...]]]:
+    """Yield each change with its cells: name, unit, both values, their difference and its sigma."""
+    places = precision_of((d, d.sigma) for d in changes)
+    for d in changes:
+        quantity = quantity_of(d)
+        values = (
+            Figure(value, quantity, places=places(quantity), signed=value is d.change)
             for value in (d.before, d.after, d.change, d.sigma)
         )
+        yield d, (d.name, quantity.unit, *values)
+
+
+def _table(found: CalibrationComparison) -> FactTable:
+    titles = ("A", "B", "change", "sigma", "sigmas")
+    rows: list[tuple[Cell, ...]] = []
+    for d, cells in change_cells(found.drifts):
         sigmas = Figure(d.sigmas, places=1) if math.isfinite(d.sigmas) else "no sigma"
-        word = "DRIFT" if d.significant else ""
-        rows.append((d.name, quantity.unit, *shown_there, sigmas, word))
+        rows.append((*cells, sigmas, "DRIFT" if d.significant else ""))
     return FactTable(
         ident="drift",
         title="",

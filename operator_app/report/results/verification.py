@@ -8,8 +8,8 @@ import numpy as np
 
 from operator_app.calibration.open_loop import OpenLoopCheck
 from operator_app.calibration.prediction import FIXTURE, shift_in_words
-from operator_app.report.parameter_tables import precision_of
 from operator_app.report.quality_tables import CLOSURE_COLUMNS, closure_row
+from operator_app.report.results.comparison import change_cells
 from operator_app.report.table import FactTable, figures, keyed, words
 from operator_app.report.text import paragraph, table_lines, table_text
 from operator_app.units import (
@@ -17,16 +17,13 @@ from operator_app.units import (
     CHI2,
     SIGMA_ORI,
     SIGMA_POS,
-    Figure,
     in_json,
-    quantity_of,
     significant,
 )
 from solver.diagnostics.limits import DRIFT_FALSE_ALARM_PROBABILITY
 
 if TYPE_CHECKING:
     from operator_app.calibration.verification import VerificationResult
-    from operator_app.session.ui.snapshot import VerificationSummary
     from solver.chain.poses import PoseSet
     from solver.diagnostics.cross_validation import CommonShift
 
@@ -114,13 +111,13 @@ def verification_text(verdict: VerificationResult, poses: PoseSet, folder: str) 
     )
 
 
-def verified_words(found: VerificationSummary) -> str:
+def verified_words(found: VerificationResult) -> str:
     """Return text on whether the parameters are valid for the new poses."""
-    ratio = CHI2(found.chi2_per_dof).shown
-    turned = found.orientation_rad
+    sigmas, ratio = found.verification.sigmas, CHI2(found.verification.chi2.per_dof).shown
+    turned = sigmas.orientation_rad
     return (
-        f"{found.poses} new poses, {found.verdict}: {SIGMA_POS(found.position_m).with_unit}"
-        f"{'' if turned is None else f', {SIGMA_ORI(turned).with_unit}'} rms, chi2/dof {ratio}"
+        f"{found.poses} new poses, {found.verdict}: {SIGMA_POS(sigmas.position_m.rms).with_unit}"
+        f"{'' if turned is None else f', {SIGMA_ORI(turned.rms).with_unit}'} rms, chi2/dof {ratio}"
     )
 
 
@@ -140,8 +137,8 @@ def open_loop_json(found: OpenLoopCheck) -> dict[str, Any]:
         "parameters": {
             d.name: {
                 "unit": "deg" if d.is_angle else "m",
-                "closed_loop": in_json(d, d.closed),
-                "open_loop": in_json(d, d.open),
+                "closed_loop": in_json(d, d.before),
+                "open_loop": in_json(d, d.after),
                 "change": in_json(d, d.change),
                 "sigma": in_json(d, d.sigma),
                 "significant": d.significant,
@@ -207,15 +204,6 @@ def _verdict(found: OpenLoopCheck) -> str:
 
 
 def _table(found: OpenLoopCheck) -> FactTable:
-    places = precision_of((d, d.sigma) for d in found.differences)
-    rows = []
-    for d in found.differences:
-        quantity = quantity_of(d)
-        shown = (
-            Figure(value, quantity, places=places(quantity), signed=value is d.change)
-            for value in (d.closed, d.open, d.change, d.sigma)
-        )
-        rows.append((d.name, quantity.unit, *shown, "*" if d.significant else ""))
     return FactTable(
         ident="open_loop",
         title="",
@@ -224,5 +212,7 @@ def _table(found: OpenLoopCheck) -> FactTable:
             *figures("closed loop", "open loop", "change", "sigma"),
             *words(""),
         ),
-        rows=tuple(rows),
+        rows=tuple(
+            (*cells, "*" if d.significant else "") for d, cells in change_cells(found.differences)
+        ),
     )

@@ -18,7 +18,6 @@ from operator_app.session.ui.snapshot import (
     DiffRow,
     Level,
     Publisher,
-    VerificationSummary,
 )
 from operator_app.session.workflow.capture import verify
 from operator_app.session.workflow.export import export
@@ -143,22 +142,13 @@ class CalibrationOperations:
 
     def verify(self, poses: int) -> None:
         """Capture new poses and test the current calibration with them."""
-        verdict, _ = verify(self._session, self._current_solution(), poses, self._listener)
-        judged = verdict.verification
-        turned = judged.sigmas.orientation_rad
-        found = VerificationSummary(
-            poses=verdict.poses,
-            position_m=judged.sigmas.position_m.rms,
-            orientation_rad=None if turned is None else turned.rms,
-            chi2_per_dof=judged.chi2.per_dof,
-            holds=verdict.holds,
-            why=verdict.why,
-        )
+        found, _ = verify(self._session, self._current_solution(), poses, self._listener)
         self._refresh()
         self._publisher.publish(lambda s: replace(s, verification=found))
         self._publisher.say(
             Level.INFO if found.holds else Level.WARNING,
-            f"{found.poses} new poses {found.verdict}: {SIGMA_POS(found.position_m).with_unit} rms",
+            f"{found.poses} new poses {found.verdict}: "
+            f"{SIGMA_POS(found.verification.sigmas.position_m.rms).with_unit} rms",
         )
 
     def _current_solution(self) -> Solution:

@@ -12,6 +12,7 @@ from fixtures.base import SetupCheck
 from hardware.arm import ArmIdentity, ArmSnapshot, DriveState, JointMode, UploadReceipt
 from operator_app.calibration.cross_validation import Checks
 from operator_app.calibration.result import Solution
+from operator_app.calibration.verification import VerificationResult
 from operator_app.config.procedure import Procedure
 from operator_app.planning.live import Forecast, LiveQuality
 from operator_app.session.store.state import SessionState
@@ -113,29 +114,6 @@ class DiffRow:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class VerificationSummary:
-    """Result of a verification with new poses.
-
-    Rms of the position closure and of the orientation closure (None: position only), chi2/dof, whether the prediction
-    errors agree with their uncertainty, and the reason if they do not.
-    """
-
-    poses: int
-    position_m: float
-    orientation_rad: float | None
-    chi2_per_dof: float
-    holds: bool
-    why: str = ""
-
-    @property
-    def verdict(self) -> str:
-        """The result as text."""
-        if self.holds:
-            return "as expected"
-        return "worse than expected" + (f" ({self.why})" if self.why else "")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class SessionSnapshot:
     """Everything a user interface shows.
 
@@ -200,7 +178,7 @@ class SessionSnapshot:
     diff: tuple[DiffRow, ...] = ()
     receipt: UploadReceipt | None = None
     report: Path | None = None
-    verification: VerificationSummary | None = None
+    verification: VerificationResult | None = None
     stop: StopReport | None = None
     task: RunningTask | None = None
     messages: tuple[Message, ...] = field(default=())

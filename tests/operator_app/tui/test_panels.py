@@ -17,6 +17,7 @@ from operator_app.tui.steps.fixture import ChecksPanel
 from operator_app.tui.steps.modes import PlanPanel
 from operator_app.tui.steps.results import ResultsPlot, VerdictPanel
 from operator_app.tui.widgets.list_panel import JointTable
+from solver.diagnostics.cross_validation import CommonShift
 from tests.oracles.story import busy, stale, story
 
 
@@ -130,10 +131,10 @@ def test_what_new_poses_said_is_told_before_the_figures():
     rows = said(RecordPanel(), s, 80, 3)
     assert rows[0].startswith(" Verified   ✓ 3 new poses, as expected: ")
     assert not any("…" in row for row in rows)
-    why = "joint 3 has shifted by 0.5 deg since the calibration, or the hinge was mounted anew"
-    worse = replace(s, verification=replace(s.verification, holds=False, why=why))
-    rows = said(RecordPanel(), worse, 80, 4)
-    assert f"worse than expected ({why})" in " ".join(" ".join(rows).split())
+    shift = CommonShift(subject="3", size=np.deg2rad(0.5), sigma=1e-4, chi2=50.0, threshold=9.0)
+    worse = replace(s, verification=replace(s.verification, shift=shift))
+    rows = said(RecordPanel(), worse, 80, 6)
+    assert "worse than expected (joint 3 reads 0.50" in " ".join(" ".join(rows).split())
 
 
 @pytest.mark.parametrize(("width", "age"), [(80, " 240 ms"), (66, "")])

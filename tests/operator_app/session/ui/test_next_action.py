@@ -6,11 +6,12 @@ from functools import cache
 import pytest
 
 from hardware.arm import DriveState
+from operator_app.calibration.verification import VerificationResult
 from operator_app.config.procedure_file import load_procedure
 from operator_app.report.spans import wrapped
 from operator_app.session.ui.action_handlers import apply_prompt
 from operator_app.session.ui.next_action import next_action
-from operator_app.session.ui.snapshot import TaskKind, VerificationSummary
+from operator_app.session.ui.snapshot import TaskKind
 from operator_app.session.ui.steps import Step
 from tests.oracles.story import astray, busy, lost, real, stale, stopped, story, tripped
 
@@ -36,7 +37,7 @@ def test_two_rows_of_80_columns_hold_it(step):
         assert len(wrapped(f" Next {hint}", 79, indent=" " * 6)) <= 2, (name, hint)
 
 
-def uploaded(*, modes_applied: bool, verified: VerificationSummary | None = None):
+def uploaded(*, modes_applied: bool, verified: VerificationResult | None = None):
     s = replace(story()["uploaded"], verification=verified)
     if not modes_applied:
         return s
@@ -52,9 +53,7 @@ def test_after_the_upload_it_says_how_new_poses_can_judge():
 
 @pytest.mark.parametrize(("holds", "said"), [(True, "verified"), (False, "find the cause")])
 def test_what_new_poses_said_is_the_last_word(holds, said):
-    found = VerificationSummary(
-        poses=5, position_m=1e-3, orientation_rad=1e-3, chi2_per_dof=1.0, holds=holds, why=""
-    )
+    found = replace(story()["verified"].verification, odd_poses=() if holds else (0,))
     hint = next_action(Step.EXPORT, uploaded(modes_applied=True, verified=found)).hint
     assert said in hint
     assert hint.endswith("Enter or q quits")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -137,10 +136,12 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
     For a given rotation of the base the rest is linear; since that rotation is unknown, all 24 rotations of a cube are
     starts. The target has a weak prior about its stated place.
     """
+    from scipy.spatial.transform import Rotation
+
     stated = np.array(instrument.tip_m)
     prior = POINT_ERROR_M * PRIOR_SIGMAS / instrument.tolerance.position_m
     known = rotation_matrix(np.array(instrument.base_turn_rad))
-    turns = (known,) if instrument.base_known else _quarter_turns()
+    turns = known[None] if instrument.base_known else Rotation.create_group("O").as_matrix()
     free = np.repeat(
         [not instrument.base_known, not instrument.base_known, not instrument.tip_known], 3
     )
@@ -169,16 +170,6 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
         left = measured - base - (p + R @ tip) @ R_base.T
         found.append(_Places(float((left**2).sum()), R_base, base, tip))
     return min(found, key=lambda places: places.left)
-
-
-def _quarter_turns() -> list[FloatArray]:
-    """The 24 rotations of a cube."""
-    signed = [
-        np.eye(3)[list(order)] * np.array(signs)[:, None]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    ]
-    return [R for R in signed if np.linalg.det(R) > 0.0]
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:

@@ -103,7 +103,7 @@ def save_with_schema(target: Path, data: bytes, kind: FileKind) -> None:
     write_atomically(target, data)
 
 
-AnyKind = Literal["arm", "fixture", "procedure", "profile", "parameters", "poses"]
+AnyKind = FileKind | Literal["poses"]
 SCHEMA_LINE = re.compile(r"^schema\s*:\s*[\"']?sarcal/([a-z]+)/", re.MULTILINE)
 
 Holds = ArmModel | FixtureSpec | Procedure | BusProfile | ParametersDocument | LoadedPoses
@@ -212,15 +212,7 @@ class _Reader:
         return loaded
 
 
-ORDER: tuple[AnyKind | None, ...] = (
-    "arm",
-    "fixture",
-    "procedure",
-    "profile",
-    "parameters",
-    "poses",
-    None,
-)
+ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
 
 
 def look_through(

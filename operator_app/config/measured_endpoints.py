@@ -72,49 +72,19 @@ def rotation_vectors(group: tuple[str, ...], values: FloatArray) -> FloatArray:
     ValueError
         A quaternion is not of unit length; the text states its length.
     """
+    from scipy.spatial.transform import Rotation
+
     if group == ROTATION:
         return np.deg2rad(values)
     if group == QUATERNION:
-        return _of_quaternions(values)
-    if group == ROLL_PITCH_YAW:
-        return _of_turns("zyx", np.deg2rad(values[:, ::-1]))
-    match = EULER.fullmatch(group[0])
-    if match is None:
-        raise ValueError(f"{group[0]} is not an orientation")
-    return _of_turns(match[1], np.deg2rad(values))
-
-
-def _of_turns(axes: str, angles: FloatArray) -> FloatArray:
-    """Rotations by `angles` (m, 3) about the moving `axes`, one after the other."""
-    R = np.broadcast_to(np.eye(3), (len(angles), 3, 3))
-    for axis, angle in zip(axes, angles.T, strict=True):
-        R = R @ _about(axis, angle)
-    return rotation_vector(R)
-
-
-def _about(axis: str, angle: FloatArray) -> FloatArray:
-    k = "xyz".index(axis)
-    i, j = (k + 1) % 3, (k + 2) % 3
-    R = np.zeros((len(angle), 3, 3))
-    R[:, k, k] = 1.0
-    R[:, i, i] = R[:, j, j] = np.cos(angle)
-    R[:, j, i] = np.sin(angle)
-    R[:, i, j] = -R[:, j, i]
-    return R
-
-
-def _of_quaternions(q: FloatArray) -> FloatArray:
-    length = np.linalg.norm(q, axis=1, keepdims=True)
-    if np.any(np.abs(length - 1.0) > UNIT_WITHIN):
-        worst = float(length[np.argmax(np.abs(length - 1.0))].item())
-        raise ValueError(f"a quaternion of length {worst:.4g}, which must be 1")
-    q = q / length
-    # Both signs are the same rotation: the one of at most half a turn is used.
-    q = np.where(q[:, :1] < 0.0, -q, q)
-    sine = np.linalg.norm(q[:, 1:], axis=1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, q[:, :1])
-    scale = np.where(sine < 1e-12, 2.0, angle / np.maximum(sine, 1e-300))
-    return np.asarray(q[:, 1:] * scale)
+        length = np.linalg.norm(values, axis=1)
+        if np.any(np.abs(length - 1.0) > UNIT_WITHIN):
+            worst = float(length[np.argmax(np.abs(length - 1.0))])
+            raise ValueError(f"a quaternion of length {worst:.4g}, which must be 1")
+        return np.asarray(Rotation.from_quat(values, scalar_first=True).as_rotvec())
+    # Lower case means fixed axes, upper case moving ones.
+    axes = "xyz" if group == ROLL_PITCH_YAW else group[0].split("_")[1].upper()
+    return np.asarray(Rotation.from_euler(axes, values, degrees=True).as_rotvec())
 
 
 POSITION_COLUMNS = ("x_m", "y_m", "z_m")

@@ -8,7 +8,6 @@ drift}`` is the first choice if the finding is certain, ``{several:do|does}`` if
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
 from math import radians
 
 from operator_app import units
@@ -568,14 +567,11 @@ class _Amount(float):
         return str(kind.not_zero(float(self)).with_unit)
 
 
-class _Choice:
-    """``{certain:drifts|may drift}``: the first if the flag is true, else the second."""
-
-    def __init__(self, *, holds: bool) -> None:
-        self._holds = holds
+class _Choice(int):
+    """A flag; ``{certain:drifts|may drift}`` is the first text if it is true, else the second."""
 
     def __format__(self, spec: str) -> str:
-        return spec.split("|")[not self._holds]
+        return spec.split("|")[not self]
 
 
 class _Fields(dict[str, object]):
@@ -673,15 +669,11 @@ def _narrowing(f: Finding) -> str:
     return "take more poses that differ more from each other: every joint through a larger part of its range"
 
 
-def _chosen(of: Callable[[Finding], bool], f: Finding) -> _Choice:
-    return _Choice(holds=of(f))
-
-
 FIELDS: Mapping[str, Callable[[Finding], object]] = {
-    "certain": partial(_chosen, lambda f: f.certain),
-    "several": partial(_chosen, lambda f: len(f.poses) > 1),
-    "one": partial(_chosen, lambda f: f.size == 1),
-    "one_name": partial(_chosen, lambda f: len(f.names) == 1),
+    "certain": lambda f: _Choice(f.certain),
+    "several": lambda f: _Choice(len(f.poses) > 1),
+    "one": lambda f: _Choice(f.size == 1),
+    "one_name": lambda f: _Choice(len(f.names) == 1),
     "joint": lambda f: f.joint,
     "joints": lambda f: joints_named(f.joints),
     "sensor_name": lambda f: "RVDT" if f.sensor == "RVDT" else "encoder",

@@ -68,35 +68,23 @@ if TYPE_CHECKING:
     from .result import Result
     from .tables import Table
 
-_HOME = {
-    "Arm": "sarcal.machines",
-    "Comparison": "sarcal.judging",
-    "ConfigError": "operator_app.config.errors",
-    "Fixture": "sarcal.machines",
-    "FixtureError": "fixtures.errors",
-    "IncomparableError": "operator_app.calibration.comparison",
-    "Plan": "sarcal.planning",
-    "Poses": "sarcal.poses",
-    "Result": "sarcal.result",
-    "SessionError": "operator_app.errors",
-    "Simulation": "sarcal.planning",
-    "SolverError": "solver.errors",
-    "Table": "sarcal.tables",
-    "UnidentifiableError": "solver.errors",
-    "Verification": "sarcal.judging",
-    "WriteError": "operator_app.config.errors",
-    "calibrate": "sarcal.calibrating",
-    "compare": "sarcal.judging",
-    "load_arm": "sarcal.machines",
-    "load_fixture": "sarcal.machines",
-    "load_poses": "sarcal.poses",
-    "load_result": "sarcal.calibrating",
-    "plan": "sarcal.planning",
-    "poses_of": "sarcal.poses",
-    "simulate": "sarcal.planning",
-    "verify": "sarcal.judging",
+_NAMES = {
+    "fixtures.errors": ("FixtureError",),
+    "operator_app.calibration.comparison": ("IncomparableError",),
+    "operator_app.config.errors": ("ConfigError", "WriteError"),
+    "operator_app.errors": ("SessionError",),
+    "sarcal.calibrating": ("calibrate", "load_result"),
+    "sarcal.judging": ("Comparison", "Verification", "compare", "verify"),
+    "sarcal.machines": ("Arm", "Fixture", "load_arm", "load_fixture"),
+    "sarcal.planning": ("Plan", "Simulation", "plan", "simulate"),
+    "sarcal.poses": ("Poses", "load_poses", "poses_of"),
+    "sarcal.result": ("Result",),
+    "sarcal.tables": ("Table",),
+    "solver.errors": ("SolverError", "UnidentifiableError"),
 }
-"""Module of each name; it is imported at first use, so that `import sarcal` is fast."""
+"""Names by module, which is imported at first use of one of them, so that `import sarcal` is fast."""
+
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 __all__ = [
     "Arm",

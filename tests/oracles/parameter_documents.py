@@ -4,10 +4,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 
-import pytest
-
 from operator_app.config.arm_file import load_arm
-from operator_app.config.errors import ConfigError
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.parameter_records import (
     CalibratedEntry,
@@ -146,9 +143,6 @@ def document() -> ParametersDocument:
 GOOD = format_parameters(document()).decode()
 
 
-def complaint(good: str, old: str, new: str) -> ConfigError:
-    """What is said of a document in which the first `old` stands as `new`."""
-    assert old in good
-    with pytest.raises(ConfigError) as caught:
-        parse_parameters(good.replace(old, new, 1).encode())
-    return caught.value
+def parse(text: str) -> ParametersDocument:
+    """Read a document from its text."""
+    return parse_parameters(text.encode())

@@ -14,8 +14,14 @@ from fixtures.rigid import Rigid
 from fixtures.setup_checks import setup_checks
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
-from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
+from operator_app.config.fixture_file import MODELS, FixtureSpec, load_fixture, parse_fixture
 from tests.contracts.planted import FIXTURES
+from tests.oracles.mistakes import named, one_mistake, problems_of
+
+
+def parse(text: str) -> FixtureSpec:
+    return parse_fixture(text.encode(), "f.yaml")
+
 
 GOOD = (files("fixtures") / "data" / "hinge.yaml").read_text("utf-8")
 
@@ -50,13 +56,13 @@ def test_rigid_closes_near_home_and_names_the_elbow():
 
 def test_a_file_that_states_a_stiffness_is_still_read():
     text = GOOD + "stiffness: {n_per_m: 2e6, nm_per_rad: 3e4}\n"
-    assert parse_fixture(text.encode(), "f.yaml") == load_fixture("hinge")
+    assert parse(text) == load_fixture("hinge")
 
 
 def test_distances_of_sockets_that_were_measured():
     text = (files("fixtures") / "data" / "ball.yaml").read_text("utf-8")
     known = "distance: [{between: [1, 2], mm: 50.0, sigma_mm: 0.05}]\n"
-    ball = parse_fixture((text + known).encode(), "f.yaml").fixture
+    ball = parse(text + known).fixture
     assert isinstance(ball, Ball)
     assert ball.distances == (KnownDistance(between=(1, 2), value_m=0.05, sigma_m=5e-5),)
     for wrong in (
@@ -65,9 +71,9 @@ def test_distances_of_sockets_that_were_measured():
         known.replace("0.05", "0"),
     ):
         with pytest.raises(ConfigError, match="distance"):
-            parse_fixture((text + wrong).encode(), "f.yaml")
+            parse(text + wrong)
     with pytest.raises(ConfigError, match="distance"):
-        parse_fixture((GOOD + known).encode(), "f.yaml")
+        parse(GOOD + known)
 
 
 def test_every_kind_there_is_has_a_file_format():
@@ -95,7 +101,7 @@ checklist: [The instrument has warmed up.]
 
 
 def test_measured_endpoint():
-    fixture = parse_fixture(MEASURED.encode(), "f.yaml").fixture
+    fixture = parse(MEASURED).fixture
     assert isinstance(fixture, Measured)
     assert fixture.full_pose
     assert fixture.base_m == (1.5, -0.4, 0.2)
@@ -106,25 +112,16 @@ def test_measured_endpoint():
     assert not fixture.base_known
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "key"),
-    [
-        ("measures: pose", "measures: poses", "measures"),
-        ("instrument_sigma_deg: 0.003", "instrument_sigma_deg: 0", "instrument_sigma_deg"),
-        ("[1500, -400, 200]", "[1500, -400]", "placement.base_mm[3]"),
-        ("[1500, -400, 200]", "[1500, -400, 200, 1]", "placement.base_mm"),
-        ("[1500, -400, 200]", "[1500, x, 200]", "placement.base_mm[2]"),
-        ("[10, -20, 120]", "[0, 0, 3.1416]", "placement.base_turn_deg[3]"),
-    ],
-)
-def test_one_mistake_in_a_measured_fixture(old, new, key, approve):
-    with pytest.raises(ConfigError) as caught:
-        parse_fixture(MEASURED.replace(old, new, 1).encode(), "f.yaml")
-    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
-    approve(str(caught.value))
+MEASURED_BAD = [
+    ("measures: pose", "measures: poses", "measures"),
+    ("instrument_sigma_deg: 0.003", "instrument_sigma_deg: 0", "instrument_sigma_deg"),
+    ("[1500, -400, 200]", "[1500, -400]", "placement.base_mm[3]"),
+    ("[1500, -400, 200]", "[1500, -400, 200, 1]", "placement.base_mm"),
+    ("[1500, -400, 200]", "[1500, x, 200]", "placement.base_mm[2]"),
+    ("[10, -20, 120]", "[0, 0, 3.1416]", "placement.base_turn_deg[3]"),
+]
 
-
-# Old text, new text; the key of the one complaint; what it says.
+# Old text, new text; the key of the one complaint.
 BAD = [
     ("a_0_mm: 200", "a_0_m: -38.5", "placement.a_0_m"),
     ("a_0_mm: 200", "a_0_m: 0.2", "placement.a_0_m"),
@@ -134,8 +131,6 @@ BAD = [
     ("alpha_0_deg: -40", "alpha_0_deg: 1.5708", "placement.alpha_0_deg"),
     ("alpha_0_deg: -40", "alpha_0_deg: 400", "placement.alpha_0_deg"),
     ("a_0_mm: 200", "a_0_mm: 20200", "placement.a_0_mm"),
-    ("a_0_mm: 200", "a_0_mm: .nan", "placement.a_0_mm"),
-    ("a_0_mm: 200\n", "a_0_mm: 200\n  a_0_mm: 210\n", "placement.a_0_mm"),
     ("  s_1_mm: 270\n", "", "placement.s_1_mm"),
     ("kind: hinge", "kind: henge", "kind"),
     ("kind: hinge\n", "", "kind"),
@@ -143,22 +138,17 @@ BAD = [
     ("tolerance_mm: 30", "tolerance_mm: 0", "tolerance_mm"),
     ("name: hinge", "name: 12", "name"),
     ("name: hinge", "name: a b", "name"),
-    ("checklist:\n", "checklist: []\nnotes:\n", "checklist"),
+    ("checklist:\n", "checklist: []\nstiffness:\n", "checklist"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
+@pytest.mark.parametrize(
+    ("old", "new", "key"), [*BAD, *MEASURED_BAD], ids=named([*BAD, *MEASURED_BAD])
+)
 def test_one_mistake_gives_one_complaint(old, new, key, approve):
-    assert old in GOOD
-    text = GOOD.replace(old, new, 1)
-    with pytest.raises(ConfigError) as caught:
-        parse_fixture(text.encode(), "f.yaml")
-    found = [p for p in caught.value.problems if p.key != "notes"]
-    assert [p.key for p in found] == [key], str(caught.value)
-    approve(str(found[0]))
-    assert found[0].line is not None
-    if new.strip() and "\n" not in new.strip():
-        assert new.strip() in text.splitlines()[found[0].line - 1]
+    problem = one_mistake(parse, GOOD if old in GOOD else MEASURED, old, new)
+    assert problem.key == key
+    approve(str(problem))
 
 
 def test_a_placement_in_metres_is_seen_as_a_whole():
@@ -166,8 +156,6 @@ def test_a_placement_in_metres_is_seen_as_a_whole():
     for length in ("a_0_mm: 200", "s_0_mm: 10", "s_1_mm: 270", "a_n_mm: -100", "s_n_mm: 40"):
         name, value = length.split(": ")
         text = text.replace(length, f"{name}: {float(value) / 1e3}")
-    with pytest.raises(ConfigError) as caught:
-        parse_fixture(text.encode(), "f.yaml")
-    (problem,) = caught.value.problems
+    (problem,) = problems_of(parse, text)
     assert problem.key == "placement"
     assert "they may be in metres" in problem.text

@@ -17,7 +17,8 @@ from operator_app.config.parameters_file import (
     parse_parameters,
     save_parameters,
 )
-from tests.oracles.parameter_documents import GOOD, complaint, document
+from tests.oracles.mistakes import named, one_mistake
+from tests.oracles.parameter_documents import GOOD, document, parse
 
 
 class TestContent:
@@ -53,12 +54,10 @@ class TestContent:
             load_parameters(tmp_path / "none.yaml")
 
 
-# Old text, new text; the key of the one complaint; what it says.
+# Old text, new text; the key of the one complaint.
 BAD = [
     ("a_m: 0.2,", "a_m: -38.5,", "dh[row 0].a_m"),
     ("a_m: 0.2,", "a_mm: 200,", "dh[row 0].a_mm"),
-    ("a_m: 0.2,", "a_m: .nan,", "dh[row 0].a_m"),
-    ("a_m: 0.2,", "a_m: 0.2, a_m: 0.3,", "dh[row 0].a_m"),
     ("a_m: 0.2,", "", "dh[row 0].a_m"),
     ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 10.5", "dh[row 1].theta_off_deg"),
     ("{joint: 1, theta_off_deg: 10.0", "{joint: 1, theta_off_deg: 400", "joints[joint 1].theta_off_deg"),
@@ -91,13 +90,11 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
+@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
 def test_one_mistake_gives_one_complaint(old, new, key, approve):
-    found = complaint(GOOD, old, new)
-    assert [p.key for p in found.problems] == [key], str(found)
-    (problem,) = found.problems
+    problem = one_mistake(parse, GOOD, old, new)
+    assert problem.key == key
     approve(str(problem))
-    assert problem.line is not None
 
 
 class TestResultsThatCannotBeWritten:

@@ -9,6 +9,7 @@ import pytest
 from operator_app.config.errors import ConfigError
 from operator_app.config.procedure_file import load_procedure, parse_procedure
 from operator_app.config.resources import Resource, builtin_names
+from tests.oracles.mistakes import named, one_mistake
 
 GOOD = """schema: sarcal/procedure/1
 name: hinge
@@ -179,12 +180,8 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=[f"{b[2]}: {b[1].strip()}" for b in BAD])
+@pytest.mark.parametrize(("old", "new", "key"), BAD, ids=named(BAD))
 def test_one_mistake_gives_one_complaint(old, new, key, approve):
-    assert old in GOOD
-    with pytest.raises(ConfigError) as caught:
-        parse(GOOD.replace(old, new, 1))
-    assert [p.key for p in caught.value.problems] == [key], str(caught.value)
-    (problem,) = caught.value.problems
+    problem = one_mistake(parse, GOOD, old, new)
+    assert problem.key == key
     approve(str(problem))
-    assert problem.line is not None

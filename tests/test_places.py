@@ -12,16 +12,13 @@ hardware/virtual/test_any_drive.py
 hardware/virtual/test_bus_faults.py
 hardware/virtual/test_control_and_heartbeat.py
 hardware/virtual/test_objects.py
-operator_app/calibration/test_all_readings.py
 operator_app/calibration/test_honesty.py
 operator_app/calibration/test_large_sets.py
 operator_app/calibration/test_later_poses.py
-operator_app/calibration/test_mistakes_of_files.py
 operator_app/calibration/test_naming.py
 operator_app/calibration/test_real_arm.py
 operator_app/calibration/test_rvdt_noise.py
 operator_app/calibration/test_rvdt_within.py
-operator_app/calibration/test_scale.py
 operator_app/calibration/test_settles.py
 operator_app/calibration/test_verdicts.py
 operator_app/commands/test_bad_input.py

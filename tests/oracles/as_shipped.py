@@ -2,11 +2,14 @@
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import pick_placements
+from operator_app.calibration.error_model import error_model, free_within_tolerance
+from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses, parse_poses
 from solver.chain.poses import PoseSet
+from solver.estimators.variance_components import Calibrated, estimate_with_errors
 from tests.oracles.panda import FOLDER
 from tests.oracles.shop_floor import Session
 
@@ -24,6 +27,14 @@ def poses_of(found: Session) -> PoseSet:
 def solved(found: Session, **options: str) -> Solution:
     """Return the calibration of a session."""
     return calibrate(ARM, HINGE, poses_of(found), **options)
+
+
+def fit_of(found: Session) -> Calibrated:
+    """Return the fit of a session with the stated errors, before anything is judged."""
+    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(found))
+    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
+    errors = error_model(experiment, tolerance=tolerance)
+    return estimate_with_errors(model, experiment.poses.q_rad, errors)
 
 
 def panda_poses(*placements: int) -> PoseSet:

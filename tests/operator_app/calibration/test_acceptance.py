@@ -41,8 +41,7 @@ def test_a_sound_session_is_accepted_and_every_test_says_how_often_it_would_not_
 def test_what_a_fixtures_file_states_is_known_where_poses_tell_less(sound):
     """The file of a fixture measured to 0.5 mm and 5 deg knows some lengths better than 40 poses do."""
     lengths = ("a_0", "s_0", "s_1", "a_7", "s_7")
-    names = [p.name for p in sound.estimate.parameters]
-    before = dict(zip(names, sound.estimate.standard_deviation, strict=True))
+    before = sound.estimate.sd_by_name
     # Nominal values where this fixture truly is, to within what its file then states.
     nominal = {n: sound.estimate.value(n) for n in lengths}
     found = calibrate(
@@ -55,7 +54,7 @@ def test_what_a_fixtures_file_states_is_known_where_poses_tell_less(sound):
         poses_of(session(SEED)),
     )
     assert found.verdict is Verdict.ACCEPTED
-    sigma = dict(zip(names, (found.estimate.standard_deviation), strict=False))
+    sigma = found.estimate.sd_by_name
     wide = {n for n in lengths if before[n] > 0.5e-3}
     assert 0 < len(wide) < 5
     assert all(sigma[n] < 0.5e-3 for n in lengths)
@@ -165,7 +164,6 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
     readings = found.readings.copy()
     readings[3, 3] += np.deg2rad(3.0)
     adjudication = solved(replace(found, readings=readings)).adjudication
-    assert adjudication is not None
     assert adjudication.stated_chi2_per_dof is not None
     assert adjudication.stated_chi2_per_dof > 20.0
     assert adjudication.causes[0].code == "OUTLIERS"
@@ -183,7 +181,6 @@ def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_un
     readings = found.readings + np.deg2rad(2.0) * noise.normal(size=found.readings.shape)
     taken = replace(found, readings=readings)
     adjudication = solved(taken).adjudication
-    assert adjudication is not None
     assert adjudication.verdict is Verdict.NOT_ACCEPTED
     poses = poses_of(taken)
     blind = UnidentifiableError(

@@ -29,7 +29,6 @@ def test_a_shift_is_found_beside_offset_and_bow(angle, first, size):
     reading = angle - 3.1 + 0.01 * np.cos(2.0 * angle)
     reading[first:] += size
     found = shift_of(reading, angle)
-    assert found is not None
     assert found.first == first
     assert found.size_rad == pytest.approx(size, abs=2e-3)
 
@@ -38,7 +37,6 @@ def test_angles_are_turns_of_a_circle(angle):
     reading = angle + np.pi - 1e-3
     reading[25:] += 0.1
     found = shift_of(reading - 2.0 * np.pi * (np.arange(POSES) % 2), angle)
-    assert found is not None
     assert found.first == 25
     assert found.size_rad == pytest.approx(0.1)
 
@@ -55,7 +53,6 @@ def test_a_large_shift_of_an_analogue_sensor_is_named_as_one():
     case = CASES["joint slips 50 counts"](3015)
     assert case.causes == ("STEP_JOINT_7",)
     adjudication = solved(case.taken).adjudication
-    assert adjudication is not None
     assert adjudication.causes[0].code == "STEP_JOINT_7"
     assert adjudication.causes[0].blocking
 

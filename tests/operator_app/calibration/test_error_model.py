@@ -35,7 +35,6 @@ def _picked(poses: PoseSet, rows: np.ndarray) -> PoseSet:
 
 def test_sides_are_those_of_the_motion_between_poses(poses):
     side = approach_of(ARM, poses, everything(poses))
-    assert side is not None
     moved = np.diff(poses.q_rad, axis=0)
     far = np.abs(moved) > np.deg2rad(1.0)
     np.testing.assert_array_equal(side[1:][far], np.sign(moved)[far])
@@ -79,11 +78,9 @@ def test_another_placement_starts_anew(poses):
 def test_loads_are_there_where_the_arm_weighs_something(poses):
     experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
     loaded = error_model(experiment)
-    assert loaded.loads is not None
     assert loaded.loads.give.any()
     # Sag follows gravity all the same; what pulls at the fixture nobody knows.
     unstated = error_model(replace(experiment, arm=replace(ARM, masses=None))).loads
-    assert unstated is not None
     assert unstated.sag.any()
     assert not unstated.give.any()
     rigid = replace(HINGE, compliance=RIGID)

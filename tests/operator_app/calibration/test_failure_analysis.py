@@ -95,7 +95,6 @@ def test_a_joint_that_turned_unread_is_told_with_its_angle(kind, drives, stuck):
     x = nominal_vector(model.parameters)
     still = [j + 1 for j in np.flatnonzero(np.abs(after - before) < 1e-9)]
     found = turned_unread(model, x, before, after, still)
-    assert found is not None
     assert found[0] == stuck
     assert found[1] == pytest.approx(true, rel=0.3), np.rad2deg((found[1], true))
 

@@ -1,6 +1,8 @@
-"""An encoder's spread within a pose is looked at: an arm that moved while it was sampled is said to have."""
+"""Faults planted in the readings of sound sessions are the first finding, by name and with their size."""
 
+import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +12,77 @@ from solver.diagnostics.range_checks import range_findings
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, WARNED, outcome
 from tests.oracles.as_shipped import ARM, poses_of
 from tests.oracles.shop_floor import session
+
+
+def in_radians(q, *, joints=slice(None), rows=slice(None)):
+    columns = [j - 1 for j in joints] if isinstance(joints, tuple) else joints
+    q[rows, columns] = np.deg2rad(q[rows, columns])
+
+
+def folded(q):
+    """As a reader does that folds every angle into 180 deg either way."""
+    q[:] = np.mod(q + np.pi, 2.0 * np.pi) - np.pi
+
+
+def scaled(q, *, joint, percent):
+    q[:, joint - 1] *= 1.0 + 0.01 * percent
+
+
+def scattered(q, *, degrees):
+    q += np.deg2rad(degrees) * np.random.default_rng(61).normal(size=q.shape)
+
+
+def drifting(q, *, joint, degrees):
+    q[:, joint - 1] += np.deg2rad(degrees) * np.linspace(0.0, 1.0, len(q))
+
+
+SCALE, SCATTER = r"encoder is off by about (\S+) %", r"scatter by about ([0-9.]+) deg"
+
+# Seed, what is done to the readings, the first cause; its size and where it is said.
+FAULTS = [
+    (21, folded, "WHOLE_TURNS_2_5_6", 0.0, ""),
+    *(
+        (21, partial(in_radians, joints=joints), "_".join(map(str, ("RADIANS", *joints))), 0.0, "")
+        for joints in ((4,), (7,), (6, 7), (1, 2, 3))
+    ),
+    *(
+        (61, partial(scaled, joint=joint, percent=size), f"SCALE_{joint}", size, SCALE)
+        for joint, size in ((2, 5.0), (5, -5.0), (3, 1.0), (4, 1.0), (5, 1.0))
+    ),
+    *((61, partial(scattered, degrees=size), "SCATTER", size, SCATTER) for size in (0.1, 0.2, 0.3)),
+    *(
+        (seed, partial(drifting, joint=joint, degrees=size), f"DRIFT_JOINT_{joint}", 0.0, "")
+        for seed, joint, size in ((62, 7, 0.1), (63, 1, 0.3), (64, 2, 0.1))
+    ),
+    (21, partial(in_radians, rows=slice(20, 40)), "RADIANS_POSES", 0.0, ""),
+]
+
+
+@pytest.mark.sample(7)
+@pytest.mark.parametrize(
+    ("seed", "change", "code", "size", "where"), FAULTS, ids=[str(fault[2]) for fault in FAULTS]
+)
+def test_a_fault_of_readings_is_the_first_cause(seed, change, code, size, where):
+    """And no other one: a scale was taken for sag, noise of all joints for a bent RVDT or a ball."""
+    found = session(seed)
+    read = found.readings.copy()
+    change(read)
+    said = outcome(replace(found, readings=read))
+    assert said.verdict != ACCEPTED
+    codes = [c for c in said.causes if not c.startswith("RANGE")]
+    assert codes[0] == code, said.said
+    assert "WRONG_FIXTURE" not in codes
+    if where:
+        assert float(re.search(where, said.said)[1]) == pytest.approx(size, rel=0.25)
+
+
+def test_a_row_in_radians_is_left_out_and_is_no_flipped_pose():
+    found = session(21)
+    read = found.readings.copy()
+    in_radians(read, rows=slice(7, 8))
+    said = outcome(replace(found, readings=read))
+    assert said.causes == ("RANGE_RADIANS",), said.said
+    assert not {"FLIPPED_BRANCH", "RANGE"} & set(said.warnings)
 
 
 @pytest.mark.parametrize("poses", [slice(None), slice(4, 6)])
@@ -27,18 +100,6 @@ def test_an_encoder_that_moved_while_it_was_read_is_named(poses):
 
 def test_a_spread_as_of_its_sensor_is_nothing():
     assert outcome(session(61)).verdict == ACCEPTED
-
-
-@pytest.mark.parametrize(
-    ("rows", "code"), [(slice(7, 8), "RANGE_RADIANS"), (slice(20, 40), "RADIANS_POSES")]
-)
-def test_rows_in_radians_are_named_as_such(rows, code):
-    found = session(21)
-    read = found.readings.copy()
-    read[rows] = np.deg2rad(read[rows])
-    said = outcome(replace(found, readings=read))
-    assert said.causes == (code,), said.said
-    assert not {"FLIPPED_BRANCH", "RANGE"} & set(said.warnings)
 
 
 def test_each_pose_that_was_left_out_says_why():

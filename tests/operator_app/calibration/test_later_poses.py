@@ -56,9 +56,6 @@ def test_a_joint_that_reads_otherwise_in_all_later_poses_is_named_with_its_size(
     found = _judged(retaken, readings)
     assert not found.holds
     shift = found.shift
-    assert shift is not None
-    assert shift.size is not None
-    assert shift.sigma is not None
     assert shift.subject == str(joint)
     assert abs(shift.size - np.deg2rad(deg)) < 4.0 * shift.sigma
     assert found.odd_poses == ()
@@ -79,5 +76,4 @@ def test_a_fixture_that_stands_elsewhere_is_named_as_such(sound):
     poses = poses_of(session(SEED))
     found = _judged((MadeFrom(solution=sound, poses=poses), moved), moved.readings)
     assert not found.holds
-    assert found.shift is not None
     assert found.shift.subject == FIXTURE

@@ -9,7 +9,6 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict, fit_causes
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.error_model import error_model, free_within_tolerance
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
@@ -21,8 +20,7 @@ from solver.diagnostics.limits import CHI2_PER_DOF_SECOND_START
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
 from solver.estimators.paper import estimate_paper
-from solver.estimators.variance_components import estimate_with_errors
-from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses, poses_of, solved
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, fit_of, panda_poses, poses_of, solved
 from tests.oracles.shop_floor import Session, session
 from tests.oracles.shop_floor_faults import CASES
 
@@ -117,11 +115,7 @@ def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_p
     name, found, remedy
 ):
     """Of a parameter, were it one that its file states better than any pose can tell."""
-    poses = poses_of(found)
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
-    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
-    errors = error_model(experiment, tolerance=tolerance)
-    fit = estimate_with_errors(model, poses.q_rad, errors)
+    fit = fit_of(found)
     (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(exceeded_source, fit))
     assert cause.code == "LITTLE_MOTION"
     assert cause.remedy.startswith(remedy)

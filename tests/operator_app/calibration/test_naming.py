@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 
 from operator_app.calibration.acceptance import causes_of, each_once
-from operator_app.calibration.error_model import error_model, free_within_tolerance
-from operator_app.calibration.experiment import Experiment
 from operator_app.messages.finding import Finding, FindingKind
 from solver.diagnostics.diagnosis import CauseRanking, Diagnosis, Explanation, diagnose
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
 from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
 from solver.estimators.estimate import Estimate
-from solver.estimators.variance_components import estimate_with_errors
-from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
+from tests.oracles.as_shipped import ARM, SEED, fit_of
 from tests.oracles.shop_floor import Session, session
 
 
@@ -28,11 +25,7 @@ def test_what_is_named_again_is_said_once_and_goes_on_refusing():
 
 def tried(found: Session) -> tuple[Diagnosis, Estimate]:
     """What the tests say of a session, and the estimate they judge."""
-    poses = poses_of(found)
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
-    model, tolerance = free_within_tolerance(experiment.loop(), ARM)
-    errors = error_model(experiment, tolerance=tolerance)
-    made = estimate_with_errors(model, poses.q_rad, errors)
+    made = fit_of(found)
     return diagnose(made.linear, ARM, taken=made.order), made.estimate
 
 
@@ -130,5 +123,4 @@ def weighed(trial: Diagnosis, candidate: Candidate, *, b: float) -> Evidence:
         found = evidence(trial.left, candidate.columns, candidate.natural)
     else:
         found = evidence_of_own(trial.left, candidate.own, candidate.columns, candidate.natural)
-    assert found is not None
     return replace(found, b=np.full_like(found.b, b), moved=np.zeros_like(found.moved))

@@ -122,7 +122,6 @@ def test_a_measured_one_counts_like_one_observation_more(unmeasured):
     spread = (alone.sigma_m**2 + known.sigma_m**2) ** 0.5
     assert distance.deviation == pytest.approx(moved / spread, abs=0.1)
     assert "DISTANCE" not in {n.code for n in solution.warnings}
-    assert solution.components is not None
     assert solution.components.budget["distances"].max() > 0.0
 
 

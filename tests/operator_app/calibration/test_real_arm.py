@@ -58,11 +58,7 @@ def test_what_a_ball_cannot_see_is_known_as_well_as_the_arms_file_states(of_pair
         (said,) = [n.text for n in found.warnings if n.code == "AS_STATED"]
         for name in ("theta_off_1", "theta_off_7"):
             assert re.search(rf"{name}: [0-4] % from these poses, sigma (0.98|0.99|1.0) deg", said)
-        sigma, before = (
-            dict(zip([p.name for p in s.estimate.parameters], s.estimate.standard_deviation,
-                     strict=True))
-            for s in (found, dropped)
-        )  # fmt: skip
+        sigma, before = found.estimate.sd_by_name, dropped.estimate.sd_by_name
         for name in ("theta_off_1", "theta_off_7"):
             assert 0.97 < sigma[name] / np.deg2rad(1.0) < 1.0 + 1e-9
             assert found.shares[name] < 0.05
@@ -89,9 +85,9 @@ def test_without_such_a_statement_it_is_an_error_that_names_them():
 def test_offsets_of_separate_pairs_agree_within_what_they_claim(of_pairs):
     parameter_shift = []
     for one, two in combinations((s.estimate for s in of_pairs), 2):
-        a, b = ([[p.name for p in e.parameters].index(n) for n in SEEN] for e in (one, two))
-        sd = np.hypot(one.standard_deviation[a], two.standard_deviation[b])
-        parameter_shift.append((one.x[a] - two.x[b]) / sd)
+        for name in SEEN:
+            sd = np.hypot(one.sd_by_name[name], two.sd_by_name[name])
+            parameter_shift.append((one.value(name) - two.value(name)) / sd)
     assert np.mean(np.abs(parameter_shift) < 1.96) >= 0.9
 
 

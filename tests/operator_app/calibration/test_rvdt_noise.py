@@ -20,7 +20,6 @@ from tests.oracles.shop_floor_faults import ball_for_hinge
 def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(lsb, samples):
     taken = session(7003, Sizes(noise_lsb=lsb), samples=samples)
     for verdict in solved(taken).rvdt:
-        assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(lsb, rel=0.1)
         assert f"noise of a single reading {verdict.noise.lsb:.1f} LSB" in verdict.text
         # 2 LSB are allowed: the mean of 32 readings of 8 would pass, a single one must not.
@@ -31,7 +30,6 @@ def test_the_spread_inside_the_poses_tells_the_noise_of_a_single_reading(lsb, sa
 def test_single_readings_are_told_by_the_loops():
     taken = session(7003, Sizes(noise_lsb=8.0), samples=1)
     for verdict in solved(taken).rvdt:
-        assert verdict.noise is not None
         assert verdict.noise.low <= 8.0 <= verdict.noise.high
         assert verdict.verdict is Soundness.OUT_OF_SPECIFICATION
 
@@ -39,7 +37,6 @@ def test_single_readings_are_told_by_the_loops():
 def test_means_without_their_spread_say_that_they_cannot_tell():
     taken = session(7003, Sizes(noise_lsb=1.0), samples=32)
     for verdict in calibrate(ARM, HINGE, replace(poses_of(taken), sd_rad=None)).rvdt:
-        assert verdict.noise is not None
         assert not verdict.noise.determined
         assert verdict.noise.high > 1.0
         assert "not determined by these poses, below" in verdict.text
@@ -65,7 +62,6 @@ def test_measured_poses_tell_the_noise_and_say_why_they_tell_no_curve():
     found = calibrate(ARM, seen, poses, drop=True).rvdt
     assert [v.joint for v in found] == [6, 7]
     for verdict in found:
-        assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
         assert verdict.verdict is Soundness.CANNOT_DECIDE
         assert (
@@ -78,7 +74,6 @@ def test_several_placements_tell_the_noise():
     poses = poses_of(session(7003, Sizes.only()))
     found = calibrate(ARM, HINGE, replace(poses, placement=np.arange(len(poses)) % 2 + 1)).rvdt
     for verdict in found:
-        assert verdict.noise is not None
         assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
         assert "solve one placement alone" in verdict.text
     assert len(found) == 2
@@ -107,7 +102,6 @@ def test_poses_on_a_ball_tell_the_noise(lsb, samples):
     assert [v.joint for v in found] == [6, 7]
     for verdict in found:
         noise = verdict.noise
-        assert noise is not None
         assert noise.from_spread == (samples > 1)
         if samples > 1:
             assert noise.lsb == pytest.approx(lsb, rel=0.1)

@@ -36,13 +36,11 @@ def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
     first = solution.causes[0]
     assert first.code in case.causes
     (verdict,) = (v for v in solution.rvdt if v.verdict is Soundness.OUT_OF_SPECIFICATION)
-    assert verdict.figures is not None
     assert f"({100.0 * verdict.figures.linearity:.1f} % of full scale" in first.text
 
 
 def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it():
     found = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
-    assert found.figures is not None
     assert found.figures.linearity > 0.02
     assert found.verdict is Soundness.CURVED
     assert "within specification" not in found.text
@@ -60,7 +58,6 @@ def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
     assert (solution.causes[0].poses, solution.causes[0].sensor) == (("p005",), "RVDT")
     verdict = next(v for v in solution.rvdt if v.joint == 6)
     assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
-    assert verdict.noise is not None
     assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
 
 

@@ -15,7 +15,6 @@ from operator_app.report.text import facts_text
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
-from solver.loops.point import PointClosure
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses
 from tests.oracles.pinocchio_chain import PinocchioChain
 
@@ -25,13 +24,11 @@ def test_it_is_the_scatter_of_hands_drawn_from_the_covariance():
     poses = panda_poses(3)
     solution = calibrate(PANDA, BALL, poses, drop=True)
     estimate, model = solution.estimate, solution.model
-    assert isinstance(model, PointClosure)
     drawn = np.random.default_rng(1).multivariate_normal(
         estimate.x, estimate.covariance, size=1500, method="eigh"
     )
     hands = np.array([model.tip_position(x, poses.q_rad) for x in drawn])
     each = np.sqrt(((hands - model.tip_position(estimate.x, poses.q_rad)) ** 2).sum(-1).mean(0))
-    assert solution.hand is not None
     assert solution.hand.rms == pytest.approx(float(np.sqrt((each**2).mean())), rel=0.06)
     assert solution.hand.worst == pytest.approx(float(each.max()), rel=0.08)
     said = facts_of(solution).json["tip_sigma_mm"]
@@ -45,10 +42,8 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
     """A ball does not see the zeros of the first and the last joint: a degree of these is most of the sigma."""
     solution = calibrate(PANDA, BALL, panda_poses(1, 2))
     found, estimate, model = solution.accuracy, solution.estimate, solution.model
-    assert found is not None
     assert found.stated == ("theta_off_1", "theta_off_7")
     part, columns, _ = model.parts()[0]
-    assert isinstance(part, PointClosure)
     drawn = np.random.default_rng(1).multivariate_normal(
         estimate.x, estimate.covariance, size=600, method="eigh"
     )
@@ -60,7 +55,6 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
     left = hands - by @ np.linalg.lstsq(by, hands, rcond=None)[0]
     whole, rest = (float(np.sqrt(3.0 * np.mean(h**2))) for h in (hands, left))
     assert found.after.rms == pytest.approx(whole, rel=0.1)
-    assert found.after_by_poses is not None
     assert found.after_by_poses.rms == pytest.approx(rest, rel=0.25)
     assert rest < 0.3 * whole
     document = facts_of(solution).json["hand_accuracy_mm"]
@@ -74,7 +68,6 @@ def test_before_and_after_are_distances_of_hands_that_pinocchio_places():
     made = simulated_poses(ARM, load_fixture("hinge"), poses=40, seed=5)
     solution = calibrate(ARM, HINGE, made.poses)
     found = solution.accuracy
-    assert found is not None
     hand = calibrated_arm(solution, ARM)
     truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
     # The arm's own entries nominal and true, the hand's as they truly are.
@@ -142,7 +135,6 @@ def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right():
 
     at = truth["theta_off_4"]
     (right, arm), other = held_at(at), held_at(at + off)
-    assert right.accuracy is not None
     (said,) = right.accuracy.holds_for
     assert (said.name, said.value_rad) == ("theta_off_4", pytest.approx(at))
     q = np.random.default_rng(0).uniform(arm.lower_rad, arm.upper_rad, size=(300, 7))
@@ -163,7 +155,6 @@ def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right():
     assert document["hand_accuracy_holds_for"] == {"theta_off_4": pytest.approx(np.rad2deg(at))}
     # Where the file states how well it is known, that is counted in.
     known, _ = held_at(at, np.deg2rad(2.0))
-    assert known.accuracy is not None
     assert known.accuracy.holds_for == ()
     assert known.accuracy.after.rms == pytest.approx(
         float(np.hypot(right.accuracy.after.rms, said.rate_m_per_rad * np.deg2rad(2.0))), rel=0.01

@@ -190,7 +190,6 @@ WEIGHTLESS = re.sub(r"^(?:gravity: |links:|  - \{link: ).*\n", "", SARCOS, flags
 
 def test_the_packaged_arm_weighs_something():
     masses = load_arm("sarcos_dextrous").masses
-    assert masses is not None
     assert masses.mass_kg.shape == (7,)
     np.testing.assert_allclose(masses.mass_sd_kg, 0.2 * masses.mass_kg)
     np.testing.assert_allclose(masses.centre_sd_m, 0.015)
@@ -231,7 +230,6 @@ def test_tolerances_are_each_links_own_and_down_has_any_length(length):
         "centre_tolerance_mm: 2}",
     ).replace("down: [-1, 0, 0], tolerance_deg: 3", f"down: [0, {3 * length}, {-4 * length}]")
     masses = arm_of(text).masses
-    assert masses is not None
     assert masses.mass_sd_kg[2] == pytest.approx(0.2)
     assert masses.centre_sd_m[2] == pytest.approx(0.002)
     assert masses.mass_sd_kg[4] == pytest.approx(0.5)

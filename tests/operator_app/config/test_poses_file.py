@@ -63,13 +63,10 @@ def test_all_optional_columns_in_any_order():
     )
     poses = parse_poses(data, "p.csv", joint_count=2).poses
     np.testing.assert_array_equal(poses.q_rad, np.deg2rad([[10.0, 20.0]]))
-    assert poses.sd_rad is not None
     np.testing.assert_array_equal(poses.sd_rad, np.deg2rad([[0.1, 0.2]]))
-    assert poses.endpoint is not None
     np.testing.assert_array_equal(poses.endpoint[0, :3], [0.1, 0.2, 0.3])
     np.testing.assert_array_equal(poses.endpoint[0, 3:], np.deg2rad([90.0, 0.0, -90.0]))
     assert poses.keys == ((3, "p1"),)
-    assert poses.samples is not None
     assert poses.samples.tolist() == [32]
     assert poses.notes == ('a, "b"',)
     assert poses.utc == ("2026-01-31T12:00:00Z",)

@@ -1,4 +1,4 @@
-"""Mistakes of files, by name: radians in some columns or in the arm file, whole turns, lengths exchanged."""
+"""Mistakes in an arm file are named: offsets in radians, lengths exchanged; poses of another arm are refused."""
 
 from dataclasses import replace
 
@@ -12,26 +12,6 @@ from operator_app.messages.finding import FindingKind
 from tests.benchmarks.shop_floor_outcome import outcome
 from tests.oracles.as_shipped import ARM, BALL, panda_poses
 from tests.oracles.shop_floor import session
-
-
-@pytest.mark.sample(2)
-@pytest.mark.parametrize("joints", [(4,), (7,), (6, 7), (1, 2, 3)])
-def test_columns_in_radians_are_named(joints):
-    """Some lie outside their range then, joint 7 does not."""
-    found = session(21)
-    read = found.readings.copy()
-    columns = [j - 1 for j in joints]
-    read[:, columns] = np.deg2rad(read[:, columns])
-    said = outcome(replace(found, readings=read))
-    assert said.causes[0] == "_".join(("RADIANS", *map(str, joints))), said.said
-
-
-def test_readings_that_wrap_are_named_by_joint():
-    """A reader that folds every angle into 180 deg either way."""
-    found = session(21)
-    read = np.mod(found.readings + np.pi, 2.0 * np.pi) - np.pi
-    said = outcome(replace(found, readings=read))
-    assert said.causes[0] == "WHOLE_TURNS_2_5_6", said.said
 
 
 @pytest.mark.campaign

@@ -18,7 +18,6 @@ operator_app/calibration/test_later_poses.py
 operator_app/calibration/test_naming.py
 operator_app/calibration/test_real_arm.py
 operator_app/calibration/test_rvdt_noise.py
-operator_app/calibration/test_rvdt_within.py
 operator_app/calibration/test_settles.py
 operator_app/calibration/test_verdicts.py
 operator_app/commands/test_bad_input.py

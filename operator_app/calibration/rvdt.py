@@ -13,7 +13,7 @@ from operator_app.calibration.error_model import free_within_tolerance
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import moved_while_read
 from operator_app.calibration.result import Solution
-from operator_app.config.parameters import ParametersDocument
+from operator_app.config.parameter_records import Correction, RvdtRemedy
 from operator_app.messages.finding import Finding, FindingKind
 from operator_app.units import joints_named
 from solver.arrays import BoolArray, FloatArray, IntArray
@@ -218,6 +218,31 @@ class ReadingTable:
     add_rad: FloatArray
     sigma_rad: FloatArray
 
+    @classmethod
+    def of(cls, remedy: RvdtRemedy) -> ReadingTable:
+        """Return the corrections that a parameters file states for one joint."""
+        rows = [(row.reading_deg, row.add_deg, row.sigma_deg) for row in remedy.table]
+        reading, add, sigma = np.deg2rad(rows).T
+        return cls(
+            joint=remedy.joint,
+            theta_off_rad=math.radians(remedy.theta_off_deg),
+            gain=remedy.gain,
+            reading_rad=reading,
+            add_rad=add,
+            sigma_rad=sigma,
+        )
+
+    @property
+    def remedy(self) -> RvdtRemedy:
+        """The corrections as a parameters file states them."""
+        rows = np.rad2deg((self.reading_rad, self.add_rad, self.sigma_rad)).T.tolist()
+        return RvdtRemedy(
+            joint=self.joint,
+            theta_off_deg=math.degrees(self.theta_off_rad),
+            gain=self.gain,
+            table=tuple(Correction(reading_deg=q, add_deg=a, sigma_deg=s) for q, a, s in rows),
+        )
+
     def corrected(self, reading_rad: FloatArray) -> FloatArray:
         """Correct readings; beyond the table, with the correction at its nearer end."""
         return np.asarray(reading_rad + np.interp(reading_rad, self.reading_rad, self.add_rad))
@@ -248,25 +273,6 @@ def reading_tables(solution: Solution) -> tuple[ReadingTable, ...]:
                 reading_rad=reading[rising],
                 add_rad=add[rising],
                 sigma_rad=sigma[rising],
-            )
-        )
-    return tuple(found)
-
-
-def tables_of(document: ParametersDocument) -> tuple[ReadingTable, ...]:
-    """Return the corrections that a parameters file contains."""
-    found = []
-    for remedy in document.rvdt:
-        rows = [(row.reading_deg, row.add_deg, row.sigma_deg) for row in remedy.table]
-        reading, add, sigma = np.deg2rad(rows).T
-        found.append(
-            ReadingTable(
-                joint=remedy.joint,
-                theta_off_rad=math.radians(remedy.theta_off_deg),
-                gain=remedy.gain,
-                reading_rad=reading,
-                add_rad=add,
-                sigma_rad=sigma,
             )
         )
     return tuple(found)

@@ -168,14 +168,14 @@ def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: Po
 
 def _tables(args: argparse.Namespace, arm: ArmModel) -> tuple[str, tuple[ReadingTable, ...]]:
     """Return the digest of the poses behind ``--rvdt-table``, and its corrections; "" and () without that option."""
-    from operator_app.calibration.rvdt import tables_of
+    from operator_app.calibration.rvdt import ReadingTable
     from operator_app.config.parameters_file import load_parameters
     from solver.chain.sensors import Rvdt
 
     if not args.rvdt_table:
         return "", ()
     document, given = load_parameters(args.rvdt_table), f"--rvdt-table {args.rvdt_table}"
-    tables = tables_of(document)
+    tables = tuple(map(ReadingTable.of, document.rvdt))
     if document.arm.model != arm.name:
         raise UsageError(f"{given} is for {document.arm.model}, these poses are from {arm.name}")
     if not tables:

@@ -9,17 +9,22 @@ import pytest
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.rvdt import (
+    ReadingTable,
     corrected_poses,
     measured_offsets,
     reading_tables,
-    tables_of,
 )
 from operator_app.cli import main
-from operator_app.config.parameter_records import Correction, RvdtRemedy
 from operator_app.config.parameters_file import save_parameters
 from operator_app.config.poses_file import load_poses
-from tests.oracles.as_shipped import ARM, HINGE
+from operator_app.report.facts import facts_of
+from operator_app.report.text import facts_text
+from solver.diagnostics.rvdt import Soundness
+from tests.oracles.as_shipped import ARM, HINGE, solved
 from tests.oracles.parameter_documents import VALUES, make_document
+from tests.oracles.shop_floor import session
+from tests.oracles.shop_floor_faults import CASES
+from tests.oracles.shop_floor_misread import rippled
 
 DATA = Path(__file__).parents[2] / "data" / "hinge"
 CURVED, EXACT = DATA / "hinge_rvdt1pct.csv", DATA / "hinge_exact.csv"
@@ -75,22 +80,10 @@ def test_unsensed_joints_have_the_offsets_that_the_loop_measured():
 
 def test_a_table_is_applied_to_readings_from_the_command_line(curved, tmp_path, capsys):
     file = tmp_path / "p.yaml"
-    remedies = tuple(
-        RvdtRemedy(
-            joint=t.joint,
-            theta_off_deg=float(np.rad2deg(t.theta_off_rad)),
-            gain=t.gain,
-            table=tuple(
-                Correction(reading_deg=r, add_deg=a, sigma_deg=s)
-                for r, a, s in np.rad2deg((t.reading_rad, t.add_rad, t.sigma_rad)).T.tolist()
-            ),
-        )
-        for t in reading_tables(curved)
-    )
+    remedies = tuple(table.remedy for table in reading_tables(curved))
     save_parameters(file, replace(make_document(), rvdt=remedies))
-    for kept, read in zip(
-        tables_of(replace(make_document(), rvdt=remedies)), reading_tables(curved), strict=True
-    ):
+    for remedy, read in zip(remedies, reading_tables(curved), strict=True):
+        kept = ReadingTable.of(remedy)
         np.testing.assert_allclose(kept.add_rad, read.add_rad, rtol=0, atol=1e-15)
     assert main(["solve", str(CURVED), "--rvdt-table", str(file), "--json"]) == 0
     said = capsys.readouterr()
@@ -120,3 +113,58 @@ def test_a_file_without_a_table_or_of_another_arm_is_refused(tmp_path, capsys):
     assert "no RVDT table" in capsys.readouterr().err
     assert main(["solve", str(CURVED), "--arm", "franka_panda", "--rvdt-table", str(file)]) == 2
     assert "sarcos_dextrous, these poses are from franka_panda" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("seed", [103, 105])
+def test_a_sine_within_its_linearity_is_accepted(seed):
+    """NOT ACCEPTED for an RVDT that the same text called within specification."""
+    solution = solved(rippled(seed).taken)
+    assert all(v.verdict is Soundness.CURVED for v in solution.rvdt)
+    assert solution.accepted
+    assert not [c for c in solution.causes if c.code.startswith("RVDT")]
+
+
+def test_what_is_said_of_a_curve_beyond_its_linearity_is_one_figure():
+    """The cause had the amplitude as the readings bend it, its notice what the loop measures: 3.2 and 2.7 %."""
+    case = CASES["RVDT 3 %"](3001)
+    solution = solved(case.taken)
+    first = solution.causes[0]
+    assert first.code in case.causes
+    (verdict,) = (v for v in solution.rvdt if v.verdict is Soundness.OUT_OF_SPECIFICATION)
+    assert f"({100.0 * verdict.figures.linearity:.1f} % of full scale" in first.text
+
+
+def test_a_figure_beyond_the_linearity_by_chance_is_not_called_within_it():
+    found = next(v for v in solved(rippled(222).taken).rvdt if v.joint == 7)
+    assert found.figures.linearity > 0.02
+    assert found.verdict is Soundness.CURVED
+    assert "within specification" not in found.text
+    assert "not significantly beyond its specification" in found.text
+    assert f"(sigma {100.0 * found.figures.linearity_sd:.2f} %, specification 2 %)" in found.text
+
+
+def test_a_joint_that_moved_in_one_pose_is_named_by_the_pose():
+    """An RVDT "out of specification" whose noise "cannot be told", and no pose."""
+    found = session(61)
+    spread = found.spread.copy()
+    spread[4, 5] = np.deg2rad(5.0)
+    solution = solved(replace(found, spread=spread))
+    assert [c.code for c in solution.causes] == ["UNSTEADY_6"]
+    assert (solution.causes[0].poses, solution.causes[0].sensor) == (("p005",), "RVDT")
+    verdict = next(v for v in solution.rvdt if v.joint == 6)
+    assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
+    assert verdict.noise.lsb == pytest.approx(2.0, rel=0.1)
+
+
+def test_what_keeps_the_iteration_from_settling_is_said_before_that_it_did_not():
+    """The text had only "the iteration did not settle": the spread was in the JSON."""
+    found = session(61)
+    spread = found.spread.copy()
+    spread[:, 5:] = np.deg2rad(50.0)
+    solution = solved(replace(found, spread=spread))
+    assert not solution.accepted
+    assert [c.code for c in solution.causes] == ["RVDT_6", "RVDT_7", "NOT_CONVERGED"]
+    text = " ".join(facts_text(facts_of(solution)).split())
+    at = [text.index(words) for words in ("RVDT of joint 6", "RVDT of joint 7", "did not converge")]
+    assert at == sorted(at)
+    assert "(sd6_deg)" in text

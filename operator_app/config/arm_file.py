@@ -40,6 +40,7 @@ from operator_app.config.quantities import (
 )
 from operator_app.config.resources import resolve
 from operator_app.config.schema import StrictModel, check_numbered, read_model, report
+from operator_app.config.strict_yaml import Complaint
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel, Joint
 from solver.chain.kinematics import DhTable
@@ -147,6 +148,20 @@ class JointModel(StrictModel):
                 "write degrees",
             )
         return value
+
+
+def check_home(
+    home_deg: Sequence[float], ranges_deg: Sequence[tuple[float, float]]
+) -> Iterator[Complaint]:
+    """Yield the problems of a home that lacks a joint's angle, or has one outside the joint's range."""
+    if len(home_deg) != len(ranges_deg):
+        text = f"has {len(home_deg)} angles for {len(ranges_deg)} joints"
+        yield ("home_deg",), text, "write one angle per joint"
+        return
+    for k, (angle, (low, high)) in enumerate(zip(home_deg, ranges_deg, strict=True)):
+        if not low <= angle <= high:
+            text = f"{angle:g} deg is outside joint {k + 1}'s range {low:g} to {high:g} deg"
+            yield ("home_deg", k), text, "correct the home or the range"
 
 
 def _check_per_row(info: ValidationInfo, items: Sequence[object], name: str, remedy: str) -> None:
@@ -267,26 +282,9 @@ class ArmFile(StrictModel):
     @field_validator("home_deg")
     @classmethod
     def _home_in_range(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        joints = info.data.get("joints")
-        if joints is None:
-            return value
-        if len(joints) != len(value):
-            report(
-                info,
-                ("home_deg",),
-                f"has {len(value)} angles for {len(joints)} joints",
-                "write one angle per joint",
-            )
-            return value
-        for k, (angle, joint) in enumerate(zip(value, joints, strict=True)):
-            low, high = joint.range_deg
-            if not low <= angle <= high:
-                report(
-                    info,
-                    ("home_deg", k),
-                    f"{angle:g} deg is outside joint {k + 1}'s range {low:g} to {high:g} deg",
-                    "correct the home or the range",
-                )
+        if (joints := info.data.get("joints")) is not None:
+            for complaint in check_home(value, [joint.range_deg for joint in joints]):
+                report(info, *complaint)
         return value
 
     def model(self) -> ArmModel:

@@ -27,7 +27,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictRecord
-from operator_app.config.strict_yaml import Path
+from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry
 
@@ -228,7 +228,7 @@ def budget_of(
 
 def complaints_of_correlations(
     value: Mapping[str, Sequence[float]], names: Sequence[str]
-) -> Iterator[tuple[Path, str, str]]:
+) -> Iterator[Complaint]:
     """Yield place, text and remedy of correlations that do not match the calibrated entries."""
     if value and list(value) != list(names[1:]):
         yield (), "are not those of the calibrated entries after the first, in their order", _WHOLE
@@ -241,7 +241,7 @@ def complaints_of_correlations(
 
 def complaints_of_budget(
     value: Mapping[str, Mapping[str, float]], names: Sequence[str]
-) -> Iterator[tuple[Path, str, str]]:
+) -> Iterator[Complaint]:
     """Yield place, text and remedy of shares that do not match the calibrated entries, or do not add up to 1."""
     for name, shares in value.items():
         total = sum(shares.values())

@@ -45,7 +45,7 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictRecord, check_numbered, report
-from operator_app.config.strict_yaml import Path
+from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
@@ -192,7 +192,7 @@ class ParametersDocument(StrictRecord):
     @field_validator("correlations", "budget")
     @classmethod
     def _entries_fit(cls, value: Any, info: ValidationInfo) -> Any:
-        own: dict[str, Callable[..., Iterator[tuple[Path, str, str]]]] = {
+        own: dict[str, Callable[..., Iterator[Complaint]]] = {
             "correlations": complaints_of_correlations,
             "budget": complaints_of_budget,
         }

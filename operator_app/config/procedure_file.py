@@ -12,15 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from operator_app.config.arm_file import parse_arm
+from operator_app.config.arm_file import check_home, parse_arm
 from operator_app.config.errors import ConfigError, Problem
 from operator_app.config.fixture_file import parse_fixture
 from operator_app.config.procedure import Procedure, ProcedureFile
 from operator_app.config.profile_file import parse_profile
 from operator_app.config.resources import Kind, Resource, resolve
 from operator_app.config.schema import check_model
+from operator_app.config.strict_yaml import Complaint, YamlDocument, load_strict
 from operator_app.config.strict_yaml import Path as KeyPath
-from operator_app.config.strict_yaml import YamlDocument, load_strict
 from solver.arrays import frozen
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import Parameter
@@ -68,13 +68,15 @@ def parse_procedure(
         at=("bus", "profile"),
         name=found.bus.profile,
     )
+    complaints: list[Complaint] = []
     if arm is not None:
-        problems += check_own(found, arm[1], document)
+        complaints += check_own(found, arm[1])
         arm = arm[0], _as_here(found, arm[1])
-    problems += check_joints(found, None if arm is None else arm[1], document)
-    if not problems and arm is not None and fixture is not None:
+    complaints += check_joints(found, None if arm is None else arm[1])
+    if not (problems or complaints) and arm is not None and fixture is not None:
         loop = fixture[1].fixture.model(arm[1], unsensed_joints=found.unsensed_joints)
-        problems += check_requested(found, loop.parameters, document)
+        complaints += check_requested(found, loop.parameters)
+    problems += (document.problem(*complaint) for complaint in complaints)
     if problems or arm is None or fixture is None or profile is None:
         raise ConfigError(problems)
     return Procedure(
@@ -143,9 +145,7 @@ def _referred(
         return None
 
 
-def check_joints(
-    found: ProcedureFile, arm: ArmModel | None, document: YamlDocument
-) -> Iterator[Problem]:
+def check_joints(found: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:
     """Check joint numbers against each other and, if it is known, against the arm."""
     modes = found.chosen_modes
     drives = modes.listed
@@ -157,44 +157,37 @@ def check_joints(
         for k, joint in enumerate(joints):
             if arm is not None and joint > arm.joint_count:
                 text, remedy = f"there is no joint {joint}", f"joints are 1 to {arm.joint_count}"
-                yield document.problem((*path, k), text, remedy)
+                yield (*path, k), text, remedy
             elif joint in joints[:k]:
                 text = f"joint {joint} is listed twice"
-                yield document.problem((*path, k), text, "list each joint once")
+                yield (*path, k), text, "list each joint once"
     for k, joint in enumerate(drives):
         if joint in found.unsensed_joints:
-            yield document.problem(
+            yield (
                 ("modes", "position", k),
                 f"joint {joint} is in position mode and unsensed",
                 "a joint whose reading is not used cannot be driven to a position",
             )
     if modes.trial and drives:
-        yield document.problem(
+        yield (
             ("modes", "trial"),
             "the drive joints are listed, so that there is nothing to choose by trial",
             "write position: auto, or leave trial out",
         )
-    yield from _check_exploration(found, drives, arm, document)
+    yield from _check_exploration(found, drives, arm)
     if arm is not None:
-        yield from _check_limits(found, arm, document)
+        yield from _check_limits(found, arm)
 
 
-def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+def check_own(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     """Check that the procedure's home is complete and in range, and that entries in `held` are free in the arm file."""
     if found.home_deg is not None:
-        if len(found.home_deg) != arm.joint_count:
-            text = f"has {len(found.home_deg)} angles for {arm.joint_count} joints"
-            yield document.problem(("home_deg",), text, "give one angle for each joint")
-        else:
-            for k, (home, joint) in enumerate(zip(found.home_deg, arm.joints, strict=True)):
-                low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
-                if not low <= home <= high:
-                    text = f"{home:.6g} deg is outside joint {k + 1}'s range {low:.6g} to {high:.6g} deg"
-                    yield document.problem(("home_deg", k), text, "give an angle inside it")
+        ranges = [(math.degrees(j.lower_rad), math.degrees(j.upper_rad)) for j in arm.joints]
+        yield from check_home(found.home_deg, ranges)
     free = {entry.name for entry in arm.free}
     for name in found.held:
         if name not in free:
-            yield document.problem(
+            yield (
                 ("held", name),
                 "is not a free entry of the arm: it is fixed anyway",
                 f"leave it out; free are {', '.join(sorted(free))}",
@@ -202,27 +195,27 @@ def check_own(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> It
 
 
 def _check_exploration(
-    found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None, document: YamlDocument
-) -> Iterator[Problem]:
+    found: ProcedureFile, drives: tuple[int, ...], arm: ArmModel | None
+) -> Iterator[Complaint]:
     """Check that each drive joint has exactly one travel and no other joint has any; a plan needs none."""
     here: KeyPath = ("capture", "exploration")
     named = [item.joint for item in found.capture.exploration]
     for k, joint in enumerate(named):
         if joint in named[:k]:
             text = f"joint {joint} is listed twice"
-            yield document.problem((*here, k, "joint"), text, "keep one of them")
+            yield (*here, k, "joint"), text, "keep one of them"
         elif joint not in drives:
             text = f"joint {joint} is not in position mode"
-            yield document.problem((*here, k, "joint"), text, "explore with the drive joints only")
+            yield (*here, k, "joint"), text, "explore with the drive joints only"
     if found.capture.strategy == "planned":
         return
     for joint in sorted(set(drives) - set(named)):
         if arm is None or joint <= arm.joint_count:
             remedy = f"add {{joint: {joint}, from_deg: ..., to_deg: ...}}"
-            yield document.problem(here, f"joint {joint} has no travel", remedy)
+            yield here, f"joint {joint} has no travel", remedy
 
 
-def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -> Iterator[Problem]:
+def _check_limits(found: ProcedureFile, arm: ArmModel) -> Iterator[Complaint]:
     """Check that travels from home stay inside the ranges, and check the speed of the drive joints."""
     boxes = [
         (k, item)
@@ -234,12 +227,11 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
         low, high = math.degrees(joint.lower_rad), math.degrees(joint.upper_rad)
         for key, travel in (("from_deg", item.from_deg), ("to_deg", item.to_deg)):
             if not low - 1e-9 <= home + travel <= high + 1e-9:
-                yield document.problem(
-                    ("capture", "exploration", k, key),
+                text = (
                     f"takes joint {item.joint} from home {home:.6g} to {home + travel:.6g} deg, "
-                    f"outside its range {low:.6g} to {high:.6g} deg",
-                    "shorten the travel",
+                    f"outside its range {low:.6g} to {high:.6g} deg"
                 )
+                yield ("capture", "exploration", k, key), text, "shorten the travel"
     # If the program chooses, any joint may drive.
     named = [item.joint for _, item in boxes]
     drives = named if found.chosen_modes.listed else range(1, arm.joint_count + 1)
@@ -248,17 +240,15 @@ def _check_limits(found: ProcedureFile, arm: ArmModel, document: YamlDocument) -
         limit = math.degrees(arm.joints[slowest - 1].max_speed_rad_per_s)
         if found.capture.speed_deg_per_s > limit * (1.0 + 1e-9):
             text = f"exceeds the limit of joint {slowest} ({limit:.6g} deg/s)"
-            yield document.problem(("capture", "speed_deg_per_s"), text, "slow down")
+            yield ("capture", "speed_deg_per_s"), text, "slow down"
 
 
-def check_requested(
-    found: ProcedureFile, parameters: Sequence[Parameter], document: YamlDocument
-) -> Iterator[Problem]:
+def check_requested(found: ProcedureFile, parameters: Sequence[Parameter]) -> Iterator[Complaint]:
     """Check that requested standard deviations name existing parameters with their units, and are used with a plan."""
     here: KeyPath = ("capture", "requested_sigma")
     asked = found.capture.requested_sigma
     if asked and found.capture.strategy != "planned":
-        yield document.problem(here, "only a planned capture evaluates it", "add plan: planned")
+        yield here, "only a planned capture evaluates it", "add plan: planned"
     known = {f"{p.name}_{'deg' if p.is_angle else 'mm'}": p for p in parameters}
     for key in asked:
         if key in known:
@@ -270,4 +260,4 @@ def check_requested(
             remedy = f"known here: {', '.join(known)}"
         else:
             remedy = f"did you mean {meant or near[0]}?"
-        yield document.problem((*here, key), "is not a parameter of this calibration", remedy)
+        yield (*here, key), "is not a parameter of this calibration", remedy

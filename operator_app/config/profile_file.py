@@ -22,7 +22,8 @@ from operator_app.config.errors import ConfigError
 from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal
 from operator_app.config.resources import resolve
 from operator_app.config.schema import check_model
-from operator_app.config.strict_yaml import load_strict
+from operator_app.config.strict_yaml import Complaint, load_strict
+from operator_app.config.strict_yaml import Path as KeyPath
 
 
 def parse_profile(data: bytes, file: str, *, joints: int | None) -> BusProfile:
@@ -93,10 +94,6 @@ _RESERVED = (
     (0x700, 0x7FF, "heartbeats"),
 )
 
-Place = tuple[str | int, ...]
-Complaint = tuple[Place, str, str]
-"""Place in the file, problem, remedy."""
-
 
 def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]:
     """Yield all problems of a profile for an arm of `joints` joints (None: any number)."""
@@ -108,7 +105,7 @@ def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]
         if hexadecimal(text) not in DESCRIPTION_OBJECTS:
             known = ", ".join(f"{index:04X}h" for index in DESCRIPTION_OBJECTS)
             yield ("compared", k), f"{text} cannot be compared with an arm file", f"known: {known}"
-    lists: list[tuple[Place, tuple[PdoSpec, ...], bool]] = [
+    lists: list[tuple[KeyPath, tuple[PdoSpec, ...], bool]] = [
         (("commands",), found.commands, False),
         (("answers",), found.answers, True),
     ]
@@ -165,7 +162,7 @@ def _check_listed(found: ProfileFile, joints: int | None) -> Iterator[Complaint]
         seen.add(joint.joint)
 
 
-def _check_pdos(place: Place, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterator[Complaint]:
+def _check_pdos(place: KeyPath, pdos: Sequence[PdoSpec], *, sent: bool) -> Iterator[Complaint]:
     wanted = FEEDBACK_OBJECTS if sent else COMMAND_OBJECTS
     times = dict.fromkeys(wanted, 0)
     width = dict.fromkeys(wanted, 0)
@@ -209,9 +206,9 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
     whole = found.for_joints(count)
     places = {joint.joint: ("joints", k) for k, joint in enumerate(found.joints)}
     nodes = {} if whole.supervisor is None else {whole.supervisor: "the supervisor"}
-    identifiers, reported = dict[int, str](), set[Place]()
+    identifiers, reported = dict[int, str](), set[KeyPath]()
     for number, joint in enumerate(whole.joints, 1):
-        place: Place = places.get(number, ("joints",))
+        place: KeyPath = places.get(number, ("joints",))
         if joint.node in nodes:
             yield (
                 (*place, "node") if number in places else place,
@@ -223,7 +220,7 @@ def _check_unique(found: ProfileFile, count: int) -> Iterator[Complaint]:
         for key, pdos in (("commands", joint.commands), ("answers", joint.answers)):
             own = bool(getattr(found.own(number), key))
             for k, pdo in enumerate(pdos):
-                here: Place = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
+                here: KeyPath = (*place, key, k, "cob_id") if own else (key, k, "cob_id")
                 used = identifiers.get(pdo.cob_id) or next(
                     (what for low, high, what in _RESERVED if low <= pdo.cob_id <= high), ""
                 )

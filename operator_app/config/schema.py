@@ -24,7 +24,7 @@ from operator_app.config.errors import (
     words_for,
 )
 from operator_app.config.quantities import UNIT, UNITS, length_doubt
-from operator_app.config.strict_yaml import Path, YamlDocument, load_strict
+from operator_app.config.strict_yaml import Complaint, Path, YamlDocument, load_strict
 
 VERSIONS: Mapping[str, tuple[int, ...]] = {"parameters": (1, 2, 3)}
 """Versions of a kind of file that are read, the written one last; by default only 1."""
@@ -64,7 +64,7 @@ def report(info: ValidationInfo, path: Path, text: str, remedy: str = "") -> Non
 
     This is for checks between fields, which may have to name several places, as pydantic's exceptions cannot.
     """
-    cast("list[tuple[Path, str, str]]", info.context).append((path, text, remedy))
+    cast("list[Complaint]", info.context).append((path, text, remedy))
 
 
 def check_numbered(info: ValidationInfo, items: Sequence[Any], first: int, key: str) -> None:
@@ -114,7 +114,7 @@ def read_by_kind(models: Mapping[str, type[M]], data: bytes, *, kind: str, file:
 
 def _validate(model: type[M], document: YamlDocument, problems: list[Problem]) -> M:
     body = {key: value for key, value in document.data.items() if key != "schema"}
-    notes: list[tuple[Path, str, str]] = []
+    notes: list[Complaint] = []
     checked: M | None = None
     try:
         checked = adapter(model).validate_python(body, context=notes)

@@ -236,6 +236,9 @@ def _mark(node: Node) -> tuple[int, int]:
 Path = tuple[str | int, ...]
 """Path of a value: keys and list indices from 0."""
 
+Complaint = tuple[Path, str, str]
+"""Path in the file, problem, remedy."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class YamlDocument:

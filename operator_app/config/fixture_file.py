@@ -159,17 +159,22 @@ class MetalFields(CommonFields):
         return {"compliance": self.give.compliance(self.holds)}
 
 
-class HingePlacement(StrictModel):
+class RigidPlacement(StrictModel):
+    """Nominal placement of a rigid attachment."""
+
+    a_0_mm: LengthMm
+    s_0_mm: LengthMm
+    alpha_0_deg: TwistDeg
+    s_1_mm: LengthMm
+
+
+class HingePlacement(RigidPlacement):
     """Nominal placement of a hinge.
 
     The last two keys are the offsets of the first and the last joint, measured from the common normals to the hinge
     axis. Without them the arm's own offsets are used.
     """
 
-    a_0_mm: LengthMm
-    s_0_mm: LengthMm
-    alpha_0_deg: TwistDeg
-    s_1_mm: LengthMm
     a_n_mm: LengthMm
     s_n_mm: LengthMm
     alpha_n_deg: TwistDeg
@@ -183,15 +188,6 @@ class HingeModel(MetalFields):
     makes = Hinge
     kind: Literal["hinge"]
     placement: HingePlacement
-
-
-class RigidPlacement(StrictModel):
-    """Nominal placement of a rigid attachment."""
-
-    a_0_mm: LengthMm
-    s_0_mm: LengthMm
-    alpha_0_deg: TwistDeg
-    s_1_mm: LengthMm
 
 
 class RigidModel(MetalFields):

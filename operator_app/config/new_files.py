@@ -15,6 +15,7 @@ from fixtures.hinge import Hinge
 from operator_app.config.any_file import schema_line
 from operator_app.config.atomic import dump_strict, scalar_text
 from operator_app.config.errors import only
+from operator_app.config.fixture_file import BallPlacement, HingePlacement
 from operator_app.config.resources import Kind, builtin_names, resolve
 from operator_app.config.strict_yaml import load_strict
 from solver.chain.arm_model import ArmModel
@@ -71,15 +72,16 @@ def copied(kind: Kind, packaged: str, *, name: str, **instead: str) -> bytes:
 
 def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
     """Return the file of a measured fixture for an arm."""
-    made = _hinge_placement(fixture) if isinstance(fixture, Hinge) else _ball_placement(fixture)
     comment = MEASURED_HINGE if isinstance(fixture, Hinge) else MEASURED_BALL
+    keys = (HingePlacement if isinstance(fixture, Hinge) else BallPlacement).model_fields
+    in_si = {key: key.replace("_mm", "_m").replace("_deg", "_rad") for key in keys}
     # Compliance and check list are not measured: as in the packaged file.
     packaged = load_strict(resolve("fixture", fixture.kind).data, fixture.kind).data
     data: dict[str, Any] = {
         "schema": "sarcal/fixture/1",
         "name": name,
         "kind": fixture.kind,
-        "placement": made,
+        "placement": {key: _placed(key, getattr(fixture, name)) for key, name in in_si.items()},
         "tolerance_mm": _millimetres(fixture.tolerance.position_m),
         "tolerance_deg": _degrees(fixture.tolerance.orientation_rad),
         "give": packaged["give"],
@@ -88,21 +90,11 @@ def fixture_file(fixture: Hinge | Ball, *, name: str, arm: ArmModel) -> bytes:
     return dump_strict(data, comment=comment.format(line=schema_line("fixture"), arm=arm.name))
 
 
-def _hinge_placement(hinge: Hinge) -> Mapping[str, Any]:
-    entries = [
-        (name, name.startswith(("alpha", "theta")), v) for name, v in hinge.placement.items()
-    ]
-    return {
-        f"{name}_{'deg' if angle else 'mm'}": _degrees(v) if angle else _millimetres(v)
-        for name, angle, v in entries
-    }
-
-
-def _ball_placement(ball: Ball) -> Mapping[str, Any]:
-    return {
-        "tip_mm": [_millimetres(v) for v in ball.tip_m],
-        "ground_mm": [_millimetres(v) for v in ball.ground_m],
-    }
+def _placed(key: str, value: Any) -> Any:
+    """Return a length or an angle of a placement (SI units) as its key states it; an offset not stated is 0."""
+    if isinstance(value, tuple):
+        return [_placed(key, part) for part in value]
+    return _millimetres(value) if key.endswith("_mm") else _degrees(value or 0.0)
 
 
 def procedure_file(

@@ -62,23 +62,20 @@ def in_si(values: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
+TOO_LONG = (
+    f"{{:g}} m is longer than any arm (limit {LONGEST_M:g} m): it may be in millimetres or degrees"
+)
+TOO_FAR = f"{{:g}} deg is more than ten turns (limit {LARGEST_DEG:g} deg): it may be in counts"
+
+
 def length_doubt(value_m: float) -> str:
     """Return why a number of metres is implausible, as text; empty if it is plausible."""
-    if abs(value_m) <= LONGEST_M:
-        return ""
-    return (
-        f"{value_m:g} m is longer than any arm (limit {LONGEST_M:g} m): "
-        "it may be in millimetres or degrees"
-    )
+    return TOO_LONG.format(value_m) if abs(value_m) > LONGEST_M else ""
 
 
 def angle_doubt(value_deg: float) -> str:
     """Return why a number of degrees is implausible, as text; empty if it is plausible."""
-    if abs(value_deg) <= LARGEST_DEG:
-        return ""
-    return (
-        f"{value_deg:g} deg is more than ten turns (limit {LARGEST_DEG:g} deg): it may be in counts"
-    )
+    return TOO_FAR.format(value_deg) if abs(value_deg) > LARGEST_DEG else ""
 
 
 def looks_like_radians(value_deg: float) -> bool:
@@ -89,51 +86,33 @@ def looks_like_radians(value_deg: float) -> bool:
     )
 
 
-def _doubted(doubt: Callable[[float], str], remedy: str) -> AfterValidator:
-    """Refuse a value with the doubt about it, unless that is empty."""
+def _limited(
+    largest: float, text: str, remedy: str, *, smallest: float | None = None
+) -> tuple[AfterValidator, WithJsonSchema]:
+    """Refuse a number beyond these limits (by default, either way) with a `text` in which it has a place."""
+    least = -largest if smallest is None else smallest
 
     def check(value: float) -> float:
-        if said := doubt(value):
-            raise refuse(said, remedy)
+        if not least <= value <= largest:
+            raise refuse(text.format(value), remedy)
         return value
 
-    return AfterValidator(check)
+    return (
+        AfterValidator(check),
+        WithJsonSchema({"type": "number", "minimum": least, "maximum": largest}),
+    )
 
 
-def _too_long_mm(value: float) -> str:
-    limit = 1e3 * LONGEST_M
-    said = f"{value:g} mm is longer than any fixture (limit {limit:g} mm)"
-    return said if abs(value) > limit else ""
-
-
-def _more_than_a_turn(value: float) -> str:
-    return f"{value:g} deg is more than a turn" if abs(value) > 360.0 else ""
+def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchema]:
+    """Refuse an implausibly large uncertainty."""
+    text = f"{{:g}} {unit} is too large for an uncertainty (limit {limit:g} {unit})"
+    return _limited(limit, text, "write one standard deviation; 0 is exact", smallest=0.0)
 
 
 def _twist_deg(value: float) -> float:
     if looks_like_radians(value):
         raise refuse(f"{value:g} deg looks like radians", f"write {math.degrees(value):.6g}")
     return value
-
-
-def _stated(limit: float, unit: str) -> Callable[[float], float]:
-    """Refuse an implausibly large uncertainty."""
-
-    def check(value: float) -> float:
-        if value > limit:
-            raise refuse(
-                f"{value:g} {unit} is too large for an uncertainty (limit {limit:g} {unit})",
-                "write one standard deviation; 0 is exact",
-            )
-        return value
-
-    return check
-
-
-def _range(largest: float, smallest: float | None = None) -> WithJsonSchema:
-    """Return the JSON Schema equivalent of one of these checks."""
-    low = -largest if smallest is None else smallest
-    return WithJsonSchema({"type": "number", "minimum": low, "maximum": largest})
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -144,22 +123,28 @@ Whole = Annotated[int, Field(strict=True, ge=0)]
 Integer = Annotated[int, Field(strict=True)]
 Yes = Annotated[bool, Field(strict=True)]
 
-LengthM = Annotated[Number, _doubted(length_doubt, "write metres, e.g. 0.355"), _range(LONGEST_M)]
-LengthMm = Annotated[Number, _doubted(_too_long_mm, "write millimetres"), _range(1e3 * LONGEST_M)]
-AngleDeg = Annotated[Number, _doubted(angle_doubt, "write degrees"), _range(LARGEST_DEG)]
+LengthM = Annotated[Number, *_limited(LONGEST_M, TOO_LONG, "write metres, e.g. 0.355")]
+LengthMm = Annotated[
+    Number,
+    *_limited(
+        1e3 * LONGEST_M,
+        f"{{:g}} mm is longer than any fixture (limit {1e3 * LONGEST_M:g} mm)",
+        "write millimetres",
+    ),
+]
+AngleDeg = Annotated[Number, *_limited(LARGEST_DEG, TOO_FAR, "write degrees")]
 """An angle of a joint: may exceed one turn."""
 TurnDeg = Annotated[
-    Number, _doubted(_more_than_a_turn, "write degrees between -360 and 360"), _range(360.0)
+    Number,
+    *_limited(360.0, "{:g} deg is more than a turn", "write degrees between -360 and 360"),
 ]
 """An offset: within a turn."""
 TwistDeg = Annotated[TurnDeg, AfterValidator(_twist_deg)]
 """A nominal twist: within a turn, and not pi/2."""
 
-StatedMm = Annotated[NonNegativeNumber, AfterValidator(_stated(50.0, "mm")), _range(50.0, 0.0)]
-StatedDeg = Annotated[NonNegativeNumber, AfterValidator(_stated(10.0, "deg")), _range(10.0, 0.0)]
-StatedMrad = Annotated[
-    NonNegativeNumber, AfterValidator(_stated(200.0, "mrad")), _range(200.0, 0.0)
-]
+StatedMm = Annotated[NonNegativeNumber, *_uncertainty(50.0, "mm")]
+StatedDeg = Annotated[NonNegativeNumber, *_uncertainty(10.0, "deg")]
+StatedMrad = Annotated[NonNegativeNumber, *_uncertainty(200.0, "mrad")]
 """An uncertainty, as one standard deviation; 0 is exact."""
 
 Text = Annotated[str, StringConstraints(strict=True, strip_whitespace=True, min_length=1)]

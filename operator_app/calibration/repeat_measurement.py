@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fixtures.base import RIGID, Compliance
+from fixtures.base import Compliance
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
@@ -80,14 +80,10 @@ def compare_readings(
     arm: ArmModel,
     model: ClosureModel,
     x: FloatArray,
-    first_rad: FloatArray,
-    again_rad: FloatArray,
-    *,
-    samples: int,
-    samples_again: int | None = None,
-    compliance: Compliance = RIGID,
+    read: Reread,
+    compliance: Compliance,
 ) -> Repeat:
-    """Compare two readings (n,) of one pose, each the mean of `samples`, under the stated errors.
+    """Compare two readings of one pose under the stated errors.
 
     `model`, `x`: the loop of this pose and its calibrated parameters, from which the motions of the chain follow.
     `compliance`: stated deflection of the fixture, which may differ when friction acts the other way.
@@ -99,14 +95,14 @@ def compare_readings(
             # the same pose.
             used.append(j)
             variances.append(
-                joint.sensor.variance_of_mean_rad2(samples)
-                + joint.sensor.variance_of_mean_rad2(samples_again or samples)
+                joint.sensor.variance_of_mean_rad2(read.samples)
+                + joint.sensor.variance_of_mean_rad2(read.samples_again)
                 + 2.0 * joint.backlash_rad**2
             )
     sigma = np.sqrt(variances)
-    closed = close_loops(model, x, np.asarray(first_rad)[None])
+    closed = close_loops(model, x, np.asarray(read.first_rad)[None])
     motion = chain_motion(model, x, closed.q, closed.u)
-    difference = np.asarray(again_rad - first_rad)
+    difference = np.asarray(read.again_rad - read.first_rad)
     # Orthogonal to the motions: J dq = f for a fixture displaced by f; all such dq differ by motions only.
     basis = np.linalg.qr(motion.tangent[0, used] / sigma[:, None], mode="complete")[0]
     off = basis[:, motion.degrees :]
@@ -175,14 +171,7 @@ def repeats_of(
         (
             r,
             compare_readings(
-                arm,
-                model.at_poses(np.array([labels.index(r.label)])),
-                x,
-                r.first_rad,
-                r.again_rad,
-                samples=r.samples,
-                samples_again=r.samples_again,
-                compliance=compliance,
+                arm, model.at_poses(np.array([labels.index(r.label)])), x, r, compliance
             ),
         )
         for r in rereads

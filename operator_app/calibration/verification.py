@@ -13,7 +13,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom, predict_new_poses, shift_in_words
 from operator_app.calibration.result import Solution
-from solver.arrays import BoolArray, FloatArray, IntArray
+from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.chain.poses import PoseSet
@@ -87,15 +87,15 @@ class VerificationResult:
     shift
         Common shift of one joint or the fixture in all new poses; None where there is none.
     stated
-        The test with at least the stated errors; None if `verification` is already that test.
+        The test with at least the stated errors.
     """
 
     verification: HeldOutPoses
     nominal: ClosureSigmas
     odd_poses: tuple[int, ...]
     poses: int
+    stated: Chi2Test
     shift: CommonShift | None = None
-    stated: Chi2Test | None = None
 
     @property
     def why(self) -> str:
@@ -109,8 +109,7 @@ class VerificationResult:
         if self.shift is not None or self.odd_poses:
             return False
         # A smaller chi2 than expected is no failure: these poses fit better than stated.
-        chi2 = found.chi2 if self.stated is None else self.stated
-        return bool(found.closed.all()) and chi2.per_dof <= chi2.high
+        return bool(found.closed.all()) and self.stated.per_dof <= self.stated.high
 
     @property
     def verdict(self) -> str:
@@ -191,40 +190,35 @@ def verify_poses(
         found = replace(found, chi2=chi2_test(chi2.per_dof * chi2.dof, left))
     nominal = nominal_vector(model.parameters)
     improbable = (found.pose_probability < FALSE_ALARM_PROBABILITY / len(poses)) | ~found.closed
-    odd = tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k])
-    shift: CommonShift | None = None
-    stated = found.chi2
-    start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
-    if made is not None and bool(found.closed.all()):
-        if calibrated is None and len(poses.placements) == 1:
-            new = replace(new, poses=replace(poses, placement=_as_numbered(made, poses)))
-        found, odd, shift, stated = _with_prediction(new, made, start, found, odd)
-    return VerificationResult(
+    result = VerificationResult(
         verification=found,
         nominal=closure_at_readings(model, nominal, poses.q_rad).sigmas,
-        odd_poses=odd,
+        odd_poses=tuple(int(k) for k in np.argsort(found.pose_probability) if improbable[k]),
         poses=len(poses),
-        shift=shift,
-        stated=stated,
+        stated=found.chi2,
     )
+    if made is None or not found.closed.all():
+        return result
+    if calibrated is None and len(poses.placements) == 1 == len(made.poses.placements):
+        # The number of the only calibrated placement, whatever their file states.
+        only = np.full(len(poses), made.poses.placements[0])
+        new = replace(new, poses=replace(poses, placement=only))
+    start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
+    return _with_prediction(new, made, start, result)
 
 
 def _with_prediction(
     new: Experiment,
     made: MadeFrom,
     start: Mapping[str, float],
-    found: HeldOutPoses,
-    odd: tuple[int, ...],
-) -> tuple[HeldOutPoses, tuple[int, ...], CommonShift | None, Chi2Test]:
-    """Return the test that uses the calibration's own poses or, where these do not fit, the test without them.
-
-    The last value is the misfit with at least the stated errors.
-    """
+    result: VerificationResult,
+) -> VerificationResult:
+    """Return the test that uses the calibration's own poses or, where these do not fit, the `result` without them."""
     from scipy.special import chdtrc
 
     predicted = predict_new_poses(new, made, start)
     if predicted is None:
-        return found, odd, None, found.chi2
+        return result
     named = find_outliers(predicted.left)
     # A shift counts only if it remains without the outliers.
     shift = shifted(named.rest, predicted.subjects)
@@ -233,9 +227,10 @@ def _with_prediction(
         left = left.with_columns(predicted.subjects[shift.subject])
         named = find_outliers(left)
     chi2, dof = leave_one_out_chi2(left)
-    return (
-        replace(
-            found,
+    return replace(
+        result,
+        verification=replace(
+            result.verification,
             chi2=replace(
                 predicted.chi2,
                 low=predicted.chi2.low / LEARNED_VARIANCE_FACTOR,
@@ -244,19 +239,10 @@ def _with_prediction(
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
-        tuple(pose.pose for pose in named.odd),
-        shift,
-        chi2_test(predicted.left.chi2, predicted.left.dof),
+        odd_poses=tuple(pose.pose for pose in named.odd),
+        shift=shift,
+        stated=chi2_test(predicted.left.chi2, predicted.left.dof),
     )
-
-
-def _as_numbered(made: MadeFrom, poses: PoseSet) -> IntArray:
-    """Placement numbers (m,) of new poses.
-
-    If the calibration has only one placement, its number, whatever their file states.
-    """
-    known = made.poses.placements
-    return np.full(len(poses), known[0]) if len(known) == 1 else poses.placement
 
 
 def stated_noise(experiment: Experiment, fixed: Fixed | None = None) -> NoiseModel:

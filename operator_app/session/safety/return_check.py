@@ -94,22 +94,12 @@ def _significant_repeat(state: SessionState, procedure: Procedure) -> Repeat | N
     """Return the last repeat if it differs by more than noise, backlash and the fixture's compliance explain."""
     from scipy.special import chdtri
 
-    last = state.repeats[-1]
     arm, fixture = procedure.arm, procedure.fixture.fixture
     model = fixture.model(arm, unsensed_joints=procedure.unsensed_joints)
     fixed = parameters_from_poses(state, procedure)
     values = {} if fixed is None else fixed.values
     x: FloatArray = np.array([values.get(p.name, p.nominal) for p in model.parameters])
-    found = compare_readings(
-        arm,
-        model,
-        x,
-        last.first.mean_rad,
-        last.again.mean_rad,
-        samples=last.first.samples,
-        samples_again=last.again.samples,
-        compliance=fixture.compliance,
-    )
+    found = compare_readings(arm, model, x, state.rereads[-1], fixture.compliance)
     if found.chi2 <= float(chdtri(found.dof, FALSE_REFUSAL_PROBABILITY)):
         return None
     return found

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fixtures.base import RIGID
 from hardware.arm import Reading
 from operator_app.calibration.acceptance import Verdict, not_yet_named, proven_by_return
 from operator_app.calibration.repeat_measurement import Repeat, compare_readings
@@ -36,15 +37,8 @@ def slipping(session: Session, joint: int, slip_rad: float) -> Hearing:
 def judged(session: Session) -> Repeat:
     """The last return, by the calibration of the same session."""
     solution = session.calibrate()
-    found = session.state.repeats[-1]
-    return compare_readings(
-        session.model,
-        solution.model,
-        solution.estimate.x,
-        found.first.mean_rad,
-        found.again.mean_rad,
-        samples=found.again.samples,
-    )
+    last = session.state.rereads[-1]
+    return compare_readings(session.model, solution.model, solution.estimate.x, last, RIGID)
 
 
 def test_it_ends_where_it_began(make_session):

@@ -32,9 +32,8 @@ from operator_app.calibration.closed_loops import placement_checks
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import (
     exceeded,
-    excluded_poses,
+    left_out_poses,
     motion_causes,
-    out_of_range_besides,
     range_finding,
 )
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes
@@ -346,10 +345,10 @@ def _screening_causes(experiment: Experiment, known: PriorInformation) -> tuple[
     """Causes that need no test, since they follow from the files or the geometry."""
     arm, poses = experiment.arm, experiment.poses
     many = len(known.flipped) > limits.FLIPPED_SHARE_REFUSED * len(poses)
-    left_out = (known.flipped, known.out_of_range, arm, poses)
+    left_out, out_of_range = left_out_poses(known.flipped, known.out_of_range, arm, poses)
     return (
-        *(replace(f, blocking=many) for f in excluded_poses(*left_out)),
-        *(range_finding(f, poses) for f in out_of_range_besides(*left_out)),
+        *(replace(f, blocking=many) for f in left_out),
+        *(range_finding(f, poses) for f in out_of_range),
         *second_solution(known.search),
     )
 

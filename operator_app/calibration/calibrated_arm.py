@@ -212,28 +212,32 @@ def side_of(model: ClosureModel, name: str) -> Literal["arm", "ground", "hand"]:
     return "ground" if plain in part.ground_side else "hand" if plain in part.hand_side else "arm"
 
 
+def _first_placement(solution: Solution) -> tuple[ClosureModel, dict[str, int]]:
+    """Loop of the first placement, and the column of each of its parameters in the estimate."""
+    part, columns, _ = solution.model.parts()[0]
+    here = np.arange(len(solution.estimate.x))[columns].tolist()
+    return part, dict(zip([p.name for p in part.parameters], here, strict=True))
+
+
 def calibrated_arm(solution: Solution, arm: ArmModel) -> CalibratedArm:
     """Return the calibrated arm of a calibration."""
-    estimate, model = solution.estimate, solution.model
-    x = estimate.values_by_name
+    estimate = solution.estimate
     # A fixture that was remounted for every placement has a tool side in each: the first is used.
-    part, columns, _ = model.parts()[0]
-    plain = [p.name for p in part.parameters]
-    names = list(x)
-    given = dict(zip(plain, [names[k] for k in np.arange(len(names))[columns]], strict=True))
+    part, column = _first_placement(solution)
+    x = {name: float(estimate.x[k]) for name, k in column.items()}
     ground, hand = set(part.ground_side), set(part.hand_side)
-    entries = [name for name in plain if is_entry(name) and name not in ground]
+    entries = [name for name in column if is_entry(name) and name not in ground]
     own = [name for name in entries if name not in hand]
     tip = np.zeros(3)
     if isinstance(part, PointClosure | MeasuredClosure):
-        tip = np.array([x.get(given.get(n, ""), v) for n, v in zip(TIP, part.tip_m, strict=True)])
-    free = [*entries, *(n for n in plain if n in TIP_NAMES)]
-    rows = [names.index(given[n]) for n in free]
-    flange = with_entries(arm.table, {n: x[given[n]] for n in own})
+        tip = np.array([x.get(name, v) for name, v in zip(TIP, part.tip_m, strict=True)])
+    free = [*entries, *(n for n in column if n in TIP_NAMES)]
+    rows = [column[n] for n in free]
+    flange = with_entries(arm.table, {n: x[n] for n in own})
     held = _hand_rows(part, arm.table, flange)
     return CalibratedArm(
         flange=flange,
-        hand=with_entries(held, {n: x[given[n]] for n in entries}),
+        hand=with_entries(held, {n: x[n] for n in entries}),
         tip_m=tip,
         identified=tuple(own),
         free=tuple(free),
@@ -248,10 +252,8 @@ def with_best_table(
 ) -> Solution:
     """Add the corrections, and the best table over readings q (m, n), rad, from the fit of the same poses."""
     own = calibrated_arm(solution, arm)
-    part, columns, _ = solution.model.parts()[0]
-    plain = [p.name for p in part.parameters]
-    here = np.arange(len(solution.estimate.x))[columns]
-    index = here[[plain.index(name) for name in own.free]]
+    part, column = _first_placement(solution)
+    index = np.array([column[name] for name in own.free], dtype=np.int64)
     joints = JointCorrections.of(found.linear)
     some = q[evenly(len(q), MOST_POSES_SAMPLED)]
     used, weight = where_used(some, arm.lower_rad, arm.upper_rad)
@@ -266,7 +268,7 @@ def with_best_table(
         covariance=joints.with_parameters(index),
         hayati=arm.hayati_rows,
         fixed=part.ground_side,
-        tip=bool(TIP_NAMES & set(plain)),
+        tip=bool(TIP_NAMES & set(column)),
     )
     return replace(solution, best=best, corrections=corrections_of(joints, there.first(len(some))))
 

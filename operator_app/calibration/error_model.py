@@ -15,7 +15,7 @@ from fixtures.measured import Measured
 from operator_app.calibration.experiment import Experiment
 from solver.arrays import BoolArray, FloatArray, IntArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.parameters import DhEntry, DhKind, Parameter, is_entry, nominal_vector
+from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet, back_to_caller, canonical_order
 from solver.chain.statics import unstated_masses
 from solver.estimators.error_model import (
@@ -235,7 +235,7 @@ def stated_priors(
     """
     placed, offset = fixture.tolerance, arm.offset_tolerance_rad
     sides = {*model.ground_side, *model.hand_side}
-    first = {p.name for p in _named(model)}
+    first = {p.name for p in np.array(model.parameters, dtype=object)[model.parts()[0][1]]}
     found: dict[str, float] = {}
     for p in model.parameters:
         plain = p.name.partition("[")[0]
@@ -255,12 +255,6 @@ def stated_priors(
         if size > 0.0:
             found[p.name] = size
     return found
-
-
-def _named(model: ClosureModel) -> list[Parameter]:
-    """Parameters of the first placement, by their names in `model`."""
-    _, columns, _ = model.parts()[0]
-    return [model.parameters[k] for k in np.arange(len(model.parameters))[columns]]
 
 
 def freed(model: ClosureModel, names: Iterable[str]) -> ClosureModel:

@@ -289,18 +289,21 @@ WRONG_ROW_JOINTS = 3
 """This many joints outside their ranges indicate a wrong row; fewer may be the effect of a tool upside down."""
 
 
-def excluded_poses(
+def left_out_poses(
     left_out: tuple[int, ...],
     out_of_range: tuple[RangeFinding, ...],
     arm: ArmModel,
     poses: PoseSet,
-) -> tuple[Finding, ...]:
-    """Return why these poses (indices) were left out: one finding for each reason."""
+) -> tuple[tuple[Finding, ...], tuple[RangeFinding, ...]]:
+    """Return why these poses (indices) were left out, one finding for each reason; and joints outside their ranges.
+
+    The latter are those in poses other than those left out because of their unit.
+    """
     joints = {
         k: [f.joint for f in out_of_range if f.fault is ReadingFault.OUTSIDE and k in f.poses]
         for k in left_out
     }
-    radians = _in_radians(left_out, arm, poses)
+    radians = set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()
     wrong = tuple(k for k in left_out if len(joints[k]) >= WRONG_ROW_JOINTS and k not in radians)
     flipped = tuple(k for k in left_out if len(joints[k]) < WRONG_ROW_JOINTS and k not in radians)
     found = []
@@ -321,20 +324,4 @@ def excluded_poses(
                 figures={"count": len(flipped), "of": len(poses)},
             )
         )
-    return tuple(found)
-
-
-def out_of_range_besides(
-    left_out: tuple[int, ...],
-    out_of_range: tuple[RangeFinding, ...],
-    arm: ArmModel,
-    poses: PoseSet,
-) -> tuple[RangeFinding, ...]:
-    """Joints outside their ranges in poses other than those left out because of their unit."""
-    radians = _in_radians(left_out, arm, poses)
-    return tuple(f for f in out_of_range if not radians.issuperset(f.poses))
-
-
-def _in_radians(left_out: tuple[int, ...], arm: ArmModel, poses: PoseSet) -> set[int]:
-    """Return which of the poses left out have readings in radians."""
-    return set(rows_in_radians(arm, poses.q_rad)) & set(left_out) if left_out else set()
+    return tuple(found), tuple(f for f in out_of_range if not radians.issuperset(f.poses))

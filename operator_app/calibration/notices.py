@@ -14,7 +14,7 @@ from operator_app.calibration.calibrated_arm import (
     tool_accuracy,
 )
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import excluded_poses, out_of_range_besides, range_finding
+from operator_app.calibration.findings import left_out_poses, range_finding
 from operator_app.calibration.multistart import socket_elsewhere
 from operator_app.calibration.placements import IndistinguishablePlacements, contradicted
 from operator_app.calibration.result import Solution
@@ -103,17 +103,19 @@ def _of_readings(
     from scipy.special import chdtrc
 
     fixture, poses = experiment.fixture, experiment.poses
-    left_out = (known.flipped, known.out_of_range, experiment.arm, poses)
+    left_out, out_of_range = left_out_poses(
+        known.flipped, known.out_of_range, experiment.arm, poses
+    )
     if stated.dof > 0 and float(chdtrc(stated.dof, stated.chi2)) < CHI2_NOTICE_PROBABILITY:
         yield Finding(kind=K.CHI2_EXCEEDS, size=stated.chi2 / stated.dof)
-    for readings in out_of_range_besides(*left_out):
+    for readings in out_of_range:
         yield range_finding(readings, poses, notice=True)
     if poses.endpoint is not None and fixture.kind != "measured":
         yield Finding(kind=K.ENDPOINTS_UNUSED, names=(fixture.kind,))
     for c in known.checks if sound else ():
         if c.severity is not Severity.OK and c.kind is not CheckKind.HIDDEN:
             yield Finding(kind=K.SETUP_CHECK, names=(c.code,), reported=(c.text, c.remedy))
-    yield from excluded_poses(*left_out)
+    yield from left_out
 
 
 def _of_parameters(

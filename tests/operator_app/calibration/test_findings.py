@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from operator_app.calibration.findings import excluded_poses
+from operator_app.calibration.findings import left_out_poses
 from solver.diagnostics.range_checks import range_findings
 from tests.benchmarks.shop_floor_outcome import ACCEPTED, WARNED, outcome
 from tests.oracles.as_shipped import ARM, poses_of
@@ -107,9 +107,9 @@ def test_each_pose_that_was_left_out_says_why():
     q = np.array(poses.q_rad)
     q[3, 1:4] -= 3.0
     wrong = replace(poses, q_rad=q)
-    range_pose, flipped = excluded_poses((3, 5), range_findings(ARM, wrong), ARM, wrong)
+    (range_pose, flipped), _ = left_out_poses((3, 5), range_findings(ARM, wrong), ARM, wrong)
     assert (range_pose.code, flipped.code) == ("RANGE_POSE", "FLIPPED_BRANCH")
     assert range_pose.joints == (2, 3, 4)
     assert flipped.poses == (poses.label[5],)
-    (both,) = excluded_poses((4, 5), (), ARM, poses)
+    (both,), _ = left_out_poses((4, 5), (), ARM, poses)
     assert both.poses == (poses.label[4], poses.label[5])

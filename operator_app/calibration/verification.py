@@ -150,34 +150,39 @@ def _rvdt_sd(found: Sequence[Component]) -> dict[int, float]:
     return sd
 
 
+def predict(new: Experiment, fixed: Fixed) -> HeldOutPoses:
+    """Test new poses with parameters alone: curves, sag and compliance are independent in every pose."""
+    model = freed(new.loop(), fixed.values)
+    x, covariance = _in_order(model, fixed)
+    return verify(model, x, covariance, new.poses.q_rad, stated_noise(new, fixed))
+
+
 def verify_poses(
     arm: ArmModel,
     fixture: EndpointConstraint,
     poses: PoseSet,
-    fixed: Fixed,
+    made: MadeFrom,
     *,
-    calibrated: tuple[int, ...] | None = None,
-    made: MadeFrom | None = None,
+    elsewhere: bool = False,
 ) -> VerificationResult:
-    """Test new poses of the same arm in the same fixture, at the same placement.
+    """Test new poses of the same arm in the same fixture, of one calibrated placement or of all of them.
 
-    Raises `ValueError` if the parameters are not those of this loop (another fixture, or another number of placements).
-
-    Parameters
-    ----------
-    made
-        The calibration with its own poses. Curves, sag and compliance are then known from these, and one common shift
-        is searched. None: all of that is independent in every pose.
-    calibrated
-        Numbers of the calibrated placements, if the new poses may be of other placements: the fixture's place there is
-        found from the new poses, and all other parameters are fixed. None: the new poses are of the same placements.
+    Curves, sag and compliance are known from the calibration's own poses, and one common shift is searched.
+    `elsewhere`: the new poses may be of other placements, where the place of the fixture is found from them; all other
+    parameters are fixed. Raises `ValueError` if the parameters are not those of this loop (another fixture, or another
+    number of placements).
     """
+    fixture, calibrated = (
+        with_calibrated_places(fixture, made.solution.model),
+        made.poses.placements,
+    )
+    same = len(poses.placements) == 1 and not elsewhere
+    fixed = fixed_calibration(made.solution, poses.placements[0] if same else None)
     new = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=fixed.unsensed_joints)
-    model = new.loop()
     # A calibration that corrected lengths and twists within their tolerance has those as well.
-    model = freed(model, fixed.values)
+    model = freed(new.loop(), fixed.values)
     unknown: tuple[str, ...] = ()
-    if calibrated is not None:
+    if elsewhere:
         fixed, unknown = _elsewhere(model, fixture.model(arm).ground_side, fixed, poses, calibrated)
     x, covariance = _in_order(model, fixed)
     if unknown:
@@ -197,11 +202,11 @@ def verify_poses(
         poses=len(poses),
         stated=found.chi2,
     )
-    if made is None or not found.closed.all():
+    if not found.closed.all():
         return result
-    if calibrated is None and len(poses.placements) == 1 == len(made.poses.placements):
+    if same and len(calibrated) == 1:
         # The number of the only calibrated placement, whatever their file states.
-        only = np.full(len(poses), made.poses.placements[0])
+        only = np.full(len(poses), calibrated[0])
         new = replace(new, poses=replace(poses, placement=only))
     start = {p.name: float(x[k]) for k, p in enumerate(model.parameters) if p.name in unknown}
     return _with_prediction(new, made, start, result)
@@ -363,21 +368,20 @@ def verify_new_poses(
             f"the new poses have measured endpoints, which a {fixture.kind} fixture does not use: "
             "use them with sarcal verify --open-loop, or leave them out"
         )
-    known, there = made_from.placements, new.placements
-    fixed, made = fixed_calibration(solution), MadeFrom(solution=solution, poses=made_from)
-    fixture = with_calibrated_places(fixture, solution.model)
-    if fixture.kind == "ball" and fixture.stays_on_hand:
-        # The place of another socket is found from the new poses themselves.
-        return verify_poses(arm, fixture, new, fixed, calibrated=known, made=made)
-    if len(there) > 1 and there != known:
+    known, there, elsewhere = made_from.placements, new.placements, may_be_elsewhere(fixture)
+    if len(there) > 1 and there != known and not elsewhere:
         raise NoTestError(
             "new poses must be of one placement that was calibrated, or of all of them"
         )
-    if len(known) > 1 and not set(there) <= set(known):
+    if len(known) > 1 and not set(there) <= set(known) and not elsewhere:
         raise NoTestError(f"the new poses are of placement {there[0]}, which was not calibrated")
-    if len(there) == 1:
-        fixed = fixed_calibration(solution, there[0])
-    return verify_poses(arm, fixture, new, fixed, made=made)
+    made = MadeFrom(solution=solution, poses=made_from)
+    return verify_poses(arm, fixture, new, made, elsewhere=elsewhere)
+
+
+def may_be_elsewhere(fixture: EndpointConstraint) -> bool:
+    """Whether the fixture stays on the tool, so that poses at a ball's other socket can test the calibration."""
+    return fixture.kind == "ball" and fixture.stays_on_hand
 
 
 def require_new(new: PoseSet, made_from: PoseSet, fixture: EndpointConstraint) -> None:

@@ -55,10 +55,9 @@ def execute(args: argparse.Namespace) -> int:
     from operator_app.calibration.closed_loops import pick_placements
     from operator_app.calibration.cross_validation import check
     from operator_app.calibration.experiment import Experiment
-    from operator_app.calibration.instrument_registration import with_calibrated_places
     from operator_app.calibration.prediction import MadeFrom
     from operator_app.calibration.rvdt import corrected_poses
-    from operator_app.calibration.verification import fixed_calibration, verify_poses
+    from operator_app.calibration.verification import may_be_elsewhere, verify_poses
     from operator_app.config.arm_file import load_arm
     from operator_app.config.fixture_file import load_fixture
     from operator_app.config.poses_file import load_poses
@@ -122,15 +121,8 @@ def execute(args: argparse.Namespace) -> int:
     tested = None
     if args.test:
         new = corrected_poses(_test_poses(args, fixture, as_read), tables)
-        calibrated = poses.placements if _stays_on_hand(fixture) else None
-        tested = verify_poses(
-            arm,
-            with_calibrated_places(fixture, solution.model),
-            new,
-            fixed_calibration(solution),
-            calibrated=calibrated,
-            made=MadeFrom(solution=solution, poses=poses),
-        )
+        made = MadeFrom(solution=solution, poses=poses)
+        tested = verify_poses(arm, fixture, new, made, elsewhere=may_be_elsewhere(fixture))
     if args.json:
         document = facts.json
         if tested is not None:
@@ -148,11 +140,11 @@ def execute(args: argparse.Namespace) -> int:
 def _test_poses(args: argparse.Namespace, fixture: EndpointConstraint, poses: PoseSet) -> PoseSet:
     """Return the poses of ``--test``; raises UsageError if they are not independent of the calibration's poses."""
     from operator_app.calibration.closed_loops import pick_placements
-    from operator_app.calibration.verification import NoTestError, require_new
+    from operator_app.calibration.verification import NoTestError, may_be_elsewhere, require_new
     from operator_app.config.poses_file import load_poses
 
     new = load_poses(args.test, joint_count=poses.q_rad.shape[1]).poses
-    elsewhere = _stays_on_hand(fixture)
+    elsewhere = may_be_elsewhere(fixture)
     if not elsewhere and (len(new.placements) > 1 or len(poses.placements) > 1):
         raise UsageError("--test: both files must be from the same single placement")
     if elsewhere and args.test == args.poses and args.placements:
@@ -201,8 +193,3 @@ def _say_corrected(poses: PoseSet, corrected: PoseSet, tables: tuple[ReadingTabl
             else ""
         )
         say(f"Readings of joint {table.joint} corrected by up to {largest}{outside}.", err=True)
-
-
-def _stays_on_hand(fixture: EndpointConstraint) -> bool:
-    """Whether the fixture stays on the tool, so that poses at a ball's other socket can test the calibration."""
-    return fixture.kind == "ball" and fixture.stays_on_hand

@@ -23,8 +23,8 @@ from operator_app.calibration.instrument_registration import (
 from operator_app.calibration.verification import (
     Fixed,
     fixed_calibration,
+    predict,
     stated_noise,
-    verify_poses,
 )
 from operator_app.config.procedure import Procedure
 from operator_app.errors import ClosureRefusedError, ConnectAgainError, GuardError
@@ -223,7 +223,9 @@ def check_closure_by_poses(
     closes, probability = True, 1.0
     if fixed is not None:
         poses = pose_set_of([*state.used_poses, here])
-        found = verify_poses(arm, fixture, poses, fixed).verification
+        unsensed = fixed.unsensed_joints
+        both = Experiment(arm=arm, fixture=fixture, poses=poses, unsensed=unsensed)
+        found = predict(both, fixed)
         probability, closes = float(found.pose_probability[-1]), bool(found.closed[-1])
         worst = float(found.pose_chi2[:-1].max())
         as_usual = (

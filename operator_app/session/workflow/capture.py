@@ -14,12 +14,10 @@ from hardware.arm import ArmIdentity
 from hardware.canopen.objects import EmergencyCode
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import is_unpredicted
-from operator_app.calibration.instrument_registration import with_calibrated_places
 from operator_app.calibration.prediction import MadeFrom
 from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import (
     VerificationResult,
-    fixed_calibration,
     verify_poses,
 )
 from operator_app.errors import GuardError
@@ -334,10 +332,8 @@ def verify(
         )
     taken = pose_set_of(session.state.readings[before:])
     taken = replace(taken, placement=np.full(len(taken), session.state.placement))
-    fixture = with_calibrated_places(session.fixture, solution.model)
-    here = fixed_calibration(solution, session.state.placement)
     made = MadeFrom(solution=solution, poses=session.state.pose_set())
-    verdict = verify_poses(session.model, fixture, taken, here, made=made)
+    verdict = verify_poses(session.model, session.fixture, taken, made)
     session.record("verified", _verification_data(verdict, taken))
     return verdict, taken
 

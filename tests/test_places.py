@@ -25,7 +25,6 @@ operator_app/commands/test_farewell.py
 operator_app/commands/test_habits.py
 operator_app/commands/test_nothing_is_solved_twice.py
 operator_app/commands/test_open_loop.py
-operator_app/config/test_parameters_any_document.py
 operator_app/config/test_parameters_version_2.py
 operator_app/manual/test_commands.py
 operator_app/manual/test_help.py

@@ -9,6 +9,7 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import innovation
 from operator_app.config.procedure_file import load_procedure
 from solver.chain.poses import PoseSet
+from tests.oracles.as_shipped import poses_of
 from tests.oracles.shop_floor import Session, Sizes, session
 
 PROCEDURE = load_procedure("hinge")
@@ -16,14 +17,7 @@ ARM, FIXTURE = PROCEDURE.arm, PROCEDURE.fixture.fixture
 
 
 def poses(taken: Session, first: int, last: int) -> PoseSet:
-    rows = slice(first, last)
-    return PoseSet(
-        placement=np.ones(last - first, dtype=np.int64),
-        label=tuple(map(str, range(first, last))),
-        q_rad=taken.readings[rows],
-        sd_rad=taken.spread[rows],
-        samples=taken.samples[rows],
-    )
+    return replace(poses_of(taken), utc=None).at_poses(np.arange(first, last))
 
 
 def experiment(poses: PoseSet) -> Experiment:

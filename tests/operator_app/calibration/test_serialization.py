@@ -16,7 +16,6 @@ from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.result import Solution
 from operator_app.calibration.serialization import RecordError, from_dict, to_dict
 from operator_app.config.poses_file import load_poses
-from solver.chain.poses import PoseSet
 from solver.loops.closure import ClosureModel
 from tests.contracts.planted import measured
 from tests.oracles.as_shipped import ARM, BALL, HINGE
@@ -47,23 +46,10 @@ def there_and_back(found: object) -> object:
     return from_dict(type(found), json.loads(json.dumps(to_dict(found), allow_nan=False)))
 
 
-def first(poses: PoseSet, count: int) -> PoseSet:
-    here = slice(0, count)
-    return dataclasses.replace(
-        poses,
-        placement=poses.placement[here],
-        label=poses.label[here],
-        q_rad=poses.q_rad[here],
-        sd_rad=None if poses.sd_rad is None else poses.sd_rad[here],
-        samples=None if poses.samples is None else poses.samples[here],
-        utc=None,
-        notes=None,
-    )
-
-
 @pytest.fixture(scope="module")
 def hinge_poses(reference_data):
-    return first(load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses, 24)
+    whole = load_poses(reference_data / "hinge" / "hinge_quantised.csv").poses
+    return whole.at_poses(np.arange(24))
 
 
 @pytest.mark.sample(2)
@@ -77,7 +63,7 @@ def hinge_poses(reference_data):
     ],
 )
 def test_a_solution_is_read_back_exactly(hinge_poses, options):
-    found = calibrate(ARM, HINGE, hinge_poses, **options)  # type: ignore[arg-type]
+    found = calibrate(ARM, HINGE, hinge_poses, **options)
     again = there_and_back(found)
     assert isinstance(again, Solution)
     assert same(found, again)
@@ -120,9 +106,8 @@ class Figure:
 
 @given(st.floats(allow_nan=True, allow_infinity=True))
 def test_any_double_is_read_back(value):
-    assert np.float64(there_and_back(Figure(value)).value).tobytes() == np.float64(  # type: ignore[attr-defined]
-        value
-    ).tobytes() or np.isnan(value)
+    again = np.float64(there_and_back(Figure(value)).value)
+    assert again.tobytes() == np.float64(value).tobytes() or np.isnan(value)
 
 
 def test_a_field_more_or_one_with_a_default_less_does_no_harm():

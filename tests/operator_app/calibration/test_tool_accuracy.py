@@ -63,13 +63,18 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
     assert "without the uncertainty of theta_off_1 and theta_off_7" in told
 
 
+def simulated(*, poses: int, seed: int) -> tuple[Solution, dict[str, float]]:
+    """The calibration of a simulated arm, and its true parameters."""
+    made = simulated_poses(ARM, load_fixture("hinge"), poses=poses, seed=seed)
+    truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
+    return calibrate(ARM, HINGE, made.poses), truth
+
+
 def test_before_and_after_are_distances_of_hands_that_pinocchio_places():
     """Before: offsets planted and found again move the hand as an independent chain says; after: less."""
-    made = simulated_poses(ARM, load_fixture("hinge"), poses=40, seed=5)
-    solution = calibrate(ARM, HINGE, made.poses)
+    solution, truth = simulated(poses=40, seed=5)
     found = solution.accuracy
     hand = calibrated_arm(solution, ARM)
-    truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
     # The arm's own entries nominal and true, the hand's as they truly are.
     rows = {name: ARM.table.stacked().copy() for name in ("believed", "true")}
     for name, value in truth.items():
@@ -103,10 +108,8 @@ def test_the_truth_is_as_far_from_the_calibrated_hand_as_its_sigma_says():
     """Eight arms, each looked at over its whole range: errors over sigma come to 1, not to 2 or a half."""
     ratios = []
     for seed in range(8):
-        made = simulated_poses(ARM, load_fixture("hinge"), poses=24, seed=20 + seed)
-        solution = calibrate(ARM, HINGE, made.poses)
+        solution, truth = simulated(poses=24, seed=20 + seed)
         hand = calibrated_arm(solution, ARM)
-        truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
         rows = ARM.table.stacked().copy()
         for name, value in truth.items():
             entry = DhEntry.parse(name)

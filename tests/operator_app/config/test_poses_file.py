@@ -2,7 +2,6 @@
 
 import csv
 import io
-from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -251,29 +250,13 @@ def pose_sets(draw: st.DrawFn) -> PoseSet:
     )
 
 
-def numbered(key: tuple[int, str]) -> tuple[int, int]:
-    return key[0], int(key[1])
-
-
-def reordered(poses: PoseSet, order: list[int]) -> PoseSet:
-    def moved(value: object) -> object:
-        match value:
-            case None:
-                return None
-            case tuple():
-                return tuple(value[k] for k in order)
-            case _:
-                return value[order]
-
-    return PoseSet(**{f.name: moved(getattr(poses, f.name)) for f in fields(PoseSet)})
-
-
 @settings(max_examples=150, deadline=None)
 @given(pose_sets())
 def test_writing_and_reading_changes_no_bit(poses):
     file = format_poses(poses)
     # Poses come back as they are numbered.
-    poses = reordered(poses, sorted(range(len(poses)), key=lambda k: numbered(poses.keys[k])))
+    numbered = [(placement, int(label)) for placement, label in poses.keys]
+    poses = poses.at_poses(np.array(sorted(range(len(poses)), key=numbered.__getitem__)))
     again = parse_poses(file, "p.csv", joint_count=poses.joint_count).poses
     for name in ("placement", "q_rad", "sd_rad", "samples", "endpoint"):
         before, after = getattr(poses, name), getattr(again, name)

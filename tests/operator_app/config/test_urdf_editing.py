@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
+from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import with_calibration
 from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
-from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
-from solver.chain.kinematics import DhTable, forward
-from solver.chain.rotations import rotation_vector
+from solver.chain.kinematics import DhTable
 from tests.oracles.urdfs import joint, places, robot, words
 
 URDF = """<?xml version='1.0'?>\r
@@ -82,23 +81,19 @@ EVERY = {
 } | {"beta_2": 1e-3, "beta_3": -2e-3, "s_1": 2e-3, "s_4": -1e-3, "s_5": 1e-3, "s_6": 3e-3}
 
 
-def ours(chain: UrdfChain, table: DhTable, q: FloatArray) -> FloatArray:
-    frames, T = forward(q + table.theta_off_rad, *table.stacked()[1:]), np.zeros((len(q), 4, 4))
-    T[:, :3, :3], T[:, :3, 3], T[:, 3, 3] = frames.R_end, frames.p_end, 1.0
-    return np.asarray(chain.T_link_base @ T @ chain.T_flange_tip)
+def off(data: bytes, chain: UrdfChain, table: DhTable) -> float:
+    """Largest distance (m, or of entries of a rotation) of the tip by pinocchio from ours, by a table."""
+    q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
+    found = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
+    wanted = chain.T_link_base @ T_base_flange(table, q) @ chain.T_flange_tip
+    return float(np.abs(found - wanted).max())
 
 
-def off(found: FloatArray, wanted: FloatArray) -> tuple[float, float]:
-    """Largest distance (m) and turn (rad) between places (m, 4, 4)."""
-    turn = rotation_vector(found[:, :3, :3] @ np.swapaxes(wanted[:, :3, :3], 1, 2))
-    return (
-        float(np.linalg.norm(found[:, :3, 3] - wanted[:, :3, 3], axis=-1).max()),
-        float(np.linalg.norm(turn, axis=-1).max()),
-    )
+CHAIN, ARM = arm_of(URDF.encode())
 
 
-def pinocchios(data: bytes, chain: UrdfChain, q: FloatArray) -> FloatArray:
-    return places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
+def written(table, *, text=URDF, file="six.urdf", arm=ARM, comment=()):
+    return with_calibration(text.encode(), file, arm, table, comment).decode()
 
 
 def without_origins(text: str, joints: set[str]) -> str:
@@ -118,34 +113,20 @@ def test_pinocchio_has_the_tip_within_a_nanometre_of_ours(tip, base):
         k: v for k, v in EVERY.items() if tip == "tool" or k not in ("a_6", "alpha_6", "s_6")
     }
     table = off_by(arm.table, changes)
-    written = with_calibration(URDF.encode(), "six.urdf", arm, table, ["calibrated"])
-    q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
-    found, wanted = pinocchios(written, chain, q), ours(chain, table, q)
-    distance_m, turn_rad = off(found, wanted)
-    assert distance_m < 1e-9
-    assert turn_rad < 1e-9
-    assert off(wanted, ours(chain, arm.table, q))[0] > 5e-3
+    assert off(written(table, arm=arm).encode(), chain, table) < 1e-9
+    assert off(URDF.encode(), chain, table) > 5e-3
 
 
 def test_nothing_but_origins_of_the_chains_joints_changes():
-    _, arm = arm_of(URDF.encode())
-    written = with_calibration(
-        URDF.encode(),
-        "six.urdf",
-        arm,
-        off_by(arm.table, EVERY),
-        ["calibrated by somebody", "a -- b"],
-    )
-    text, turning = written.decode(), {"pan", "lift", "elbow", "w1", "w2", "w3", "end"}
+    text = written(off_by(ARM.table, EVERY), comment=["calibrated by somebody", "a -- b"])
+    turning = {"pan", "lift", "elbow", "w1", "w2", "w3", "end"}
     assert without_origins(text, turning) == without_origins(URDF, turning)
     assert text.index("calibrated by somebody") < text.index("<robot")
     assert "a - - b" in text
 
 
 def test_a_joint_that_is_not_calibrated_keeps_its_very_words():
-    _, arm = arm_of(URDF.encode())
-    table = off_by(arm.table, {"theta_off_3": 0.01})
-    text = with_calibration(URDF.encode(), "six.urdf", arm, table, ["calibrated"]).decode()
+    text = written(off_by(ARM.table, {"theta_off_3": 0.01}), comment=["calibrated"])
     # The elbow turns; the lift's angle was rounded and is written in full.
     assert without_origins(text, {"elbow", "lift"}) == without_origins(URDF, {"elbow", "lift"})
     assert "1.5707963267948966" in text.split('name="lift"')[1].split("</joint>")[0]
@@ -153,44 +134,38 @@ def test_a_joint_that_is_not_calibrated_keeps_its_very_words():
 
 @pytest.mark.skipif(shutil.which("check_urdf") is None, reason="no check_urdf (liburdfdom-tools)")
 def test_check_urdf_passes(tmp_path):
-    _, arm = arm_of(URDF.encode())
     file = tmp_path / "six.urdf"
-    file.write_bytes(with_calibration(URDF.encode(), "six.urdf", arm, off_by(arm.table, EVERY), []))
+    file.write_text(written(off_by(ARM.table, EVERY)))
     done = subprocess.run(["check_urdf", str(file)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     assert "Successfully Parsed" in done.stdout
 
 
 def test_a_file_of_another_arm_is_refused():
-    _, arm = arm_of(URDF.encode())
-    longer = off_by(arm.table, {"a_2": 0.3})
+    longer = off_by(ARM.table, {"a_2": 0.3})
     with pytest.raises(ConfigError, match="its a_2 differs from six's 6 times more"):
-        with_calibration(URDF.encode(), "x.urdf", replace(arm, table=longer), longer, [])
-    named = replace(arm, joints=(replace(arm.joints[0], name="elbow"), *arm.joints[1:]))
+        written(longer, arm=replace(ARM, table=longer))
+    named = replace(ARM, joints=(replace(ARM.joints[0], name="elbow"), *ARM.joints[1:]))
     with pytest.raises(ConfigError, match="4 revolute joints from l2b to l6; six has 6"):
-        with_calibration(URDF.encode(), "x.urdf", named, arm.table, [])
+        written(ARM.table, arm=named)
 
 
 def test_an_arm_with_other_joint_names_gets_the_end_that_fits_it():
     hand = """<joint name="mount" type="fixed"><parent link="tool"/><child link="hand"/>
       <origin xyz="0 0 0.1" rpy="0.9 0 0.8"/></joint><link name="hand"/></robot>"""
-    data = URDF.replace("</robot>", hand).encode()
-    chain, arm = arm_of(data, tip="tool", base="l0")
+    text = URDF.replace("</robot>", hand)
+    chain, arm = arm_of(text.encode(), tip="tool", base="l0")
     joints = tuple(replace(j, name=f"joint {k}") for k, j in enumerate(arm.joints))
     table = off_by(arm.table, EVERY)
-    by_names = with_calibration(data, "x.urdf", arm, table, [])
-    assert with_calibration(data, "x.urdf", replace(arm, joints=joints), table, []) == by_names
-    q = np.random.default_rng(2).uniform(-3.0, 3.0, (POSES, 6))
-    distance_m, turn_rad = off(pinocchios(by_names, chain, q), ours(chain, table, q))
-    assert distance_m < 1e-9
-    assert turn_rad < 1e-9
+    by_names = written(table, text=text, arm=arm)
+    assert written(table, text=text, arm=replace(arm, joints=joints)) == by_names
+    assert off(by_names.encode(), chain, table) < 1e-9
 
 
 def test_a_xacro_without_literal_numbers_says_what_to_do():
-    _, arm = arm_of(URDF.encode())
     text = URDF.replace('xyz="0 0 0.39225"', 'xyz="0 0 ${r}"')
     with pytest.raises(ConfigError, match="expand it with xacro first"):
-        with_calibration(text.encode(), "six.urdf.xacro", arm, arm.table, [])
+        written(ARM.table, text=text, file="six.urdf.xacro")
 
 
 UR = """# maker's
@@ -256,15 +231,10 @@ def test_urs_kinematics_file_gets_the_same_arm():
     table = off_by(
         arm.table, {k: v for k, v in EVERY.items() if k not in ("a_6", "alpha_6", "s_6")}
     )
-    written = with_calibration(
-        UR.encode(), "default_kinematics.yaml", arm, table, ["by us"]
-    ).decode()
-    q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
-    distance_m, turn_rad = off(pinocchios(urs_urdf(written), chain, q), ours(chain, table, q))
-    assert distance_m < 1e-9
-    assert turn_rad < 1e-9
-    assert written.startswith("# by us\n# maker's\n")
-    bare = [re.sub(r": [-+.\de]+$", "", line) for line in written.splitlines()[1:]]
+    found = written(table, text=UR, file="default_kinematics.yaml", arm=arm, comment=["by us"])
+    assert off(urs_urdf(found), chain, table) < 1e-9
+    assert found.startswith("# by us\n# maker's\n")
+    bare = [re.sub(r": [-+.\de]+$", "", line) for line in found.splitlines()[1:]]
     assert bare == [re.sub(r": [-+.\de]+$", "", line) for line in UR.splitlines()]
 
 
@@ -272,10 +242,12 @@ def test_urs_kinematics_file_gets_the_same_arm():
 def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(head):
     _, arm = arm_of(urs_urdf(UR))
     table = off_by(arm.table, {"theta_off_2": 0.01, "a_2": 0.001})
-    plain = with_calibration(UR.encode(), "default_kinematics.yaml", arm, table, ["by us"]).decode()
-    written = with_calibration((head + UR).encode(), "k.yaml", arm, table, ["by us"]).decode()
+    plain, found = (
+        written(table, text=text, file="k.yaml", arm=arm, comment=["by us"])
+        for text in (UR, head + UR)
+    )
     mark = "\ufeff" if head.startswith("\ufeff") else ""
-    assert written == mark + "# by us\n" + head.removeprefix(mark) + plain.removeprefix("# by us\n")
+    assert found == mark + "# by us\n" + head.removeprefix(mark) + plain.removeprefix("# by us\n")
 
 
 @pytest.mark.parametrize(
@@ -289,14 +261,12 @@ def test_urs_kinematics_file_keeps_its_text_whatever_stands_before_the_figures(h
 def test_urs_kinematics_file_without_a_figure_says_which(line, words):
     _, arm = arm_of(urs_urdf(UR))
     with pytest.raises(ConfigError, match=words):
-        with_calibration(UR.replace("    z: 0.1625\n", line).encode(), "k.yaml", arm, arm.table, [])
+        written(arm.table, text=UR.replace("    z: 0.1625\n", line), file="k.yaml", arm=arm)
 
 
 def test_of_two_origins_of_a_joint_the_one_that_counts_is_changed():
-    _, arm = arm_of(URDF.encode())
     origin = """<origin  rpy='0 0 0.5'  xyz='0 0 0.0892'/>"""
     twice = URDF.replace(origin, origin + "<origin xyz='7 7 7'/>")
-    table = off_by(arm.table, {"theta_off_1": 0.1})
-    once = with_calibration(URDF.encode(), "x.urdf", arm, table, []).decode()
-    written = with_calibration(twice.encode(), "x.urdf", arm, table, []).decode()
-    assert written.replace("<origin xyz='7 7 7'/>", "") == once != URDF
+    table = off_by(ARM.table, {"theta_off_1": 0.1})
+    both = written(table, text=twice)
+    assert both.replace("<origin xyz='7 7 7'/>", "") == written(table) != URDF

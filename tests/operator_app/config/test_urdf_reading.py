@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from operator_app.calibration.calibrated_arm import T_base_flange
 from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import format_urdf
 from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
-from solver.chain.kinematics import forward
 from tests.oracles.urdfs import joint, places, robot
 
 HALF = "1.5707963267948966"
@@ -30,10 +30,8 @@ def six(changes: dict[int, tuple[str, str]] | None = None) -> list[str]:
 
 def worst_m(data: bytes, chain: UrdfChain, table=None) -> float:
     """How far our tip, read through an arm file, is from pinocchio's at 50 poses (m, or entries of a rotation)."""
-    stacked = (table or chain.table).stacked()
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints)))
-    frames, T = forward(q + stacked[0], *stacked[1:]), np.tile(np.eye(4), (50, 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = frames.R_end, frames.p_end
+    T = T_base_flange(table or chain.table, q)
     theirs = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
     return float(np.abs(chain.T_link_base @ T @ chain.T_flange_tip - theirs).max())
 

@@ -5,7 +5,7 @@ Parameters of the mounting (`ground_side`, `hand_side`) are replaced when the fi
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -282,7 +282,7 @@ def _hand_rows(part: ClosureModel, nominal: DhTable, flange: DhTable) -> DhTable
     return DhTable.from_stacked(rows)
 
 
-def with_entries(table: DhTable, values: dict[str, float]) -> DhTable:
+def with_entries(table: DhTable, values: Mapping[str, float]) -> DhTable:
     """Return the rows with some entries changed."""
     rows = table.stacked()
     for name, value in values.items():

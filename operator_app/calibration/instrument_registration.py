@@ -10,11 +10,11 @@ import numpy as np
 
 from fixtures.base import EndpointConstraint
 from fixtures.measured import Measured
+from operator_app.calibration.calibrated_arm import with_entries
 from operator_app.calibration.experiment import EndpointMissingError, Experiment
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
-from solver.chain.parameters import DhEntry
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix, rotation_vector, skew
 from solver.diagnostics.limits import FAR_FROM_NOMINAL_M, FAR_FROM_NOMINAL_RAD
@@ -90,21 +90,14 @@ def placed_by_poses(
 ) -> Measured:
     """Return the instrument with the unknown placements of base and target from the measured poses.
 
-    `values` of the arm's entries replace those of its file.
+    `values` of the arm's entries, by name, replace those of its file.
     """
     if poses.endpoint is None:
         raise EndpointMissingError("these poses have no endpoint columns x_m,y_m,z_m")
     full = poses.endpoint.shape[1] == 6
     measured = poses.endpoint[:, :3]
-    stacked = arm.table.stacked()
-    for name, value in values.items():
-        try:
-            entry = DhEntry.parse(name)
-        except ValueError:
-            continue
-        if 1 <= entry.row <= arm.joint_count:
-            stacked[entry.kind, entry.row - 1] = value
-    frames = forward(poses.q_rad + stacked[0], *stacked[1:])
+    theta_off, *others = with_entries(arm.table, values).stacked()
+    frames = forward(poses.q_rad + theta_off, *others)
     placed = _fitted(frames.p_end, frames.R_end, measured, instrument)
     turn = np.array(instrument.tip_turn_rad)
     if full and not instrument.tip_known:

@@ -68,30 +68,28 @@ def test_a_pipe_or_device_is_not_replaced(tmp_path, linked):
     assert stat.S_ISFIFO(path.stat().st_mode)
 
 
-@pytest.mark.parametrize("step", ["fsync", "fchmod"])
-def test_a_disk_that_fails_leaves_the_old_file(tmp_path, monkeypatch, step):
+FULL = OSError(28, "No space left on device")
+
+
+@pytest.mark.parametrize(
+    ("step", "error", "raised", "words"),
+    [
+        ("fsync", FULL, WriteError, r"a\.yaml: cannot be written: No space left on device"),
+        ("fchmod", FULL, WriteError, r"a\.yaml: cannot be written: No space left on device"),
+        ("fsync", KeyboardInterrupt(), KeyboardInterrupt, None),
+    ],
+)
+def test_a_disk_that_fails_and_ctrl_c_leave_the_old_file(
+    tmp_path, monkeypatch, step, error, raised, words
+):
     path = tmp_path / "a.yaml"
     path.write_bytes(b"old")
 
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+    def fail(*_):
+        raise error
 
-    monkeypatch.setattr(os, step, full)
-    with pytest.raises(WriteError, match=r"a\.yaml: cannot be written: No space left on device"):
-        write_atomically(path, b"new")
-    assert path.read_bytes() == b"old"
-    assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]
-
-
-def test_ctrl_c_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "a.yaml"
-    path.write_bytes(b"old")
-
-    def interrupt(_: int) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(os, "fsync", interrupt)
-    with pytest.raises(KeyboardInterrupt):
+    monkeypatch.setattr(os, step, fail)
+    with pytest.raises(raised, match=words):
         write_atomically(path, b"new")
     assert path.read_bytes() == b"old"
     assert [p.name for p in tmp_path.iterdir()] == ["a.yaml"]

@@ -10,6 +10,8 @@ def test_a_problem_is_file_line_key_what_and_remedy():
     problem = Problem(file="a.yaml", line=3, column=7, key="x.y", text="is wrong", remedy="mend it")
     assert str(problem) == "a.yaml:3: x.y: is wrong; mend it"
     assert str(Problem(file="a.yaml", text="is empty")) == "a.yaml: is empty"
+    asked = Problem(file="p.csv", text="a column called theta2?", remedy="add its unit")
+    assert str(asked) == "p.csv: a column called theta2? add its unit"
 
 
 def test_all_problems_are_listed_in_file_order():

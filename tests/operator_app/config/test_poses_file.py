@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from operator_app.config.csv_table import MOST_PROBLEMS
-from operator_app.config.errors import ConfigError, Problem
+from operator_app.config.errors import ConfigError
 from operator_app.config.poses_file import (
     LoadedPoses,
     format_poses,
@@ -204,22 +204,6 @@ def test_times_that_cannot_be_read_are_said_to_take_no_part(times, says):
     assert all(w.text.startswith("p.csv: ") and says in w.text for w in found)
 
 
-def test_a_remedy_after_a_question_begins_without_a_semicolon():
-    problem = Problem(file="p.csv", text="a column called theta2?", remedy="add its unit")
-    assert str(problem) == "p.csv: a column called theta2? add its unit"
-
-
-def test_missing_file_names_its_neighbour(tmp_path):
-    (tmp_path / "poses.csv").write_bytes(text())
-    with pytest.raises(ConfigError, match=r"no such file; did you mean .*poses\.csv\?"):
-        load_poses(tmp_path / "pose.csv")
-    with pytest.raises(ConfigError, match="is a folder"):
-        load_poses(tmp_path)
-    with pytest.raises(ConfigError, match="cannot be read"):
-        load_poses("a\0b")
-    assert len(load_poses(tmp_path / "poses.csv").poses) == 3
-
-
 NOTE = st.text(
     alphabet=st.characters(exclude_categories=("Cs",), exclude_characters="\0"), max_size=8
 )
@@ -343,3 +327,6 @@ def test_saved_file_is_the_contract_s_header(tmp_path):
     lines = (tmp_path / "p.csv").read_text().splitlines()
     assert lines[0] == HEADER
     assert lines[1] == "1,1,10.5,-20.0,30.0"
+    assert load_poses(tmp_path / "p.csv").poses.sha256() == poses.sha256()
+    with pytest.raises(ConfigError, match=r"no such file; did you mean .*p\.csv\?"):
+        load_poses(tmp_path / "q.csv")

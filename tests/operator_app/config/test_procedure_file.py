@@ -37,6 +37,11 @@ def parse(text: str, folder: Path | None = None):  # type: ignore[no-untyped-def
     return parse_procedure(Resource(file="p.yaml", folder=folder, data=text.encode()))
 
 
+def unexplored(text: str, instead: str = "") -> str:
+    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
+    return text[:start] + instead + text[end:]
+
+
 def test_hinge_procedure():
     procedure = load_procedure("hinge")
     assert procedure.arm.name == "sarcos_dextrous"
@@ -73,9 +78,7 @@ def test_settle_rule_follows_the_sensors():
 
 
 def test_auto_needs_no_exploration():
-    text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
-    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
-    procedure = parse(text[:start] + text[end:])
+    procedure = parse(unexplored(GOOD.replace("modes: {position: [1, 5]}", "modes: auto")))
     assert procedure.position_joints is None
     assert procedure.capture.exploration == ()
 
@@ -91,9 +94,8 @@ def test_planned_procedure_chooses_its_drives_and_its_poses():
 
 def test_trial_and_requested_precision_in_si():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: {position: auto, trial: true}")
-    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     asked = "  plan: planned\n  requested_sigma: {theta_off_2_deg: 0.9, a_0_mm: 2}\n"
-    procedure = parse(text[:start] + asked + text[end:])
+    procedure = parse(unexplored(text, asked))
     assert procedure.trial
     assert procedure.position_joints is None
     assert procedure.capture.requested == pytest.approx(
@@ -102,17 +104,14 @@ def test_trial_and_requested_precision_in_si():
 
 
 def test_named_drives_of_a_plan_need_no_travel():
-    start, end = GOOD.index("  exploration"), GOOD.index("  speed_deg_per_s")
-    procedure = parse(GOOD[:start] + "  plan: planned\n" + GOOD[end:])
-    assert procedure.position_joints == (1, 5)
+    assert parse(unexplored(GOOD, "  plan: planned\n")).position_joints == (1, 5)
 
 
 def test_any_joint_may_drive_where_the_program_chooses():
     text = GOOD.replace("modes: {position: [1, 5]}", "modes: auto")
-    start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
-    fast = (text[:start] + text[end:]).replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
+    fast = text.replace("speed_deg_per_s: 20", "speed_deg_per_s: 200")
     with pytest.raises(ConfigError, match="exceeds the limit of joint"):
-        parse(fast)
+        parse(unexplored(fast))
 
 
 def test_paths_start_from_the_procedure_s_folder(tmp_path):

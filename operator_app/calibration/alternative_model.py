@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -150,15 +150,8 @@ BENDS = 3
 """Degree of a sensor's smooth curve in addition to the step."""
 
 
-class ReadingStep(NamedTuple):
-    """Step of a reading (rad) from pose `first` (index in time order) on."""
-
-    first: int
-    size_rad: float
-
-
-def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | None:
-    """Return the step of a joint's readings (m,) relative to its angles (m,) from the loops, rad.
+def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> tuple[int, float] | None:
+    """Return the pose from which on a joint's readings (m,) differ from its angles (m,), and by how much, rad.
 
     Poses are in the order in which they were taken. None where a smooth curve explains it nearly as well.
     """
@@ -180,7 +173,7 @@ def shift_of(reading_rad: FloatArray, angle_rad: FloatArray) -> ReadingStep | No
     )
     for step in steps(left, (Suspect(name="reading", columns=np.ones((m, 1, 1))),)):
         if left.chi2 - step.chi2 <= limits.STEP_RESIDUAL_SHARE * left.chi2:
-            return ReadingStep(first=step.pose, size_rad=float(step.size[0]))
+            return step.pose, float(step.size[0])
     return None
 
 

@@ -227,10 +227,11 @@ def _shifted(blind: Experiment, unsensed: tuple[int, ...]) -> list[tuple[Finding
     shift = None if measured is None else shift_of(q[:, joint - 1], measured)
     if shift is None:
         return []
+    first, size_rad = shift
     back = q.copy()
-    back[shift.first :, joint - 1] -= shift.size_rad
+    back[first:, joint - 1] -= size_rad
     alternative = replace(blind, poses=replace(blind.poses, q_rad=back), unsensed=unsensed)
-    finding = reading_step(joint, shift.size_rad, shift.first, blind.arm, blind.poses.label)
+    finding = reading_step(joint, size_rad, first, blind.arm, blind.poses.label)
     return [(finding, *solved(alternative))]
 
 

@@ -16,7 +16,7 @@ from operator_app.calibration.calibrated_arm import (
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.findings import left_out_poses, range_finding
 from operator_app.calibration.multistart import socket_elsewhere
-from operator_app.calibration.placements import IndistinguishablePlacements, contradicted
+from operator_app.calibration.placements import contradicted
 from operator_app.calibration.result import Solution
 from operator_app.calibration.tool_accuracy import HandAccuracy
 from operator_app.config.procedure import AcceptanceLimits
@@ -51,7 +51,7 @@ def with_notices(
     whole: Calibrated,
     judged: Calibrated,
     known: PriorInformation,
-    same: tuple[IndistinguishablePlacements, ...],
+    same: tuple[Finding, ...],
     as_stated: tuple[str, ...],
     adjudication: Adjudication,
     limits: AcceptanceLimits,
@@ -149,29 +149,14 @@ def _of_parameters(
     yield from second_solution(solution.search)
 
 
-def _of_the_fit(
-    solution: Solution, same: tuple[IndistinguishablePlacements, ...], *, sound: bool
-) -> Iterator[Finding]:
+def _of_the_fit(solution: Solution, same: tuple[Finding, ...], *, sound: bool) -> Iterator[Finding]:
     """Notices about compliance, placements, distances and outliers; only the second and third of a diverged fit."""
     compliance = None if solution.components is None else solution.components.compliance
     if sound and compliance is not None and compliance.gives and not solution.tolerated:
         # An apparent compliance may be errors of link lengths.
         yield Finding(kind=K.LENGTHS_EXACT)
-    for a in same:
-        yield Finding(
-            kind=K.SAME_PLACEMENT,
-            joints=a.numbers,
-            names=(a.parameter.name,),
-            size=a.difference,
-            unit=a.parameter.unit,
-            figures={"sigmas": a.sigmas},
-        )
-    for d in contradicted(solution.distances):
-        yield Finding(
-            kind=K.DISTANCE_ABOVE if d.deviation > 0.0 else K.DISTANCE_BELOW,
-            joints=d.between,
-            figures={"sigmas": abs(d.deviation)},
-        )
+    yield from same
+    yield from contradicted(solution.distances)
     if sound:
         yield from socket_elsewhere(solution.estimate)
         yield from outliers_still_used(solution.outliers)

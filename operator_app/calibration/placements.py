@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -16,8 +16,9 @@ import numpy as np
 from fixtures.ball import KnownDistance
 from fixtures.base import EndpointConstraint
 from operator_app.calibration.error_model import stated_distances
+from operator_app.messages.finding import Finding, FindingKind
 from solver.arrays import FloatArray
-from solver.chain.parameters import Parameter, wrap_angles
+from solver.chain.parameters import wrap_angles
 from solver.chain.poses import PoseSet
 from solver.diagnostics.limits import DISTANCE_NOTICE_PROBABILITY, REMOUNT_FALSE_ALARM_PROBABILITY
 from solver.estimators.error_model import distance_and_rates
@@ -31,41 +32,24 @@ SINGULAR_DISTANCE = 1e-10
 """Eigenvalue of a correlation matrix below which a difference in that direction is unknown."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class IndistinguishablePlacements:
-    """Placements whose own parameters do not differ.
+def indistinguishable_placements(model: ClosureModel, estimate: Estimate) -> tuple[Finding, ...]:
+    """Return placements between which the fixture was not remounted; `estimate` covers all unknowns of `model`.
 
-    `numbers`: numbers of the placements, ascending. `parameter`, `difference`, `sigmas`: parameter with the largest
-    difference in standard deviations, its difference (rad or m, absolute), and the same in standard deviations.
+    Each finding has the parameter with the largest difference in standard deviations, and that difference.
     """
-
-    numbers: tuple[int, ...]
-    parameter: Parameter
-    difference: float
-    sigmas: float
-
-
-def indistinguishable_placements(
-    model: ClosureModel, estimate: Estimate
-) -> tuple[IndistinguishablePlacements, ...]:
-    """Find placements between which the fixture was not remounted; `estimate` covers all unknowns of `model`."""
     if not isinstance(model, Placements):
         return ()
-    found: list[IndistinguishablePlacements] = []
+    found: list[Finding] = []
     for pair in _pairs(model, estimate):
-        joined = [other for other in found if set(other.numbers) & set(pair.numbers)]
-        most = max([pair, *joined], key=lambda a: a.sigmas)
-        together = IndistinguishablePlacements(
-            numbers=tuple(sorted({n for a in (pair, *joined) for n in a.numbers})),
-            parameter=most.parameter,
-            difference=most.difference,
-            sigmas=most.sigmas,
-        )
-        found = [other for other in found if other not in joined] + [together]
-    return tuple(sorted(found, key=lambda a: a.numbers))
+        joined = [other for other in found if set(other.joints) & set(pair.joints)]
+        most = max([pair, *joined], key=lambda a: a.figures["sigmas"])
+        numbers = sorted({n for a in (pair, *joined) for n in a.joints})
+        found = [other for other in found if other not in joined]
+        found.append(replace(most, joints=tuple(numbers)))
+    return tuple(sorted(found, key=lambda a: a.joints))
 
 
-def _pairs(model: Placements, estimate: Estimate) -> Iterator[IndistinguishablePlacements]:
+def _pairs(model: Placements, estimate: Estimate) -> Iterator[Finding]:
     from scipy.special import chdtri
 
     for one, other in combinations(model.numbers, 2):
@@ -80,11 +64,14 @@ def _pairs(model: Placements, estimate: Estimate) -> Iterator[IndistinguishableP
         sigmas, chi2 = _in_sigmas(difference, there)
         if chi2 < chdtri(len(a), REMOUNT_FALSE_ALARM_PROBABILITY):
             k = int(np.argmax(sigmas))
-            yield IndistinguishablePlacements(
-                numbers=(one, other),
-                parameter=model.of(one)[0].parameters[int(np.flatnonzero(own)[k])],
-                difference=abs(float(difference[k])),
-                sigmas=float(sigmas[k]),
+            parameter = model.of(one)[0].parameters[int(np.flatnonzero(own)[k])]
+            yield Finding(
+                kind=FindingKind.SAME_PLACEMENT,
+                joints=(one, other),
+                names=(parameter.name,),
+                size=abs(float(difference[k])),
+                unit=parameter.unit,
+                figures={"sigmas": float(sigmas[k])},
             )
 
 
@@ -175,10 +162,18 @@ def compared(
     return tuple(zip(stated, fit.distance_deviations().tolist(), strict=True))
 
 
-def contradicted(found: Sequence[Distance]) -> tuple[Distance, ...]:
-    """Return the measured distances that the poses contradict."""
+def contradicted(found: Sequence[Distance]) -> tuple[Finding, ...]:
+    """Return which measured distances the poses contradict."""
     from scipy.special import ndtri
 
     known = sum(d.measured is not None for d in found)
     limit = -float(ndtri(0.5 * DISTANCE_NOTICE_PROBABILITY / max(known, 1)))
-    return tuple(d for d in found if abs(d.deviation) > limit)
+    return tuple(
+        Finding(
+            kind=FindingKind.DISTANCE_ABOVE if d.deviation > 0.0 else FindingKind.DISTANCE_BELOW,
+            joints=d.between,
+            figures={"sigmas": abs(d.deviation)},
+        )
+        for d in found
+        if abs(d.deviation) > limit
+    )

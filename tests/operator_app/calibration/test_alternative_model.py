@@ -28,17 +28,14 @@ def angle():
 def test_a_shift_is_found_beside_offset_and_bow(angle, first, size):
     reading = angle - 3.1 + 0.01 * np.cos(2.0 * angle)
     reading[first:] += size
-    found = shift_of(reading, angle)
-    assert found.first == first
-    assert found.size_rad == pytest.approx(size, abs=2e-3)
+    assert shift_of(reading, angle) == (first, pytest.approx(size, abs=2e-3))
 
 
 def test_angles_are_turns_of_a_circle(angle):
     reading = angle + np.pi - 1e-3
     reading[25:] += 0.1
-    found = shift_of(reading - 2.0 * np.pi * (np.arange(POSES) % 2), angle)
-    assert found.first == 25
-    assert found.size_rad == pytest.approx(0.1)
+    wound = reading - 2.0 * np.pi * (np.arange(POSES) % 2)
+    assert shift_of(wound, angle) == (25, pytest.approx(0.1))
 
 
 def test_a_bent_sensor_noise_and_a_handful_of_poses_are_no_shift(angle):

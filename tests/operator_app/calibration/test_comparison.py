@@ -191,12 +191,10 @@ def test_differences_are_said():
 
 def test_the_arm_is_not_blamed_for_what_was_made_otherwise():
     moved = {"theta_off_3": 1.0}
-    indistinguishable_placements = make_document(moved, poses="b")
-    assert "The arm itself changed." in comparison_text(
-        compare(make_document(), indistinguishable_placements)
-    )
+    same_way = make_document(moved, poses="b")
+    assert "The arm itself changed." in comparison_text(compare(make_document(), same_way))
     for later in (
-        replace(indistinguishable_placements, estimator="paper"),
+        replace(same_way, estimator="paper"),
         make_document(moved, without=("theta_off_6",), poses="b"),
         make_document(moved, nominal={"s_3": 0.356}, poses="b"),
     ):

@@ -82,7 +82,7 @@ def test_without_uncertainty_the_smallest_difference_is_one(two_sockets):
     same = estimate.x.copy()
     same[model.columns(2)[own]] = same[model.columns(1)[own]]
     (found,) = indistinguishable_placements(model, replace(estimate, x=same, covariance=exact))
-    assert (found.numbers, found.difference, found.sigmas) == ((1, 2), 0.0, 0.0)
+    assert (found.joints, found.size, found.figures) == ((1, 2), 0.0, {"sigmas": 0.0})
 
 
 def test_one_placement_is_compared_with_none(two_sockets):

@@ -202,28 +202,6 @@ def too_few_poses(estimate: Estimate) -> tuple[Finding, ...]:
     )
 
 
-def fit_causes(
-    estimate: Estimate,
-    judged: tuple[str, ...],
-    known: Mapping[str, float] = NOTHING_KNOWN,
-    narrows: Callable[[str], str] | None = None,
-) -> tuple[Finding, ...]:
-    """Return causes from the fit itself: no convergence, or uselessly large sigmas."""
-    found = []
-    if not estimate.converged:
-        found.append(
-            Finding(
-                kind=FindingKind.NOT_CONVERGED,
-                figures={"iterations": estimate.iterations},
-                blocking=True,
-            )
-        )
-    return (
-        *found,
-        *little_motion(estimate.parameters, estimate.standard_deviation, judged, known, narrows),
-    )
-
-
 def little_motion(
     parameters: tuple[Parameter, ...],
     standard_deviation: FloatArray,

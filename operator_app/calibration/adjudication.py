@@ -15,7 +15,6 @@ from fixtures.base import CheckKind, SetupCheck, Severity
 from operator_app.calibration.acceptance import (
     Adjudication,
     causes_of,
-    fit_causes,
     little_motion,
     not_yet_named,
     paper_test,
@@ -257,15 +256,19 @@ def _local_minimum_causes(case: _Case) -> tuple[Finding, ...]:
 
 
 def _fit_causes(case: _Case, *, without_motion: bool) -> tuple[Finding, ...]:
-    """Causes from the fit itself, except for parameters that are known from files."""
-    found = fit_causes(
-        case.estimate.given(case.known.by_files),
+    """Causes from the fit itself: no convergence, or large sigmas of parameters that no file states."""
+    estimate = case.estimate.given(case.known.by_files)
+    open_end = Finding(
+        kind=FindingKind.NOT_CONVERGED, figures={"iterations": estimate.iterations}, blocking=True
+    )
+    wide = little_motion(
+        estimate.parameters,
+        estimate.standard_deviation,
         case.judged,
         stated_by_fixture(case.model.parameters, case.stated),
         partial(exceeded_source, case.found),
     )
-    wide = (FindingKind.SIGMAS_USELESS, FindingKind.SIGMAS_WIDE)
-    return tuple(c for c in found if not (without_motion and c.kind in wide))
+    return (*(() if estimate.converged else (open_end,)), *(() if without_motion else wide))
 
 
 def stated_by_fixture(parameters: tuple[Parameter, ...], stated: Experiment) -> dict[str, float]:

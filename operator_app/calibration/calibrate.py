@@ -21,7 +21,6 @@ from operator_app.calibration.closed_loops import (
     in_order,
     placement_checks,
     refuse_placement,
-    require_identifiable,
 )
 from operator_app.calibration.error_model import (
     distinct_poses,
@@ -68,6 +67,7 @@ from solver.diagnostics.identifiability import (
 )
 from solver.diagnostics.limits import (
     CHI2_PER_DOF_GROSS,
+    FEW_DOF,
     LEAST_INFORMATION_SHARE,
     OUTLIER_NOTICE_PROBABILITY,
 )
@@ -439,18 +439,25 @@ def _identifiability(prepared: Prepared, model: ClosureModel, x: FloatArray) -> 
 
 
 def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
-    """Refuse unidentifiable directions, with the fault that causes them if there is one."""
-    task, loops = prepared.task, prepared.loops
+    """Refuse unidentifiable directions, with the fault that causes them if there is one.
+
+    Directions with a parameter whose uncertainty the arm's file states (`prior`) are no reason.
+    """
+    task, loops, model = prepared.task, prepared.loops, prepared.hard
     known = frozenset[str]() if task.by_paper else prior
-    try:
-        require_identifiable(seen, prepared.hard, len(loops.q), known=known)
-    except UnidentifiableError as error:
-        raise explain_unidentifiable(
-            error,
-            task.experiment.at_poses(loops.kept),
-            loops.paper,
-            saturated_readings(prepared.out_of_range, task.experiment.poses),
-        ) from error
+    blind = tuple(d for d in seen.directions if not known & set(d.parameters))
+    if not blind:
+        return
+    error, poses = UnidentifiableError(blind), len(loops.q)
+    if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
+        note = f"{poses} poses are few: take at least 20"
+        error = UnidentifiableError(blind, code="TOO_FEW_POSES", note=note)
+    raise explain_unidentifiable(
+        error,
+        task.experiment.at_poses(loops.kept),
+        loops.paper,
+        saturated_readings(prepared.out_of_range, task.experiment.poses),
+    )
 
 
 def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +13,7 @@ from solver.arrays import BoolArray, FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import DhEntry, DhKind, is_entry, nominal_vector
 from solver.chain.poses import PoseSet
-from solver.diagnostics.identifiability import Identifiability
-from solver.diagnostics.limits import FEW_DOF
 from solver.diagnostics.model_selection import drop_unidentifiable
-from solver.errors import UnidentifiableError
 from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
@@ -159,24 +155,6 @@ class FixtureRefusedError(FixtureError):
     def __init__(self, checks: tuple[SetupCheck, ...]) -> None:
         self.checks = checks
         super().__init__("; ".join(f"{c.text}: {c.remedy}" for c in checks))
-
-
-def require_identifiable(
-    seen: Identifiability, model: ClosureModel, poses: int, *, known: Collection[str] = ()
-) -> None:
-    """Refuse unidentifiable directions of `model`, unless the arm's file states an uncertainty (`known`).
-
-    Raises `UnidentifiableError` if some direction is unidentifiable.
-    """
-    blind = tuple(d for d in seen.directions if not set(d.parameters) & set(known))
-    if blind:
-        if poses * model.equations_per_pose - len(model.parameters) < FEW_DOF:
-            raise UnidentifiableError(
-                blind,
-                code="TOO_FEW_POSES",
-                note=f"{poses} poses are few: take at least 20",
-            )
-        raise UnidentifiableError(blind)
 
 
 def refuse_placement(experiment: Experiment, model: ClosureModel) -> None:

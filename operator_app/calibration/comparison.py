@@ -153,7 +153,12 @@ def compare(
     compared = [e for e in before.calibrated if e.entry not in skipped]
     if not compared:
         raise IncomparableError(("they have no parameter in common that could be compared",))
-    free = [e for e in compared if not _only_tolerated(e.entry, sides)]
+    # Lengths and twists of the arm itself are only known within the maker's tolerance.
+    free = [
+        e
+        for e in compared
+        if DhEntry.parse(e.entry).kind is DhKind.THETA_OFF or sides[e.entry] is not Side.ARM
+    ]
     threshold = sigmas_at(level, len(free))
     scales = _scale(before), _scale(after)
     stacked, same = before.table.stacked(), _same_poses(before, after)
@@ -261,11 +266,6 @@ def sides_of(document: ParametersDocument) -> dict[str, Side]:
     found = {e.name: Side.ARM for e in loop.entries}
     found |= dict.fromkeys(loop.ground_side, Side.GROUND)
     return found | dict.fromkeys(loop.hand_side, Side.HAND)
-
-
-def _only_tolerated(name: str, sides: dict[str, Side]) -> bool:
-    """Whether an entry is a length or twist of the arm itself, known within the maker's tolerance."""
-    return DhEntry.parse(name).kind is not DhKind.THETA_OFF and sides[name] is Side.ARM
 
 
 def _scale(document: ParametersDocument) -> float:

@@ -166,13 +166,13 @@ def exceeded_limits(estimate: Estimate, limits: AcceptanceLimits) -> tuple[Findi
     """Return which of the procedure's own limits a calibration exceeds."""
     after, turned = estimate.sigmas, estimate.sigmas.orientation_rad
     return tuple(
-        Finding(kind=kind, size=found, figures={"limit": limit}, blocking=True)
-        for kind, found, limit in (
-            (K.LIMIT_SIGMA_POS, after.position_m.rms, limits.sigma_pos_m),
-            (K.LIMIT_SIGMA_ORI, None if turned is None else turned.rms, limits.sigma_ori_rad),
-            (K.LIMIT_CHI2, estimate.chi2_per_dof, limits.chi2_per_dof),
+        Finding(kind=kind, size=found, figures={"limit": limit / per_si}, blocking=True)
+        for kind, found, limit, per_si in (
+            (K.LIMIT_SIGMA_POS, after.position_m.rms, limits.sigma_pos_mm, 1e3),
+            (K.LIMIT_SIGMA_ORI, None if turned is None else turned.rms, limits.sigma_ori_mrad, 1e3),
+            (K.LIMIT_CHI2, estimate.chi2_per_dof, limits.chi2_per_dof, 1.0),
         )
-        if limit is not None and found is not None and found > limit
+        if limit is not None and found is not None and found > limit / per_si
     )
 
 

@@ -43,12 +43,6 @@ FILES: dict[FileKind, tuple[type[StrictModel | StrictRecord], ...]] = {
 """Models of the whole file of each kind."""
 
 
-def keys_of(kind: FileKind) -> frozenset[str]:
-    """Return the keys that a file of a kind may have at its top level, in addition to ``schema``."""
-    whole = (adapter(model).json_schema() for model in FILES[kind])
-    return frozenset(key for model in whole for key in model.get("properties", ()))
-
-
 def json_schema(kind: FileKind) -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a kind of file, with its ``schema`` line."""
     versions = [f"sarcal/{kind}/{version}" for version in VERSIONS.get(kind, (1,))]
@@ -153,7 +147,10 @@ def kind_of(source: Resource) -> AnyKind | None:
         keys = set(load_strict(source.data, source.file).data)
     except ConfigError:
         return None
-    shared = {kind: len(keys & keys_of(kind)) for kind in FILES}
+    shared = {}
+    for kind, models in FILES.items():
+        known = (adapter(model).json_schema().get("properties", {}) for model in models)
+        shared[kind] = len(keys & set[str]().union(*known))
     best = max(shared.values())
     likely = [kind for kind in FILES if shared[kind] == best > 1]
     return likely[0] if len(likely) == 1 else None

@@ -101,15 +101,6 @@ def dump_strict(data: Mapping[str, Any], *, comment: str = "") -> bytes:
     return (head + text).encode("utf-8")
 
 
-def float_text(value: float) -> str:
-    """Shortest decimal number that is read as the same double; always with a point."""
-    if not math.isfinite(value):
-        raise ValueError(f"{value} cannot be written: only finite numbers can")
-    text = repr(float(value))
-    # YAML 1.1 readers take 1e-08 for text.
-    return text if "." in text else text.replace("e", ".0e")
-
-
 def scalar_text(value: str) -> str:
     """Format a text as the value of a key, on one line: quoted where it could be read as another type."""
     written: str = yaml.dump(value, Dumper=_StrictDumper, width=math.inf)
@@ -124,7 +115,12 @@ class _StrictDumper(yaml.SafeDumper):
 
 
 def _represent_float(dumper: yaml.SafeDumper, value: float) -> yaml.Node:
-    return dumper.represent_scalar("tag:yaml.org,2002:float", float_text(value))
+    if not math.isfinite(value):
+        raise ValueError(f"{value} cannot be written: only finite numbers can")
+    text = repr(float(value))
+    # YAML 1.1 readers take 1e-08 for text.
+    text = text if "." in text else text.replace("e", ".0e")
+    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
 
 
 def _represent_str(dumper: yaml.SafeDumper, value: str) -> yaml.Node:

@@ -53,16 +53,6 @@ class AcceptanceLimits(StrictRecord):
     sigma_pos_mm: PositiveNumber | None = None
     sigma_ori_mrad: PositiveNumber | None = None
 
-    @property
-    def sigma_pos_m(self) -> float | None:
-        """Limit of the position sigma in m."""
-        return None if self.sigma_pos_mm is None else self.sigma_pos_mm / 1e3
-
-    @property
-    def sigma_ori_rad(self) -> float | None:
-        """Limit of the orientation sigma in rad."""
-        return None if self.sigma_ori_mrad is None else self.sigma_ori_mrad / 1e3
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcedureBus(StrictRecord):

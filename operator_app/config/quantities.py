@@ -78,14 +78,6 @@ def angle_doubt(value_deg: float) -> str:
     return TOO_FAR.format(value_deg) if abs(value_deg) > LARGEST_DEG else ""
 
 
-def looks_like_radians(value_deg: float) -> bool:
-    """Whether a nominal twist given in degrees equals a well-known number of radians (pi/2, pi)."""
-    return any(
-        math.isclose(abs(value_deg), known, abs_tol=2e-3)
-        for known in (0.5 * math.pi, math.pi, 1.5 * math.pi)
-    )
-
-
 def _limited(
     largest: float, text: str, remedy: str, *, smallest: float | None = None
 ) -> tuple[AfterValidator, WithJsonSchema]:
@@ -110,7 +102,9 @@ def _uncertainty(limit: float, unit: str) -> tuple[AfterValidator, WithJsonSchem
 
 
 def _twist_deg(value: float) -> float:
-    if looks_like_radians(value):
+    """Refuse a nominal twist that equals a well-known number of radians."""
+    quarters = (0.5 * math.pi, math.pi, 1.5 * math.pi)
+    if any(math.isclose(abs(value), known, abs_tol=2e-3) for known in quarters):
         raise refuse(f"{value:g} deg looks like radians", f"write {math.degrees(value):.6g}")
     return value
 

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from operator_app.calibration.acceptance import Verdict, fit_causes
+from operator_app.calibration.acceptance import Verdict, little_motion
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable
@@ -116,7 +116,8 @@ def test_what_narrows_a_sigma_is_the_source_that_is_worse_than_stated_or_other_p
 ):
     """Of a parameter, were it one that its file states better than any pose can tell."""
     fit = fit_of(found)
-    (cause,) = fit_causes(fit.estimate, (name,), {name: 1e-9}, partial(exceeded_source, fit))
+    figures = fit.estimate.parameters, fit.estimate.standard_deviation
+    (cause,) = little_motion(*figures, (name,), {name: 1e-9}, partial(exceeded_source, fit))
     assert cause.code == "LITTLE_MOTION"
     assert cause.remedy.startswith(remedy)
 

@@ -20,6 +20,7 @@ from operator_app.config.poses_file import (
 )
 from operator_app.safe_output import harmless
 from solver.chain.poses import PoseSet
+from tests.oracles.identity import same
 
 HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"
 ROWS = ("1,1,10.5,-20,30", "1,2,11,-21,31.25", "2,1,12,-22,1e1")
@@ -242,14 +243,7 @@ def test_writing_and_reading_changes_no_bit(poses):
     numbered = [(placement, int(label)) for placement, label in poses.keys]
     poses = poses.at_poses(np.array(sorted(range(len(poses)), key=numbered.__getitem__)))
     again = parse_poses(file, "p.csv", joint_count=poses.joint_count).poses
-    for name in ("placement", "q_rad", "sd_rad", "samples", "endpoint"):
-        before, after = getattr(poses, name), getattr(again, name)
-        assert (before is None) == (after is None)
-        if before is not None:
-            assert before.tobytes() == after.tobytes(), name
-    assert again.keys == poses.keys
-    assert again.utc == poses.utc
-    assert again.notes == poses.notes
+    assert same(again, poses)
     assert again.sha256() == poses.sha256()
 
 

@@ -128,28 +128,18 @@ def test_a_drive_that_counts_otherwise_needs_an_arm_without_supervisor():
 )
 @settings(deadline=None, max_examples=40)
 def test_what_is_written_reads_back_the_same(nodes, first, *, apart):
-    def joint(k: int, node: int) -> JointProfile:
-        base = 0x100 + first if apart else 0x180 + node
+    def joint(k, node):
+        base = 0x100 + first + k if apart else 0x180 + node
+
+        def pdo(number, *entries):
+            return Pdo(number=number, cob_id=base + 0x100 * number, entries=entries)
+
         return JointProfile(
             node=node,
-            commands=(
-                Pdo(
-                    number=1,
-                    cob_id=base + 0x100 + (k if apart else 0),
-                    entries=((0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 8)),
-                ),
-            ),
+            commands=(pdo(1, (0x6040, 0, 16), (0x607A, 0, 32), (0x6060, 0, 8)),),
             answers=(
-                Pdo(
-                    number=2,
-                    cob_id=base + 0x200 + (k if apart else 0),
-                    entries=((0x6041, 0, 16), (0x2000, 7, 16)),
-                ),
-                Pdo(
-                    number=3,
-                    cob_id=base + 0x300 + (k if apart else 0),
-                    entries=((0x6064, 0, 32), (0x6077, 0, 16)),
-                ),
+                pdo(2, (0x6041, 0, 16), (0x2000, 7, 16)),
+                pdo(3, (0x6064, 0, 32), (0x6077, 0, 16)),
             ),
         )
 

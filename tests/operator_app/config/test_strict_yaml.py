@@ -1,7 +1,6 @@
 """Strict YAML: what is read, what is refused, and that nothing a file can hold gets past as a traceback."""
 
 import math
-import struct
 from typing import Any
 
 import pytest
@@ -11,6 +10,7 @@ from hypothesis import strategies as st
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.strict_yaml import YamlDocument, load_strict
+from tests.oracles.identity import same
 
 
 def value_of(text: str) -> Any:
@@ -181,19 +181,6 @@ TREE = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXT, inner, max_size=3),
     max_leaves=12,
 )
-
-
-def same(left: Any, right: Any) -> bool:
-    """Equal, of equal type, and floats bit for bit."""
-    if type(left) is not type(right):
-        return False
-    if isinstance(left, float):
-        return struct.pack("d", left) == struct.pack("d", right)
-    if isinstance(left, list):
-        return len(left) == len(right) and all(map(same, left, right))
-    if isinstance(left, dict):
-        return list(left) == list(right) and all(same(left[k], right[k]) for k in left)
-    return bool(left == right)
 
 
 @settings(max_examples=300, deadline=None)

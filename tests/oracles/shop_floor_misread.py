@@ -186,3 +186,11 @@ def _with_sensor(specimen: Specimen, joint: int, sensor: Rvdt) -> Specimen:
     sensors = list(specimen.sensors)
     sensors[joint - 1] = sensor
     return replace(specimen, sensors=tuple(sensors))
+
+
+def hysteresis(found, joint, deg):
+    """A sensor that reads so much more on the way up, and less on the way down."""
+    read = found.readings.copy()
+    moved = np.diff(np.concatenate((read[:1, joint - 1], read[:, joint - 1])))
+    read[:, joint - 1] += np.deg2rad(deg) * np.where(moved < 0.0, -1.0, 1.0)
+    return replace(found, readings=read)

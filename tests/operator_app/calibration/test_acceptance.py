@@ -10,13 +10,10 @@ import pytest
 from fixtures.base import Tolerance
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.config.poses_file import parse_poses
 from operator_app.messages.finding import FindingKind
 from operator_app.report.text import unidentifiable_text
-from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
-from solver.estimators.paper import estimate_paper
+from solver.errors import UnidentifiableDirection, UnidentifiableError
 from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of, solved
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
 from tests.oracles.shop_floor_case import Case
@@ -168,29 +165,6 @@ def test_what_does_not_fit_what_is_stated_is_not_accepted_though_its_sigmas_may_
     assert adjudication.stated_chi2_per_dof > 20.0
     assert adjudication.causes[0].code == "OUTLIERS"
     assert adjudication.verdict is Verdict.NOT_ACCEPTED
-
-
-@pytest.mark.campaign
-def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen():
-    """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
-    found = session(8001)
-    noise = np.random.default_rng(5)
-    for _ in range(2):
-        # The third draw is the one that came out as parameters that cannot be seen.
-        noise.normal(size=found.readings.shape)
-    readings = found.readings + np.deg2rad(2.0) * noise.normal(size=found.readings.shape)
-    taken = replace(found, readings=readings)
-    adjudication = solved(taken).adjudication
-    assert adjudication.verdict is Verdict.NOT_ACCEPTED
-    poses = poses_of(taken)
-    blind = UnidentifiableError(
-        (UnidentifiableDirection(parameters=("theta_off_1",), weights=(1.0,)),)
-    )
-    paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
-    why = explain_unidentifiable(blind, experiment, paper, None)
-    assert isinstance(why, PosesDoNotFitError)
-    assert "no parameters close the loops better than 10.53 mm and" in str(why)
 
 
 @pytest.mark.parametrize(("joints", "leave"), [((4,), "leave it out"), ((4, 5), "leave them out")])

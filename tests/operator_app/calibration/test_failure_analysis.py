@@ -8,7 +8,8 @@ import pytest
 from fixtures.ball import Ball
 from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
-from operator_app.calibration.failure_analysis import turned_unread
+from operator_app.calibration.experiment import Experiment
+from operator_app.calibration.failure_analysis import explain_unidentifiable, turned_unread
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.messages.errors import words
@@ -16,8 +17,12 @@ from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
-from solver.errors import UnidentifiableError
+from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
+from solver.estimators.paper import estimate_paper
 from tests.contracts.planted import ball
+from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
+from tests.oracles.shop_floor import session
+from tests.oracles.shop_floor_misread import hysteresis
 
 
 def set_up(kind: str) -> tuple[ArmModel, EndpointConstraint]:
@@ -115,3 +120,30 @@ def test_what_to_do_about_a_stuck_sensor_is_not_more_poses():
     said = words(UnidentifiableError((), stuck_joint=3, note="its sensor is stuck"))
     assert "Repair that sensor" in said.remedy
     assert "differ" in words(UnidentifiableError(())).remedy
+
+
+def why(found, *blind):
+    """Said in place of the error that parameters cannot be identified from a session's poses."""
+    error = UnidentifiableError((UnidentifiableDirection(parameters=blind, weights=(1.0,)),))
+    stated = Experiment(arm=ARM, fixture=HINGE, poses=poses_of(found))
+    paper = estimate_paper(stated.loop(), stated.poses.q_rad)
+    with pytest.raises(PosesDoNotFitError) as caught:
+        raise explain_unidentifiable(error, stated, paper, None)
+    return str(caught.value)
+
+
+def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart():
+    """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
+    found = hysteresis(session(41), 6, 4.0)
+    assert "the reading of joint 6 does not follow" in why(found, "s_0", "s_7")
+
+
+@pytest.mark.campaign
+def test_loops_that_nothing_closes_are_said_to_be_open_and_no_parameter_to_be_unseen():
+    """Readings that scatter by 2 degrees: what an estimate that ended nowhere cannot see says nothing."""
+    found = session(8001)
+    # The third draw is the one that came out as parameters that cannot be seen.
+    *_, noise = np.random.default_rng(5).normal(size=(3, *found.readings.shape))
+    taken = replace(found, readings=found.readings + np.deg2rad(2.0) * noise)
+    assert not solved(taken).accepted
+    assert "no parameters close the loops better than 10.53 mm and" in why(taken, "theta_off_1")

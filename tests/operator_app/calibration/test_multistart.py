@@ -9,20 +9,18 @@ import pytest
 
 from operator_app.calibration.acceptance import Verdict, little_motion
 from operator_app.calibration.calibrate import calibrate
-from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.failure_analysis import explain_unidentifiable
 from operator_app.calibration.multistart import SCREENING_POSES, fit_from_starts, gross_misfit
 from operator_app.calibration.sensitivity import exceeded_source
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
 from solver.chain.parameters import nominal_vector
 from solver.diagnostics.limits import CHI2_PER_DOF_SECOND_START
-from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
+from solver.errors import PosesDoNotFitError
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.paper import estimate_paper
-from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, fit_of, panda_poses, poses_of, solved
-from tests.oracles.shop_floor import Session, session
+from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, fit_of, panda_poses, solved
+from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_faults import CASES
+from tests.oracles.shop_floor_misread import hysteresis
 
 MODEL = HINGE.model(ARM)
 NOMINAL = nominal_vector(MODEL.parameters)
@@ -52,14 +50,6 @@ def test_the_start_that_leads_somewhere_counts(readings, starts):
         fit_from_starts(MODEL, readings, errors, (NOWHERE, NOWHERE), group=group)
 
 
-def hysteresis(found: Session, joint: int, deg: float) -> Session:
-    """A sensor that reads so much more on the way up, and less on the way down."""
-    read = found.readings.copy()
-    moved = np.diff(np.concatenate((read[:1, joint - 1], read[:, joint - 1])))
-    read[:, joint - 1] += np.deg2rad(deg) * np.where(moved < 0.0, -1.0, 1.0)
-    return replace(found, readings=read)
-
-
 @pytest.fixture(scope="module")
 def diverged_solution():
     return solved(hysteresis(session(7), 6, 4.0))
@@ -82,19 +72,6 @@ def test_a_sound_solution_is_not_astray():
     found = solved(session(7))
     assert not found.adjudication.diverged
     assert "Use implicit" in facts_text(facts_of(found))
-
-
-def test_a_sensor_is_named_that_led_to_where_parameters_cannot_be_told_apart():
-    """Said was that s_7 cannot be told from s_0: at the values of the files these poses see every parameter."""
-    poses = poses_of(hysteresis(session(41), 6, 4.0))
-    blind = UnidentifiableError(
-        (UnidentifiableDirection(parameters=("s_0", "s_7"), weights=(0.7, 0.7)),)
-    )
-    paper = estimate_paper(HINGE.model(ARM), poses.q_rad)
-    experiment = Experiment(arm=ARM, fixture=HINGE, poses=poses)
-    why = explain_unidentifiable(blind, experiment, paper, None)
-    assert isinstance(why, PosesDoNotFitError)
-    assert "the reading of joint 6 does not follow" in str(why)
 
 
 def test_poses_that_tell_little_are_said_to_once():

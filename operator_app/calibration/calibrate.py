@@ -259,7 +259,7 @@ def screen(prepared: Prepared) -> Screened:
     if (paper := loops.paper) is not None and (
         task.by_paper or not well_conditioned_at_readings(paper, loops.q)
     ):
-        seen = _identifiability(prepared, loops.identifiable, paper.x)
+        seen = _identifiability(prepared, paper.x)
         _require_identifiable(prepared, seen, by_arm)
     # The paper's estimate is compared with the implicit one, so that the implicit fit is always made.
     model, tolerance = free_within_tolerance(
@@ -433,9 +433,9 @@ def decide(diagnosed: Diagnosed) -> Solution:
     )
 
 
-def _identifiability(prepared: Prepared, model: ClosureModel, x: FloatArray) -> Identifiability:
-    sigma_rad = prepared.task.experiment.arm.sigma_rad()
-    return identifiability(model, x, prepared.loops.q, sigma_rad=sigma_rad)
+def _identifiability(prepared: Prepared, x: FloatArray) -> Identifiability:
+    loops, sigma_rad = prepared.loops, prepared.task.experiment.arm.sigma_rad()
+    return identifiability(loops.identifiable, x, loops.q, sigma_rad=sigma_rad)
 
 
 def _require_identifiable(prepared: Prepared, seen: Identifiability, prior: frozenset[str]) -> None:
@@ -467,16 +467,12 @@ def _seen(fitted: Fitted, part: Calibrated) -> Identifiability:
     loops = prepared.loops
     if prepared.task.by_paper and screened.seen is not None:
         return screened.seen
-    names = tuple(p.name for p in loops.identifiable.parameters)
-    seen = (
-        identifiability_of_fit(part.linear, names, taken=part.order)
-        if loops.paper is not None
-        else _identifiability(
-            prepared,
-            loops.identifiable,
-            in_order(loops.identifiable, screened.model, fitted.estimate.x),
-        )
-    )
+    if loops.paper is not None:
+        names = tuple(p.name for p in loops.identifiable.parameters)
+        seen = identifiability_of_fit(part.linear, names, taken=part.order)
+    else:
+        x = in_order(loops.identifiable, screened.model, fitted.estimate.x)
+        seen = _identifiability(prepared, x)
     _require_identifiable(prepared, seen, screened.prior)
     return seen
 
@@ -490,8 +486,8 @@ def _starts(screened: Screened) -> Iterator[FloatArray | None]:
         # The best fixture placement for an arm within its stated tolerances.
         fixture_only = prepared.hard.without(screened.prior)
         yield in_order(model, fixture_only, estimate_paper(fixture_only, q).x)
-    x0 = loops.x0 if loops.paper is None else loops.paper.x
-    yield None if x0 is None else in_order(model, identifiable, x0)
+    first = loops.paper or loops.search
+    yield None if first is None else in_order(model, identifiable, first.x)
     yield nominal_vector(model.parameters)
     if not unsensed:
         few = evenly(len(q), SCREENING_POSES)

@@ -34,8 +34,8 @@ class IdentifiableLoops(NamedTuple):
         Readings (k, n), rad, of the poses on the main branch, and a mask (m,) of these.
     search
         The global start, if requested.
-    x0, paper
-        First estimates of `identifiable`, if any.
+    paper
+        The paper's estimate of `identifiable`; None with unsensed joints.
     """
 
     model: ClosureModel
@@ -44,7 +44,6 @@ class IdentifiableLoops(NamedTuple):
     kept: BoolArray
     unidentifiable: tuple[str, ...]
     search: GlobalStart | None
-    x0: FloatArray | None
     paper: Estimate | None
 
     @property
@@ -78,14 +77,12 @@ def identifiable_loops(
         if search:
             # The fixed parameters have other values than in the search: it is repeated without them.
             found = global_start(model, q, progress=progress)
-        x0 = None if found is None else found.x
     paper = None
     if not experiment.unsensed:
         paper = None if unidentifiable else made
-        paper = paper or estimate_paper(model, q, x0=x0)
-    return IdentifiableLoops(
-        model if drop else every_unknown, model, q, kept, unidentifiable, found, x0, paper
-    )
+        paper = paper or estimate_paper(model, q, x0=None if found is None else found.x)
+    loops = model if drop else every_unknown
+    return IdentifiableLoops(loops, model, q, kept, unidentifiable, found, paper)
 
 
 def _without_unidentifiable(

@@ -101,6 +101,10 @@ _HOLDS_ONLY = (
     "offset_tolerance_deg in the arm's file"
 )
 
+_TOGETHER = (
+    "check that arm file, fixture file and poses belong together, and what was done between the poses; try "
+    "--global-start"
+)
 _DISTANCE = "measure it again and correct it in the file; it scales the arm's lengths"
 _DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
 _NOT_REPEATED = (
@@ -294,20 +298,14 @@ MESSAGES: Mapping[FindingKind, tuple[str, str]] = {
     ),
     K.UNEXPLAINED_SCATTER: (
         "the readings scatter {times:TIMES} times as much as the files state and no single fault explains it",
-        (
-            "check that arm file, fixture file and poses belong together, and what was done between the poses; try "
-            "--global-start"
-        ),
+        _TOGETHER,
     ),
     K.UNEXPLAINED_PATTERN: (
         (
             "the readings scatter no more than the files state, but their pattern is not due to chance ({tests}), and "
             "no single fault explains it"
         ),
-        (
-            "check that arm file, fixture file and poses belong together, and what was done between the poses; try "
-            "--global-start"
-        ),
+        _TOGETHER,
     ),
     K.POSES_DO_NOT_FIT: (
         (

@@ -10,7 +10,7 @@ adds ``beta_deg`` to rows; a document without it is written as version 2.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
@@ -45,7 +45,6 @@ from operator_app.config.quantities import (
     refuse,
 )
 from operator_app.config.schema import StrictRecord, check_numbered, report
-from operator_app.config.strict_yaml import Complaint
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
@@ -192,13 +191,11 @@ class ParametersDocument(StrictRecord):
     @field_validator("correlations", "budget")
     @classmethod
     def _entries_fit(cls, value: Any, info: ValidationInfo) -> Any:
-        own: dict[str, Callable[..., Iterator[Complaint]]] = {
-            "correlations": complaints_of_correlations,
-            "budget": complaints_of_budget,
-        }
         calibrated, name = info.data.get("calibrated"), str(info.field_name)
+        of_budget = name == "budget"
+        complaints = complaints_of_budget if of_budget else complaints_of_correlations
         if calibrated is not None:
-            for place, text, remedy in own[name](value, [part.entry for part in calibrated]):
+            for place, text, remedy in complaints(value, [part.entry for part in calibrated]):
                 report(info, (name, *place), text, remedy)
         return value
 

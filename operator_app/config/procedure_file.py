@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -42,49 +42,38 @@ def parse_procedure(
         One of the four files is invalid; the error lists all problems.
     """
     document = load_strict(source.data, source.file)
-    problems: list[Problem] = []
-    known = snapshot or {}
+    files = _NamedFiles(document=document, folder=source.folder, snapshot=snapshot or {})
     try:
         found = check_model(ProcedureFile, document, kind="procedure")
     except ConfigError as error:
         # Its other files are read anyway, so that all problems are reported at once.
-        named: dict[Kind, Callable[[bytes, str], object]] = {
-            "arm": parse_arm,
-            "fixture": parse_fixture,
-        }
-        for kind, parse in named.items():
-            if isinstance(document.data.get(kind), str):
-                _referred(kind, document, source, known, parse=parse, problems=problems)
-        raise ConfigError((*error.problems, *problems)) from error
-    arm = _referred("arm", document, source, known, parse=parse_arm, problems=problems)
-    fixture = _referred("fixture", document, source, known, parse=parse_fixture, problems=problems)
-    profile = _referred(
-        "profile",
-        document,
-        source,
-        known,
-        parse=partial(parse_profile, joints=None if arm is None else arm[1].joint_count),
-        problems=problems,
-        at=("bus", "profile"),
-        name=found.bus.profile,
-    )
+        if isinstance(name := document.data.get("arm"), str):
+            files.read("arm", name, parse_arm)
+        if isinstance(name := document.data.get("fixture"), str):
+            files.read("fixture", name, parse_fixture)
+        raise ConfigError((*error.problems, *files.problems)) from error
+    arm = files.read("arm", found.arm, parse_arm)
+    fixture = files.read("fixture", found.fixture, parse_fixture)
+    for_arm = partial(parse_profile, joints=None if arm is None else arm.joint_count)
+    profile = files.read("profile", found.bus.profile, for_arm, at=("bus", "profile"))
     complaints: list[Complaint] = []
     if arm is not None:
-        complaints += check_own(found, arm[1])
-        arm = arm[0], _as_here(found, arm[1])
-    complaints += check_joints(found, None if arm is None else arm[1])
-    if not (problems or complaints) and arm is not None and fixture is not None:
-        loop = fixture[1].fixture.model(arm[1], unsensed_joints=found.unsensed_joints)
+        complaints += check_own(found, arm)
+        arm = _as_here(found, arm)
+    complaints += check_joints(found, arm)
+    if not (files.problems or complaints) and arm is not None and fixture is not None:
+        loop = fixture.fixture.model(arm, unsensed_joints=found.unsensed_joints)
         complaints += check_requested(found, loop.parameters)
-    problems += (document.problem(*complaint) for complaint in complaints)
+    problems = [*files.problems, *(document.problem(*complaint) for complaint in complaints)]
     if problems or arm is None or fixture is None or profile is None:
         raise ConfigError(problems)
+    read = files.sources
     return Procedure(
         name=found.name,
-        arm=arm[1],
-        fixture=fixture[1],
-        profile=profile[1],
-        sources=(source, arm[0], fixture[0], profile[0]),
+        arm=arm,
+        fixture=fixture,
+        profile=profile,
+        sources=(source, read["arm"], read["fixture"], read["profile"]),
         bus=found.bus,
         position_joints=found.chosen_modes.listed or None,
         trial=found.chosen_modes.trial,
@@ -114,35 +103,34 @@ def _as_here(found: ProcedureFile, arm: ArmModel) -> ArmModel:
     )
 
 
-def _referred(
-    kind: Kind,
-    document: YamlDocument,
-    source: Resource,
-    known: Mapping[Kind, Resource],
-    *,
-    parse: Callable[[bytes, str], T],
-    problems: list[Problem],
-    at: KeyPath = (),
-    name: str = "",
-) -> tuple[Resource, T] | None:
-    """Read the file named in the procedure, by default under the key `kind`.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _NamedFiles:
+    """Reads the files that a procedure names, relative to its `folder`, and keeps them with all their problems."""
 
-    Its problems are added to `problems`.
-    """
-    try:
-        named = name or str(document.data[kind])
-        found = known.get(kind) or resolve(kind, named, folder=source.folder)
-    except ConfigError as error:
-        # The reference is wrong: report its place.
-        problems += (
-            document.problem(at or (kind,), f"{p.file}: {p.text}", p.remedy) for p in error.problems
-        )
-        return None
-    try:
-        return found, parse(found.data, found.file)
-    except ConfigError as error:
-        problems += error.problems
-        return None
+    document: YamlDocument
+    folder: Path | None
+    snapshot: Mapping[Kind, Resource]
+    sources: dict[str, Resource] = field(default_factory=dict)
+    problems: list[Problem] = field(default_factory=list)
+
+    def read(
+        self, kind: Kind, name: str, parse: Callable[[bytes, str], T], *, at: KeyPath = ()
+    ) -> T | None:
+        """Read a file; the procedure names it under the key `at`, by default `kind`."""
+        try:
+            found = self.snapshot.get(kind) or resolve(kind, name, folder=self.folder)
+        except ConfigError as error:
+            # The reference is wrong: report its place.
+            for p in error.problems:
+                text = f"{p.file}: {p.text}"
+                self.problems.append(self.document.problem(at or (kind,), text, p.remedy))
+            return None
+        self.sources[kind] = found
+        try:
+            return parse(found.data, found.file)
+        except ConfigError as error:
+            self.problems.extend(error.problems)
+            return None
 
 
 def check_joints(found: ProcedureFile, arm: ArmModel | None) -> Iterator[Complaint]:

@@ -19,7 +19,7 @@ from hardware.canopen.drive_settings import DESCRIPTION_OBJECTS
 from hardware.canopen.objects import CONTROLWORD, TARGET_POSITION
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
-from operator_app.config.profile import PdoSpec, ProfileFile, hexadecimal
+from operator_app.config.profile import JointSpec, PdoSpec, ProfileFile, hexadecimal
 from operator_app.config.resources import resolve
 from operator_app.config.schema import check_model
 from operator_app.config.strict_yaml import Complaint, load_strict
@@ -105,16 +105,13 @@ def check_profile(found: ProfileFile, joints: int | None) -> Iterator[Complaint]
         if hexadecimal(text) not in DESCRIPTION_OBJECTS:
             known = ", ".join(f"{index:04X}h" for index in DESCRIPTION_OBJECTS)
             yield ("compared", k), f"{text} cannot be compared with an arm file", f"known: {known}"
-    lists: list[tuple[KeyPath, tuple[PdoSpec, ...], bool]] = [
-        (("commands",), found.commands, False),
-        (("answers",), found.answers, True),
-    ]
-    for k, joint in enumerate(found.joints):
-        lists.append((("joints", k, "commands"), joint.commands, False))
-        lists.append((("joints", k, "answers"), joint.answers, True))
-    for place, pdos, sent in lists:
-        if pdos:
-            yield from _check_pdos(place, pdos, sent=sent)
+    owners: list[tuple[KeyPath, ProfileFile | JointSpec]] = [((), found)]
+    owners += ((("joints", k), joint) for k, joint in enumerate(found.joints))
+    for place, owner in owners:
+        if owner.commands:
+            yield from _check_pdos((*place, "commands"), owner.commands, sent=False)
+        if owner.answers:
+            yield from _check_pdos((*place, "answers"), owner.answers, sent=True)
     whole = found.for_joints(joints)
     count = len(whole.joints)
     for number in range(1, count + 1):

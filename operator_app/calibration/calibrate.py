@@ -327,13 +327,11 @@ def diagnose(fitted: Fitted) -> Diagnosed:
     screened, whole, model = fitted.before, fitted.whole, fitted.model
     prepared = screened.before
     task, loops, experiment = prepared.task, prepared.loops, prepared.task.experiment
-    arm, fixture, poses = experiment.arm, experiment.fixture, experiment.poses
     part, some = whole.few(MOST_DIAGNOSED_POSES)
     used = screened.distinct[some]
     unknowns = tuple(p.name for p in prepared.hard.parameters)
     shares = {} if task.by_paper else shares_of_poses(whole.linear)
     seen = _seen(fitted, part)
-    there = np.flatnonzero(loops.kept)
     known = PriorInformation(
         out_of_range=prepared.out_of_range,
         flipped=loops.flipped,
@@ -350,12 +348,7 @@ def diagnose(fitted: Fitted) -> Diagnosed:
         if fitted.closes
         else (),
         returned=repeats_of(
-            task.rereads,
-            arm,
-            model,
-            fitted.estimate.x,
-            tuple(poses.label[k] for k in there),
-            fixture.compliance,
+            task.rereads, experiment.at_poses(loops.kept), model, fitted.estimate.x
         ),
         by_files=tuple(n for n in unknowns if shares.get(n, 1.0) < LEAST_INFORMATION_SHARE),
     )

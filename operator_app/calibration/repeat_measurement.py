@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fixtures.base import Compliance
+from operator_app.calibration.experiment import Experiment
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.sensors import NoSensor
@@ -154,26 +155,18 @@ def _of_fixture(d: FloatArray, columns: FloatArray) -> tuple[float, FloatArray]:
 
 
 def repeats_of(
-    rereads: Iterable[Reread],
-    arm: ArmModel,
-    model: ClosureModel,
-    x: FloatArray,
-    labels: tuple[str, ...],
-    compliance: Compliance,
+    rereads: Iterable[Reread], used: Experiment, model: ClosureModel, x: FloatArray
 ) -> tuple[tuple[Reread, Repeat], ...]:
-    """Compare the two readings of every repeated pose in use; `labels` are those of the poses of `model`.
+    """Compare the two readings of every repeated pose among the `used` ones, which are those of `model`.
 
     On an open arm the drives alone determine the repeated pose.
     """
     if model.parts()[0][0].constrained_part is None:
         return ()
-    return tuple(
-        (
-            r,
-            compare_readings(
-                arm, model.at_poses(np.array([labels.index(r.label)])), x, r, compliance
-            ),
-        )
-        for r in rereads
-        if r.label in labels
-    )
+    labels, compliance = used.poses.label, used.fixture.compliance
+    found = []
+    for read in rereads:
+        if read.label in labels:
+            loop = model.at_poses(np.array([labels.index(read.label)]))
+            found.append((read, compare_readings(used.arm, loop, x, read, compliance)))
+    return tuple(found)

@@ -1,0 +1,581 @@
+"""Kinds of findings, each with its public code, text and remedy; no other module contains such texts.
+
+A message is a template. ``{size:STEP}`` is a figure in one of the formats of `operator_app.units`,
+``{limit:ANGLE|LENGTH}`` in the first one if the finding's unit is rad, else in the second; ``{certain:drifts|may
+drift}`` is the first choice if the finding is certain, ``{several:do|does}`` if it is about several poses.
+"""
+
+# Kinds may share code and text.
+# ruff: noqa: PIE796
+from __future__ import annotations
+
+from enum import Enum
+from typing import Self
+
+_FIX_BOLTS = "tighten its bolts and check for play; otherwise state its compliance (give) in the fixture file"
+_UNSENSED = "calibrate with --unsensed {joint}"
+_NEARER = "take more poses that differ more from each other, or state nominal values closer to the true ones"
+_REPEAT_JOINT = (
+    "check the coupling and cable of joint {joint}'s sensor (count loss, a slipped coupling), home the joint and "
+    "take all poses again"
+)
+_RANGE = (
+    "joint {joint} reads {size:READING} in {poses}, outside its range {range}",
+    "check these readings for damage, or correct range_deg in the arm file",
+)
+_WHOLE_TURN = (
+    (
+        "joint {joint} reads {size:READING} in {poses}, whole turns away from its range {range}: its encoder counts "
+        "from another turn"
+    ),
+    "home the joint or correct range_deg in the arm file",
+)
+_SATURATED = (
+    (
+        "joint {joint} reads {size:READING} in {poses}, the end of its sensor's full scale ({range}): the sensor reads "
+        "the same for every angle beyond it"
+    ),
+    "take these poses closer to the middle of the sensor's range, or exclude them",
+)
+_TOGETHER = (
+    "check that arm file, fixture file and poses belong together, and what was done between the poses; try "
+    "--global-start"
+)
+_DISTANCE = "measure it again and correct it in the file; it scales the arm's lengths"
+_DISTURBED = "take more poses, look for a pose that was disturbed, or leave out the joint that the warnings name"
+_NOT_REPEATED = (
+    "pose {first}{placement} was not measured again after pose {last} ({reported}): only the poses themselves show "
+    "whether a joint or the fixture slipped since pose {since}, and a slip in the last poses is hard to detect"
+)
+
+
+class FindingKind(Enum):
+    """Kind of a finding.
+
+    Attributes
+    ----------
+    code
+        Pattern of its code in JSON, journals and the API, which is a contract; kinds with different texts may share it.
+    text, remedy
+        Templates of its message; the remedy is empty if the text is sufficient.
+    brief
+        Template of a short form for a small panel, if the sentence is long.
+    """
+
+    code: str
+    text: str
+    remedy: str
+    brief: str
+
+    def __new__(cls, code: str, text: str, remedy: str = "", brief: str = "") -> Self:
+        """Make a member; a running number is its value, so that members with the same templates stay distinct."""
+        member = object.__new__(cls)
+        member._value_ = len(cls.__members__)
+        member.code, member.text, member.remedy, member.brief = code, text, remedy, brief
+        return member
+
+    # Faults of fixture, arm and sensors.
+    FIXTURE_SLIPPED = (
+        "SLIP_FIXTURE",
+        "the fixture {certain:slipped|may have slipped} on the {name} by about {displacement} {between}",
+        "tighten it on the {name} and take all poses again, or use only those before or after pose {last}",
+    )
+    FIXTURE_DEFLECTS_MORE = (
+        "FIXTURE_GIVES",
+        "the fixture {certain:deflects|may deflect} by about {displacement}, more than its file states",
+        _FIX_BOLTS,
+    )
+    FIXTURE_DEFLECTS_OTHERWISE = (
+        "FIXTURE_GIVES",
+        "the fixture {certain:deflects|may deflect} by about {displacement}, which depends on neither load nor pose",
+        _FIX_BOLTS,
+    )
+    FIXTURE_TURNS_RANDOMLY = (
+        "FIXTURE_GIVES",
+        (
+            "the fixture turns by about {size:GIVES_ANGLE} at random in every pose, {times:TIMES} times what its file "
+            "states"
+        ),
+        _FIX_BOLTS,
+    )
+    FIXTURE_SHIFTS_RANDOMLY = (
+        "FIXTURE_GIVES",
+        (
+            "the fixture shifts by about {size:GIVES_LENGTH} at random in every pose, {times:TIMES} times what its "
+            "file states"
+        ),
+        _FIX_BOLTS,
+    )
+    WRONG_FIXTURE_HINGE = (
+        "WRONG_FIXTURE",
+        "the loops close like those of a hinge, not of a {name} fixture",
+        "calibrate with the fixture file of that hinge; this command writes one from these poses: {last_name}",
+    )
+    WRONG_FIXTURE_BALL = (
+        "WRONG_FIXTURE",
+        "the loops close like those of a ball that turns freely, not of a {name} fixture",
+        (
+            "find why the fixture can tilt; or, if it is a ball, calibrate with a fixture file of that ball and "
+            "--drop-unidentifiable (a ball does not separate the first joint's offset from the socket's place); "
+            "this command writes one from these poses: {last_name}"
+        ),
+    )
+    READING_STEP = (
+        "STEP_JOINT_{joint}",
+        "the reading of joint {joint} {certain:shifted|may have shifted} by {size:STEP}{in_counts} {between}",
+        _REPEAT_JOINT,
+    )
+    READING_JUMP = (
+        "STEP_JOINT_{joint}",
+        (
+            "the reading of joint {joint} {certain:jumped|may have jumped} by {size:TARGET}{in_counts} {between}: its "
+            "node restarted or its sensor came off"
+        ),
+        "home joint {joint} and take all poses again",
+    )
+    READING_DRIFT = (
+        "DRIFT_JOINT_{joint}",
+        "the reading of joint {joint} {certain:drifts|may drift} by about {size:STEP} from the first pose to the last",
+        "let arm and electronics warm up, check the coupling of joint {joint}'s sensor, then take all poses again",
+    )
+    READING_NOISE = (
+        "{sensor}_{joint}",
+        "the reading of joint {joint} {certain:scatters|may scatter} by {size:SCATTER}{specified}",
+        "check the sensor and cable of joint {joint}, or " + _UNSENSED,
+    )
+    READING_UNRELATED = (
+        "{sensor}_{joint}",
+        "the reading of joint {joint} {certain:does|may} not follow the joint's angle as the loop measures it",
+        "check the sensor, cable and channel of joint {joint}; until then " + _UNSENSED,
+    )
+    READING_FROZEN = (
+        "FROZEN_JOINT_{joint}",
+        (
+            "the sensor of joint {joint} {certain:reads|may read} the same from pose {first} to pose {last}, while the "
+            "loop shows that the joint moved"
+        ),
+        "check the sensor and cable of joint {joint}, then take these poses again; or " + _UNSENSED,
+    )
+    MOTION_DURING_SAMPLING = (
+        "UNSTEADY_{joint}",
+        (
+            "the readings of joint {joint} spread by up to {size:SCATTER} within {poses}, more than the noise of its "
+            "{sensor_name}: it moved or vibrated while it was read"
+        ),
+        "wait until the arm has settled, check for vibration, and take these poses again",
+    )
+    ALL_READINGS_NOISE = (
+        "SCATTER",
+        (
+            "the readings of all joints {certain:scatter|may scatter} by about {size:SCATTER} from pose to pose, more "
+            "than their sensors do: vibration, play, or an arm that had not settled"
+        ),
+        (
+            "wait longer before each pose and average more samples, check for vibration and loose couplings, then take "
+            "all poses again"
+        ),
+    )
+    ENCODER_SCALE = (
+        "SCALE_{joint}",
+        "the scale of joint {joint}'s encoder {certain:is|may be} off by about {size:OFF_SCALE}",
+        "check counts_per_rev and the gear ratio of joint {joint} in arm file and drive, then take all poses again",
+    )
+    ENCODER_CYCLIC_ERROR = (
+        "{sensor}_{joint}",
+        (
+            "the encoder of joint {joint} {certain:errs|may err} by {size:SCATTER} rms once or twice a turn, more than "
+            "its file states"
+        ),
+        "check the centring of joint {joint}'s encoder, or state its accuracy_deg",
+    )
+    ENCODERS_EXCEED = (
+        "ENCODERS",
+        "the encoders err by about {times:TIMES} times what the arm file states",
+        "check their centring, or state their accuracy_deg",
+    )
+    RVDT_NONLINEAR = (
+        "{sensor}_{joint}",
+        (
+            "the RVDT of joint {joint} {certain:deviates|may deviate} from its {reference} by up to "
+            "{size:DEVIATION}{share}"
+        ),
+        "replace or linearise the RVDT of joint {joint}, or " + _UNSENSED,
+    )
+    RVDT_NOISE_EXCEEDS = (
+        "{sensor}_{joint}",
+        "the readings of joint {joint}'s RVDT scatter about {times:TIMES} times what its specification states",
+        "check its plug, screen and excitation, or " + _UNSENSED,
+    )
+    RVDT_LINEARITY_EXCEEDS = (
+        "{sensor}_{joint}",
+        "the linearity deviation of joint {joint}'s RVDT is about {times:TIMES} times what its specification states",
+        "replace or linearise it, or " + _UNSENSED,
+    )
+    RVDT_GAIN_EXCEEDS = (
+        "{sensor}_{joint}",
+        "the gain of joint {joint}'s RVDT is off by about {times:TIMES} times what its specification states",
+        "have its scale factor set or state the tolerance of its gain, or " + _UNSENSED,
+    )
+    RVDT_VERDICT = ("{sensor}_{joint}", "{reported}", "", "RVDT of joint {joint}: {name}")
+    RVDT_HARMFUL = (
+        "{sensor}_{joint}",
+        "{reported}",
+        "",
+        "RVDT of joint {joint}: {name}; treat joint {joint} as unsensed, or correct its readings",
+    )
+    RVDT_OUT_LINEARITY = (
+        "{sensor}_{joint}",
+        "{reported}",
+        "replace or linearise it, or " + _UNSENSED,
+    )
+    RVDT_OUT_SPREAD = (
+        "{sensor}_{joint}",
+        "{reported}",
+        "check whether the spread of its readings is as recorded (sd{joint}_deg), or " + _UNSENSED,
+    )
+    RVDT_OUT_NOISE = ("{sensor}_{joint}", "{reported}", "find what disturbs it, or " + _UNSENSED)
+    JOINT_SAG = (
+        "SAG_JOINT_{joint}",
+        "joint {joint} {certain:twists|may twist} by {size:SCATTER} rms with the pose, more than its file states",
+        "check joint {joint} for play or a weak link, or state its sag_deg",
+    )
+    PLAY_EXCEEDS = (
+        "PLAY",
+        "the joints' play is about {times:TIMES} times what the arm file states",
+        "check bearings and couplings for wear, or state the joints' play",
+    )
+    SAG_EXCEEDS = (
+        "SAG",
+        "the joints' sag under load is about {times:TIMES} times what the arm file states",
+        "check bearings and couplings for wear, or state the joints' sag under load",
+    )
+    LENGTH_STEP = (
+        "STEP_LENGTH_{name}",
+        "{name} {certain:changed|may have changed} by {size:GREW} {between}",
+        "check for a loose joint or link at {name}, then take all poses again",
+    )
+    LENGTH_OFF = (
+        "LENGTH_{name}",
+        (
+            "{name} {certain:differs|may differ} from the arm file by about {size:OFF_LENGTH} (tolerance "
+            "{limit:LENGTH_TOLERANCE})"
+        ),
+        "measure {name} and correct the arm file, or state a larger tolerance for its row",
+    )
+    TWIST_OFF = (
+        "TWIST_{name}",
+        (
+            "{name} {certain:differs|may differ} from the arm file by about {size:TARGET} (tolerance "
+            "{limit:ANGLE_TOLERANCE})"
+        ),
+        "measure {name} and correct the arm file, or state a larger tolerance for its row",
+    )
+    LENGTHS_EXCEED = (
+        "LENGTHS",
+        "the arm's lengths differ from its file by about {times:TIMES} times the stated tolerance",
+        "measure the arm and correct the file, or state a larger tolerance for its lengths",
+    )
+    TWISTS_EXCEED = (
+        "TWISTS",
+        "the arm's twists differ from its file by about {times:TIMES} times the stated tolerance",
+        "measure the arm and correct the file, or state a larger tolerance for its twists",
+    )
+    REPEAT_FIXTURE_MOVED = (
+        "RETURN_FIXTURE",
+        (
+            "the fixture moved by about {displacement} between pose {first} and its second reading after {after:d} "
+            "poses, more than its file states"
+        ),
+        (
+            "tighten its bolts and check for play, then take all poses again; otherwise state its compliance (give) in "
+            "the fixture file"
+        ),
+    )
+    REPEAT_READING_STEP = (
+        "RETURN_JOINT_{joint}",
+        (
+            "the reading of joint {joint} shifted by {size:POSITION} (sigma {sigma:SLIP_SIGMA}) between pose {first} "
+            "and its second reading after {after:d} poses"
+        ),
+        _REPEAT_JOINT,
+    )
+    UNEXPLAINED_SCATTER = (
+        "UNNAMED",
+        "the readings scatter {times:TIMES} times as much as the files state and no single fault explains it",
+        _TOGETHER,
+    )
+    UNEXPLAINED_PATTERN = (
+        "UNNAMED",
+        (
+            "the readings scatter no more than the files state, but their pattern is not due to chance ({tests}), and "
+            "no single fault explains it"
+        ),
+        _TOGETHER,
+    )
+    POSES_DO_NOT_FIT = (
+        "UNNAMED",
+        (
+            "these poses do not fit this arm and fixture: the readings scatter {times:TIMES} times as much as the "
+            "files state, and no fault of a joint, a length or a pose explains it"
+        ),
+        (
+            "check whether they belong to another arm or fixture, or to this arm before a change, and what was done "
+            "between the poses; try --global-start"
+        ),
+    )
+
+    # Mistakes in files.
+    READING_MISTAKE = ("{name}", "{reported}, and the loops close", "{reported_remedy}")
+    OFFSETS_IN_RADIANS = (
+        "RADIANS_OFFSETS",
+        "the loops close if theta_off_deg of the arm file is taken as radians",
+        "the unit of an arm file is deg: multiply its theta_off_deg by 57.29578",
+    )
+    ENTRIES_EXCHANGED = (
+        "EXCHANGED_{names}",
+        "the loops close if {name} and {last_name} of the arm file are exchanged",
+        "measure {name} and {last_name} and correct the arm file",
+    )
+    OUT_OF_RANGE = ("RANGE_{joint}", *_RANGE)
+    OUT_OF_RANGE_NOTICE = ("RANGE", *_RANGE)
+    WHOLE_TURN_OFF = ("RANGE_{joint}", *_WHOLE_TURN)
+    WHOLE_TURN_OFF_NOTICE = ("RANGE", *_WHOLE_TURN)
+    SATURATED = ("SATURATED_{joint}", *_SATURATED)
+    SATURATED_NOTICE = ("RANGE", *_SATURATED)
+    POSES_IN_RADIANS = (
+        "RANGE_RADIANS",
+        (
+            "{poses} {several:are|is} outside the arm's ranges if read as degrees but inside if read as radians, and "
+            "{several:were|was} left out"
+        ),
+        "multiply the angles of {several:these rows|this row} by 57.29578",
+    )
+    POSE_OUT_OF_RANGE = (
+        "RANGE_POSE",
+        "{poses} was left out: {joints} are outside their ranges in it",
+        "correct that row, take the pose again or remove it",
+    )
+
+    # Poses.
+    POSES_FLIPPED = (
+        "FLIPPED_BRANCH",
+        (
+            "{poses} ({count:d} of {of:d}) {several:close|closes} only with the tool upside down on the hinge and "
+            "{several:were|was} left out"
+        ),
+        "take {several:them|it} again with the tool the right way up, or remove {several:them|it}",
+    )
+    OUTLIERS = (
+        "OUTLIERS",
+        "{poses} {outlying} not fit the others",
+        "find what disturbed {several:them|it}, exclude {several:them|it} and calibrate again",
+    )
+    OUTLIERS_COUNT = (
+        "OUTLIER",
+        "{poses} {several:do|does} not fit the others and {several:are|is} still used",
+        "find what disturbed {several:them|it}, then decide whether to exclude {several:them|it}",
+    )
+    TOO_FEW_POSES = (
+        "TOO_FEW_POSES",
+        "{degrees} of freedom {one:is|are} too few to tell whether anything is wrong",
+        "take at least 20 poses",
+    )
+    SIGMAS_USELESS = (
+        "LITTLE_MOTION",
+        "these poses determine {sizes} no better than was known before (standard uncertainty in brackets)",
+        "{narrowing}",
+    )
+    SIGMAS_WIDE = (
+        "LITTLE_MOTION",
+        "these poses determine {sizes} only roughly (standard uncertainty in brackets)",
+        "{narrowing}",
+    )
+    CONDITION = (
+        "CONDITION",
+        "scaled condition number {size:CONDITION} is above {limit:CONDITION} (weakest direction: {listed})",
+        "poses that differ more from each other would give smaller sigmas",
+    )
+    KNOWN_BY_FILES = ("AS_STATED", "known from the files more than from the poses: {shares}")
+    SAME_PLACEMENT = (
+        "SAME_PLACEMENT",
+        (
+            "placements {numbers} of the fixture are the same within their sigmas (largest difference: {name}, "
+            "{size:ANGLE|LENGTH}, {sigmas:SIGMAS} sigma): the fixture was not remounted between them, or is back "
+            "exactly where it was; together they determine no more than one placement"
+        ),
+        "mount it elsewhere within its tolerance and take another placement",
+    )
+    DISTANCE_ABOVE = (
+        "DISTANCE",
+        "the distance of sockets {numbers} in the fixture's file is {sigmas:TIMES} sigma above what the poses show",
+        _DISTANCE,
+    )
+    DISTANCE_BELOW = (
+        "DISTANCE",
+        "the distance of sockets {numbers} in the fixture's file is {sigmas:TIMES} sigma below what the poses show",
+        _DISTANCE,
+    )
+    ENDPOINTS_UNUSED = (
+        "ENDPOINTS_UNUSED",
+        "the poses have measured endpoints (x_m,y_m,z_m), which a {name} fixture does not use",
+        "calibrate with a measured fixture, or use them in a comparison: sarcal verify --open-loop",
+    )
+    NOT_IDENTIFIABLE = (
+        "UNSEEN",
+        "{reported}",
+        "take poses that differ more from each other, or fix one of these parameters at its nominal value",
+    )
+    NOT_REPEATED = (
+        "NO_RETURN",
+        _NOT_REPEATED,
+        (
+            "let the capture run to its end, where it measures that pose (sarcal run --resume with this session), and "
+            "calibrate again"
+        ),
+    )
+    NEVER_REPEATED = (
+        "NO_RETURN",
+        _NOT_REPEATED,
+        "verify the calibration with new poses (sarcal verify with this session)",
+    )
+
+    # The solution.
+    NOT_CONVERGED = (
+        "NOT_CONVERGED",
+        "the iteration did not converge in {iterations:d} rounds",
+        "see the warnings about the readings, or try --global-start",
+    )
+    OTHER_SOLUTION = (
+        "OTHER_SOLUTION",
+        (
+            "this is a local minimum ({name} {size:FAR_ANGLE|FAR_LENGTH} from nominal): another solution has a "
+            "closure error {times:MANY_TIMES} times smaller"
+        ),
+        "calibrate with --global-start",
+    )
+    FAR_FROM_NOMINAL = (
+        "FAR_FROM_NOMINAL",
+        "{name} is {size:FAR_ANGLE|FAR_LENGTH} from its nominal value",
+        "check how the fixture is mounted and what the arm file states, or search everywhere with --global-start",
+    )
+    SOCKET_ELSEWHERE = (
+        "SOCKET_ELSEWHERE",
+        "the ball's socket is not where the fixture's file states: {name} is {size:FAR_ANGLE|FAR_LENGTH} from there",
+        "the calibration uses the position found from the poses; correct ground_mm in the file if the socket stays",
+    )
+    SECOND_SOLUTION = (
+        "SECOND_SOLUTION",
+        "{solutions:d} distinct solutions fit these poses equally well",
+        _NEARER,
+    )
+    PAPER_OFF = (
+        "PAPER_OFF",
+        (
+            "{name} by the paper's estimator is {size:ANGLE_TOLERANCE|LENGTH_TOLERANCE} ({sigmas:MANY_TIMES} sigmas) "
+            "from the estimate that weights every reading by its noise"
+        ),
+        "use --estimator implicit",
+    )
+    PARALLEL_AXES = ("PARALLEL_AXES", "{reported}", "{reported_remedy}")
+    DIVERGED = (
+        "ASTRAY",
+        (
+            "the solution diverged: it is far from what the files state, or its sigmas are useless. None of its "
+            "figures describes the arm or the fixture"
+        ),
+        "remove the first cause and calibrate again",
+    )
+    CHI2_EXCEEDS = (
+        "CHI2",
+        (
+            "chi2/dof at stated noise is {size:CHI2}, where at most 1 is expected: some error exceeds its "
+            "specification. The sigmas include its estimated size; the causes and the sources of error show which "
+            "error it may be"
+        ),
+    )
+    FIXED_UNSEEN = (
+        "HELD",
+        "{listed_all} cannot be identified from these poses and {one_name:was|were} fixed at nominal values{holds}",
+    )
+    FIXED_BY_CHOICE = (
+        "HELD",
+        "not calibrated but fixed, as stated in the arm's file: {fixed_at}{tolerance}{holds}",
+    )
+    LENGTHS_EXACT = (
+        "LENGTHS_EXACT",
+        (
+            "the loops close only with a fixture that deflects, and link lengths were taken as exact; if the maker's "
+            "lengths are not, the sigmas are too small"
+        ),
+        "calibrate again with --length-tolerance 1.5 (mm) and compare",
+    )
+    SETUP_CHECK = ("{name}", "{reported}", "{reported_remedy}")
+    LIMIT_SIGMA_POS = (
+        "SIGMA_POS_LIMIT",
+        "sigma_pos {size:POS_LIMIT} is above {limit:POS_LIMIT}",
+        _DISTURBED,
+    )
+    LIMIT_SIGMA_ORI = (
+        "SIGMA_ORI_LIMIT",
+        "sigma_ori {size:ORI_LIMIT} is above {limit:ORI_LIMIT}",
+        _DISTURBED,
+    )
+    LIMIT_CHI2 = (
+        "CHI2_LIMIT",
+        (
+            "chi2/dof {size:CHI2} is above {limit:CHI2}: these readings exceed the specifications of the sensors and "
+            "the fixture"
+        ),
+        _DISTURBED,
+    )
+
+    # Sessions, reports and files.
+    REPORTED = ("{name}", "{reported}", "{reported_remedy}")
+    JOURNAL_TORN = ("TORN", "{reported}: it held no accepted pose")
+    SOLVED_AGAIN = ("SOLVED_AGAIN", "solved again for this report: {reported}")
+    NOT_CROSS_VALIDATED = (
+        "UNCHECKED",
+        (
+            "the hold-out test, which predicts parts of the poses from the rest, was not computed when this session "
+            "was solved"
+        ),
+        "sarcal run --resume {name} computes it",
+    )
+    CIRCULAR_TABLE = (
+        "CIRCULAR_TABLE",
+        "the RVDT table was made from these same poses: their closure says nothing about the sensor",
+        "take new poses and correct their readings",
+    )
+
+    # Comparisons of two calibrations.
+    COMPARED_BACKWARDS = (
+        "ORDER",
+        "B is older than A: changes go backwards in time",
+        "exchange the two",
+    )
+    COMPARED_SAME_POSES = (
+        "SAME_POSES",
+        "A and B are from the same poses: any difference comes from the estimator, its options or the program",
+    )
+    COMPARED_FIXTURE_KINDS = ("FIXTURE_KIND", "A used a {name} fixture, B a {last_name}")
+    COMPARED_FIXTURES = ("FIXTURE", "A used fixture {name}, B {last_name}")
+    COMPARED_ESTIMATORS = (
+        "ESTIMATOR",
+        "A was estimated by {name}, B by {last_name}: systematic sensor errors affect the two estimates differently",
+    )
+    COMPARED_ENTRIES = (
+        "ENTRIES",
+        "A and B did not identify the same entries: an entry fixed in only one of them changes the other entries",
+    )
+    COMPARED_CONSTANT = (
+        "TABLE",
+        (
+            "{name} was taken as {a:ANGLE_4|LENGTH_4} in A and {b:ANGLE_4|LENGTH_4} in B: the other parameters "
+            "compensate for it"
+        ),
+    )
+    COMPARED_REFUSED = ("{name}", "{last_name} was {reported}")
+    COMPARED_SCALED = (
+        "CHI2",
+        "chi2/dof of {name} is {ratio:CHI2}: its standard deviations were multiplied by {size:CHI2}",
+    )

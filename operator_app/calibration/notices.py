@@ -136,16 +136,14 @@ def _of_parameters(
         yield Finding(
             kind=K.FIXED_BY_CHOICE, size=tolerance, unit="rad", sizes=offsets, figures=rates
         )
-    estimate = solution.estimate
-    sd = dict(zip(estimate.parameters, estimate.standard_deviation.tolist(), strict=True))
-    known = {p.name: (size, p.unit) for p, size in sd.items()}
-    sizes = []
-    for name in as_stated:
-        size, unit = known.get(name, (0.0, ""))
-        share = solution.shares.get(name, 0.0)
-        sizes.append(NamedSize(name=name, size=size, unit=unit, share=share))
+    units = {p.name: p.unit for p in solution.estimate.parameters}
+    sd, shares = solution.estimate.sd_by_name, solution.shares
+    sizes = tuple(
+        NamedSize(name=n, size=sd.get(n, 0.0), unit=units.get(n, ""), share=shares.get(n, 0.0))
+        for n in as_stated
+    )
     if sizes:
-        yield Finding(kind=K.KNOWN_BY_FILES, sizes=tuple(sizes))
+        yield Finding(kind=K.KNOWN_BY_FILES, sizes=sizes)
     yield from second_solution(solution.search)
 
 

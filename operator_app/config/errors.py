@@ -94,6 +94,21 @@ def only(
     return ConfigError((Problem(file=file, line=line, column=column, text=text, remedy=remedy),))
 
 
+MAPPING = "a mapping (`key: value` lines)"
+WANTED = {
+    "float": "a number", "int": "a whole number", "bool": "true or false", "string": "text",
+    "tuple": "a list", "list": "a list", "dict": MAPPING, "dataclass": MAPPING, "model": MAPPING,
+}  # fmt: skip
+"""What is wanted instead of another type, by the first word of pydantic's name for the error."""
+
+BOUNDS = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
 def words_for(error: ErrorDetails) -> tuple[str, str]:
     """Translate a pydantic error into problem and remedy for the operator."""
     kind, context = error["type"], error.get("ctx", {})
@@ -111,42 +126,19 @@ def words_for(error: ErrorDetails) -> tuple[str, str]:
         hint = f"did you mean {near[0]}? " if near else ""
         shown = context.get("tag", value_in_words(value))
         return f"{shown} is not known here", f"{hint}one of: {', '.join(options)}"
-    wants = {
-        "float_type": "a number",
-        "int_type": "a whole number",
-        "int_from_float": "a whole number",
-        "bool_type": "true or false",
-        "string_type": "text",
-        "tuple_type": "a list",
-        "list_type": "a list",
-        "dict_type": "a mapping (`key: value` lines)",
-        "dataclass_type": "a mapping (`key: value` lines)",
-        "model_type": "a mapping (`key: value` lines)",
-        "model_attributes_type": "a mapping (`key: value` lines)",
-    }
-    if kind in wants:
-        return f"must be {wants[kind]}, not {value_in_words(value)}", _number_hint(value, kind)
-    bounds = {
-        "greater_than": ("gt", "greater than"),
-        "greater_than_equal": ("ge", "at least"),
-        "less_than": ("lt", "less than"),
-        "less_than_equal": ("le", "at most"),
-    }
-    if kind in bounds:
-        name, words = bounds[kind]
+    wanted = WANTED.get(kind.partition("_")[0])
+    if wanted and kind.endswith(("_type", "_from_float")):
+        return f"must be {wanted}, not {value_in_words(value)}", _number_hint(value, kind)
+    if kind in BOUNDS:
+        name, words = BOUNDS[kind]
         return f"must be {words} {context[name]:g}, not {value:g}", "correct the number"
     if kind in ("too_short", "too_long"):
         word = "at least" if kind == "too_short" else "at most"
-        bound = context.get("min_length", context.get("max_length"))
-        return (
-            f"has {context['actual_length']} items; {word} {bound} are required",
-            "correct the list",
-        )
+        bound = f"{word} {context.get('min_length', context.get('max_length'))}"
+        return f"has {context['actual_length']} items; {bound} are required", "correct the list"
     if kind == "string_pattern_mismatch":
-        return (
-            f"{value_in_words(value)} does not have the required form",
-            f"pattern: {context['pattern']}",
-        )
+        text = f"{value_in_words(value)} does not have the required form"
+        return text, f"pattern: {context['pattern']}"
     if kind in ("string_too_short", "string_too_long"):
         return "is empty" if kind == "string_too_short" else "is too long", "correct the text"
     return str(error["msg"]), "correct the value"

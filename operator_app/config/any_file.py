@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -156,60 +156,39 @@ def kind_of(source: Resource) -> AnyKind | None:
     return likely[0] if len(likely) == 1 else None
 
 
-@dataclass(slots=True)
-class _Reader:
-    """Reads one file after the other, arms first, since they define the number of joints in the others."""
-
-    joints: set[int] = field(default_factory=set)
-    problems: dict[Problem, None] = field(default_factory=dict)
-
-    def look(self, source: Resource, kind: AnyKind | None) -> Looked:
-        holds: Holds | None = None
-        try:
-            holds = self._parsed(source, kind)
-        except ConfigError as error:
-            # A file named by a procedure may also be an argument: its problems are reported once.
-            self.problems |= dict.fromkeys(error.problems)
-        if isinstance(holds, ArmModel):
-            self.joints.add(holds.joint_count)
-        elif isinstance(holds, Procedure):
-            self.joints.add(holds.arm.joint_count)
-        return Looked(source=source, kind=kind, holds=holds)
-
-    def _parsed(self, source: Resource, kind: AnyKind | None) -> Holds:
-        data, file = source.data, source.file
-        # With arms of several sizes it is unknown which one this file belongs to.
-        joints = next(iter(self.joints)) if len(self.joints) == 1 else None
-        match kind:
-            case "arm":
-                return parse_arm(data, file)
-            case "fixture":
-                return parse_fixture(data, file)
-            case "procedure":
-                return parse_procedure(source)
-            case "profile":
-                return parse_profile(data, file, joints=joints)
-            case "parameters":
-                return parse_parameters(data, file)
-            case "poses":
-                return self._of_an_arm(parse_poses(data, file, joint_count=joints), file)
-        # The error that prevents reading it is reported instead.
-        load_strict(data, file)
-        kinds = ", ".join(FILES)
-        remedy = f"begin it with `schema: sarcal/KIND/1`, KIND one of {kinds}; poses are a CSV file"
-        raise only(file, "the kind of this file cannot be recognised", remedy, line=1)
-
-    def _of_an_arm(self, loaded: LoadedPoses, file: str) -> LoadedPoses:
-        """Refuse poses whose number of joints differs from that of every arm."""
-        count = loaded.poses.joint_count
-        if self.joints and count not in self.joints:
-            known = " and ".join(map(str, sorted(self.joints)))
-            text = f"poses of {count} joint{'s' if count != 1 else ''}, the arms have {known}"
-            raise only(file, text, "is it the right arm?", line=1)
-        return loaded
+def _parsed(source: Resource, kind: AnyKind | None, joints: set[int]) -> Holds:
+    """Read a file of a kind, for arms with these numbers of joints."""
+    data, file = source.data, source.file
+    # With arms of several sizes it is unknown which one this file belongs to.
+    count = next(iter(joints)) if len(joints) == 1 else None
+    match kind:
+        case "arm":
+            return parse_arm(data, file)
+        case "fixture":
+            return parse_fixture(data, file)
+        case "procedure":
+            return parse_procedure(source)
+        case "profile":
+            return parse_profile(data, file, joints=count)
+        case "parameters":
+            return parse_parameters(data, file)
+        case "poses":
+            loaded = parse_poses(data, file, joint_count=count)
+            found = loaded.poses.joint_count
+            if joints and found not in joints:
+                known = " and ".join(map(str, sorted(joints)))
+                text = f"poses of {found} joint{'s' if found != 1 else ''}, the arms have {known}"
+                raise only(file, text, "is it the right arm?", line=1)
+            return loaded
+    # The error that prevents reading it is reported instead.
+    load_strict(data, file)
+    kinds = ", ".join(FILES)
+    remedy = f"begin it with `schema: sarcal/KIND/1`, KIND one of {kinds}; poses are a CSV file"
+    raise only(file, "the kind of this file cannot be recognised", remedy, line=1)
 
 
 ORDER: tuple[AnyKind | None, ...] = (*FILES, "poses", None)
+"""Arms are read first, since they define the number of joints in the others."""
 
 
 def look_through(
@@ -225,9 +204,17 @@ def look_through(
         Problems of further files that cannot be read at all.
     """
     kinds = [(source, known.get(source.file) or kind_of(source)) for source in sources]
-    reader = _Reader(problems=dict.fromkeys(missing))
-    looked = {
-        k: reader.look(source, kind)
-        for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1]))
-    }
-    return Found(files=tuple(looked[k] for k in range(len(kinds))), problems=tuple(reader.problems))
+    # A file named by a procedure may also be an argument: its problems are reported once.
+    problems, joints, looked = dict.fromkeys(missing), set[int](), dict[int, Looked]()
+    for k, (source, kind) in sorted(enumerate(kinds), key=lambda item: ORDER.index(item[1][1])):
+        holds: Holds | None = None
+        try:
+            holds = _parsed(source, kind, joints)
+        except ConfigError as error:
+            problems |= dict.fromkeys(error.problems)
+        if isinstance(holds, ArmModel):
+            joints.add(holds.joint_count)
+        elif isinstance(holds, Procedure):
+            joints.add(holds.arm.joint_count)
+        looked[k] = Looked(source=source, kind=kind, holds=holds)
+    return Found(files=tuple(looked[k] for k in range(len(kinds))), problems=tuple(problems))

@@ -70,7 +70,7 @@ def test_arrays_in_both_units_a_file_and_a_frame_are_the_same_poses(result):
 
 class _Frame(dict[str, list[float]]):
     @property
-    def columns(self) -> list[str]:
+    def columns(self):
         return list(self)
 
 

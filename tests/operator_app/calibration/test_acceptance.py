@@ -16,11 +16,10 @@ from operator_app.report.text import unidentifiable_text
 from solver.errors import UnidentifiableDirection, UnidentifiableError
 from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of, solved
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
-from tests.oracles.shop_floor_case import Case
 from tests.oracles.shop_floor_faults import CASES
 
 
-def fault(name: str, seed: int = SEED) -> Case:
+def fault(name, seed=SEED):
     return CASES[name](seed)
 
 

@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from fixtures.base import Compliance
-from fixtures.hinge import Hinge
 from fixtures.setup_checks import setup_checks
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.closed_loops import FixtureRefusedError
 from operator_app.calibration.notices import outliers_still_used
 from operator_app.config.poses_file import load_poses
-from solver.chain.arm_model import ArmModel
 from solver.chain.poses import PoseSet
 from solver.chain.sensors import Encoder
 from solver.closing import close_loops
@@ -79,7 +77,7 @@ TWISTS = {f"alpha_{j}" for j in range(1, 7)}
 LENGTHS = {f"a_{j}" for j in range(1, 7)} | {f"s_{j}" for j in range(2, 7)}
 
 
-def stated_exact() -> tuple[ArmModel, Hinge]:
+def stated_exact():
     """The same arm and hinge, whose files state that nothing is off."""
     joints = tuple(
         replace(

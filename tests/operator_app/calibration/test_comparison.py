@@ -88,7 +88,7 @@ def test_false_alarms_come_as_often_as_stated():
     assert 0.105 < alarms / trials < 0.26
 
 
-def equal_descriptions(values: dict[str, float]) -> list[dict[str, float]]:
+def equal_descriptions(values):
     """The eight ways to write a hinge loop, from the three moves by hand, deg and m."""
     found = [values]
     for move in (

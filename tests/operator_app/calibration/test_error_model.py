@@ -19,11 +19,11 @@ def poses():
     return poses_of(session(1))
 
 
-def everything(poses: PoseSet) -> np.ndarray:
+def everything(poses):
     return np.arange(len(poses))
 
 
-def _picked(poses: PoseSet, rows: np.ndarray) -> PoseSet:
+def _picked(poses, rows):
     """Poses by index, of which some may come again under another name."""
     return PoseSet(
         placement=poses.placement[rows],

@@ -6,15 +6,12 @@ import numpy as np
 import pytest
 
 from fixtures.ball import Ball
-from fixtures.base import EndpointConstraint
 from fixtures.hinge import Hinge
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.failure_analysis import explain_unidentifiable, turned_unread
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.messages.errors import words
-from solver.arrays import FloatArray
-from solver.chain.arm_model import ArmModel
 from solver.chain.parameters import nominal_vector
 from solver.closing import close_loops
 from solver.errors import PosesDoNotFitError, UnidentifiableDirection, UnidentifiableError
@@ -25,15 +22,13 @@ from tests.oracles.shop_floor import session
 from tests.oracles.shop_floor_misread import hysteresis
 
 
-def set_up(kind: str) -> tuple[ArmModel, EndpointConstraint]:
+def set_up(kind):
     if kind == "hinge":
         return load_arm("sarcos_dextrous"), load_fixture("hinge").fixture
     return load_arm("franka_panda"), ball(load_arm("franka_panda"))
 
 
-def moved(
-    arm: ArmModel, fixture: EndpointConstraint, drives: dict[int, float]
-) -> tuple[FloatArray, FloatArray]:
+def moved(arm, fixture, drives):
     """Closed poses at home and after drives have gone by some degrees each; drives stand where told."""
     model = fixture.model(arm)
     x = nominal_vector(model.parameters)

@@ -8,19 +8,18 @@ import pytest
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.innovation import innovation
 from operator_app.config.procedure_file import load_procedure
-from solver.chain.poses import PoseSet
 from tests.oracles.as_shipped import poses_of
-from tests.oracles.shop_floor import Session, Sizes, session
+from tests.oracles.shop_floor import Sizes, session
 
 PROCEDURE = load_procedure("hinge")
 ARM, FIXTURE = PROCEDURE.arm, PROCEDURE.fixture.fixture
 
 
-def poses(taken: Session, first: int, last: int) -> PoseSet:
+def poses(taken, first, last):
     return replace(poses_of(taken), utc=None).at_poses(np.arange(first, last))
 
 
-def experiment(poses: PoseSet) -> Experiment:
+def experiment(poses):
     return Experiment(arm=ARM, fixture=FIXTURE, poses=poses)
 
 

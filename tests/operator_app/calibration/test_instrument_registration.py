@@ -6,7 +6,6 @@ from scipy.optimize import least_squares
 from operator_app.calibration.instrument_registration import with_registered_instrument
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
-from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.poses import PoseSet
 from solver.chain.rotations import rotation_matrix, rotation_vector
@@ -14,10 +13,10 @@ from solver.chain.rotations import rotation_matrix, rotation_vector
 BASE_M, TURN_RAD, TIP_M = np.array([0.8, -4.0, -0.3]), np.array([0.0, 0.0, 1.8]), [0.05, 0.02, 0.2]
 
 
-def along_a_curve(arm: ArmModel, count: int = 30) -> np.ndarray:
+def along_a_curve(arm, count=30):
     """Joint angles (m, n) with which the tool keeps its orientation to 1e-4 deg."""
 
-    def tool(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def tool(q):
         frames = forward(q[None] + arm.table.theta_off_rad, *arm.table.stacked()[1:])
         return frames.p_end[0], frames.R_end[0]
 
@@ -28,7 +27,7 @@ def along_a_curve(arm: ArmModel, count: int = 30) -> np.ndarray:
         p = p0 + 0.12 * np.array([np.sin(t), np.cos(t) - 1.0, np.sin(2.0 * t)])
         R = R0 @ rotation_matrix(rng.normal(0.0, np.deg2rad(1e-4), 3))
 
-        def off(q: np.ndarray, p: np.ndarray = p, R: np.ndarray = R) -> np.ndarray:
+        def off(q, p=p, R=R):
             at, turned = tool(q)
             return np.concatenate((at - p, rotation_vector(turned.T @ R)))
 

@@ -8,13 +8,12 @@ import pytest
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import FIXTURE, MadeFrom
 from operator_app.calibration.verification import (
-    VerificationResult,
     fixed_calibration,
     predict,
     verify_poses,
 )
 from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
-from tests.oracles.shop_floor import Session, Specimen, closed_walk, session, taken
+from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
 
 
 def test_verification_holds_a_slip_against_the_calibration_whatever_noise_that_found(sound):
@@ -42,7 +41,7 @@ def retaken(sound):
     return MadeFrom(solution=sound, poses=poses), session(SEED, walk=1, poses=20)
 
 
-def _judged(retaken: tuple[MadeFrom, Session], readings: np.ndarray) -> VerificationResult:
+def _judged(retaken, readings):
     made, later = retaken
     poses = poses_of(replace(later, readings=readings))
     return verify_poses(ARM, HINGE, poses, made)

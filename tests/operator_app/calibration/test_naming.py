@@ -7,13 +7,12 @@ import pytest
 
 from operator_app.calibration.acceptance import causes_of, each_once
 from operator_app.messages.finding import Finding, FindingKind
-from solver.diagnostics.diagnosis import CauseRanking, Diagnosis, Explanation, diagnose
-from solver.diagnostics.fault_candidate import Candidate, Cause
+from solver.diagnostics.diagnosis import CauseRanking, Explanation, diagnose
+from solver.diagnostics.fault_candidate import Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.model_selection import Evidence, evidence, evidence_of_own
-from solver.estimators.estimate import Estimate
+from solver.diagnostics.model_selection import evidence, evidence_of_own
 from tests.oracles.as_shipped import ARM, SEED, fit_of
-from tests.oracles.shop_floor import Session, session
+from tests.oracles.shop_floor import session
 
 
 def test_what_is_named_again_is_said_once_and_goes_on_refusing():
@@ -23,7 +22,7 @@ def test_what_is_named_again_is_said_once_and_goes_on_refusing():
     assert each_once([first, other, again]) == (replace(first, blocking=True), other)
 
 
-def tried(found: Session) -> tuple[Diagnosis, Estimate]:
+def tried(found):
     """What the tests say of a session, and the estimate they judge."""
     made = fit_of(found)
     return diagnose(made.linear, ARM, taken=made.order), made.estimate
@@ -54,7 +53,7 @@ def test_a_cause_that_refuses_is_named_however_many_come_before_it(sound):
         candidate=drifts[5], evidence=weighed(trial, drifts[5], b=0.1), probability=0.9
     )
 
-    def named(first: list[Explanation]) -> list[tuple[str, bool]]:
+    def named(first):
         both = replace(
             trial,
             rounds=(
@@ -117,7 +116,7 @@ def test_what_is_less_likely_than_not_may_be_and_its_size_is_not_nought(
         assert denied not in cause.text, cause.text
 
 
-def weighed(trial: Diagnosis, candidate: Candidate, *, b: float) -> Evidence:
+def weighed(trial, candidate, *, b):
     """Its evidence, had its coefficients come out as `b` and moved no parameter."""
     if candidate.own is None:
         found = evidence(trial.left, candidate.columns, candidate.natural)

@@ -1,7 +1,6 @@
 """Two placements that are one are said to be; those of a fixture that was mounted anew never are."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from fixtures.ball import KnownDistance
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.placements import indistinguishable_placements
-from operator_app.calibration.result import Solution
 from operator_app.config.poses_file import load_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
@@ -28,7 +26,7 @@ def two_sockets():
     return calibrate(PANDA, BALL, replace(poses, placement=said), drop=True)
 
 
-def mounted(seed: int, *, turned_deg: float, shifted_m: float, folder: Path) -> Solution:
+def mounted(seed, *, turned_deg, shifted_m, folder):
     """An arm of the shop floor in one hinge and another, 20 poses in each, as a file of them is solved."""
     first, lines = Specimen.drawn(seed, Sizes()), list[str]()
     rng = np.random.default_rng([seed, 2])
@@ -48,7 +46,7 @@ def mounted(seed: int, *, turned_deg: float, shifted_m: float, folder: Path) -> 
     return calibrate(arm, fixture, load_poses(str(file), joint_count=7).poses)
 
 
-def codes(solution: Solution) -> list[str]:
+def codes(solution):
     return [n.code for n in solution.warnings if n.code == CODE]
 
 
@@ -93,7 +91,7 @@ def test_one_placement_is_compared_with_none(two_sockets):
 BLOCK_M = 0.05
 
 
-def found(*measured: KnownDistance) -> Solution:
+def found(*measured):
     return calibrate(PANDA, replace(BALL, distances=measured), panda_poses(3, 4))
 
 

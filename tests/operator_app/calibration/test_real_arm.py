@@ -11,13 +11,10 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.prediction import MadeFrom
-from operator_app.calibration.result import Solution
 from operator_app.calibration.verification import (
-    VerificationResult,
     verify_poses,
 )
 from operator_app.cli import main
-from solver.chain.arm_model import ArmModel
 from solver.errors import UnidentifiableError
 from tests.oracles.as_shipped import BALL, PANDA, panda_poses
 from tests.oracles.panda import FOLDER
@@ -28,7 +25,7 @@ PAIRS = ((1, 2), (3, 4), (5, 6))
 SEEN = tuple(f"theta_off_{j}" for j in range(2, 7))
 
 
-def of(*placements: int, arm: ArmModel = PANDA) -> Solution:
+def of(*placements, arm=PANDA):
     return calibrate(arm, BALL, panda_poses(*placements), drop=True)
 
 
@@ -144,7 +141,7 @@ def test_what_the_papers_estimate_claims_is_what_it_is_judged_by():
     own, new = panda_poses(3), panda_poses(1, 6)
     by_paper = calibrate(PANDA, BALL, own, estimator="paper", drop=True)
 
-    def judged(times: float) -> VerificationResult:
+    def judged(times):
         claims = replace(
             by_paper,
             estimate=replace(by_paper.estimate, covariance=times**2 * by_paper.estimate.covariance),

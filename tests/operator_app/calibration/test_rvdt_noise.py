@@ -10,7 +10,7 @@ from operator_app.calibration.calibrate import calibrate
 from solver.diagnostics.rvdt import Soundness
 from tests.contracts.planted import measured
 from tests.oracles.as_shipped import ARM, HINGE, poses_of, solved
-from tests.oracles.shop_floor import Session, Sizes, Specimen, session
+from tests.oracles.shop_floor import Sizes, Specimen, session
 from tests.oracles.shop_floor import taken as taken_at
 from tests.oracles.shop_floor_chain import fixed_part, frames, rotation_about_z
 from tests.oracles.shop_floor_faults import ball_for_hinge
@@ -43,7 +43,7 @@ def test_means_without_their_spread_say_that_they_cannot_tell():
         assert verdict.verdict is not Soundness.OUT_OF_SPECIFICATION
 
 
-def hand_seen(taken: Session) -> np.ndarray:
+def hand_seen(taken):
     """Place of a point on the hand in the arm's base frame (m, 3), to 20 micrometres."""
     last = ARM.table
     link = fixed_part(last.s_m[6], last.a_m[6], last.alpha_rad[6])
@@ -79,7 +79,7 @@ def test_several_placements_tell_the_noise():
     assert len(found) == 2
 
 
-def on_a_ball(seed: int, *, lsb: float, samples: int) -> tuple[Session, Ball]:
+def on_a_ball(seed, *, lsb, samples):
     """Poses of a hand that turns on a ball, and the ball where it is."""
     angles = ball_for_hinge(seed).taken.angles
     specimen = Specimen.drawn(seed, Sizes(noise_lsb=lsb))

@@ -21,7 +21,7 @@ from tests.oracles.as_shipped import ARM, BALL, HINGE
 from tests.oracles.identity import same
 
 
-def there_and_back(found: object) -> object:
+def there_and_back(found):
     return from_dict(type(found), json.loads(json.dumps(to_dict(found), allow_nan=False)))
 
 

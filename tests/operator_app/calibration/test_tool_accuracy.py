@@ -7,12 +7,10 @@ import pytest
 
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.calibrated_arm import calibrated_arm
-from operator_app.calibration.result import Solution
 from operator_app.config.fixture_file import load_fixture
 from operator_app.planning.simulated import simulated_poses
 from operator_app.report.facts import facts_of
 from operator_app.report.text import facts_text
-from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable
 from solver.chain.parameters import DhEntry
 from tests.oracles.as_shipped import ARM, BALL, HINGE, PANDA, panda_poses
@@ -63,7 +61,7 @@ def test_what_the_files_alone_state_is_taken_apart_as_by_regression_on_drawn_arm
     assert "without the uncertainty of theta_off_1 and theta_off_7" in told
 
 
-def simulated(*, poses: int, seed: int) -> tuple[Solution, dict[str, float]]:
+def simulated(*, poses, seed):
     """The calibration of a simulated arm, and its true parameters."""
     made = simulated_poses(ARM, load_fixture("hinge"), poses=poses, seed=seed)
     truth = dict(zip((p.name for p in made.parameters), made.x.tolist(), strict=True))
@@ -130,7 +128,7 @@ def test_of_an_offset_that_is_held_the_accuracy_says_that_it_must_be_right():
     rows, off = ARM.table.stacked().copy(), np.deg2rad(0.005)
     free = tuple(entry for entry in ARM.free if entry.name != "theta_off_4")
 
-    def held_at(value: float, tolerance_rad: float | None = None) -> tuple[Solution, ArmModel]:
+    def held_at(value, tolerance_rad=None):
         rows[0, 3] = value
         table = DhTable(theta_off_rad=rows[0].copy(), s_m=rows[1], a_m=rows[2], alpha_rad=rows[3])
         arm = replace(ARM, table=table, free=free, offset_tolerance_rad=tolerance_rad)

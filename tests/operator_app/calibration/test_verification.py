@@ -10,7 +10,6 @@ from operator_app.calibration.verification import NoTestError, require_new, veri
 from operator_app.config.arm_file import load_arm
 from operator_app.config.fixture_file import load_fixture
 from operator_app.config.poses_file import load_poses
-from solver.chain.poses import PoseSet
 from tests.oracles.open_arm import measured_csv
 
 SIGMA_M = 5e-5
@@ -22,7 +21,7 @@ def measured(tmp_path_factory):
     return load_poses(str(path), joint_count=7).poses
 
 
-def again(poses: PoseSet, rows: slice = slice(None)) -> PoseSet:
+def again(poses, rows=slice(None)):
     """The same poses, held still, measured once more: no count has changed."""
     noise = np.random.default_rng(3).normal(size=poses.endpoint.shape)
     endpoint = poses.endpoint.copy()

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from importlib.resources import files
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 import yaml
@@ -28,7 +28,7 @@ PARAMETERS = format_parameters(
 ).decode()  # fmt: skip
 
 
-def found(kind: Any, text: str) -> list[str]:
+def found(kind, text):
     schema = json_schema(kind)
     return list(complaints(yaml.safe_load(text), schema, schema))
 

@@ -8,7 +8,6 @@ import pytest
 
 from operator_app.config.arm_file import load_arm, parse_arm
 from operator_app.config.resources import builtin_names, resolve
-from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import forward
 from solver.chain.sensors import Encoder, NoSensor, Rvdt
 from tests.oracles.makers_chains import CHAINS, flange
@@ -17,7 +16,7 @@ from tests.oracles.mistakes import is_at, named, one_mistake, problems_of
 GOOD = (files("operator_app") / "data" / "arms" / "sarcos_dextrous.yaml").read_text("utf-8")
 
 
-def parse(text: str) -> ArmModel:
+def parse(text):
     return parse_arm(text.encode(), "arm.yaml")
 
 

@@ -100,7 +100,7 @@ def test_the_file_is_on_the_disk_before_the_rename_and_the_folder_after_it(tmp_p
     seen: list[tuple[bool, bool]] = []
     real = os.fsync
 
-    def watch(handle: int) -> None:
+    def watch(handle):
         seen.append((stat.S_ISDIR(os.fstat(handle).st_mode), path.exists()))
         real(handle)
 

@@ -26,7 +26,7 @@ def test_every_pose_once_and_none_of_twenty_slow_motions(seed, rate_hz):
     assert all(r.joint for r in refused)
 
 
-def stretches(*pieces: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+def stretches(*pieces):
     """Two joints at 100 Hz, the first of which moves for so many seconds at so many deg/s."""
     speed = np.concatenate([np.full(round(100 * s), np.deg2rad(v)) for s, v in pieces])
     first = np.cumsum(speed) * 0.01

@@ -30,7 +30,7 @@ OLD_ARM = STATED.sub("", SARCOS)
 OLD_HINGE = re.sub(r"^give: .*\n", "", HINGE, flags=re.MULTILINE)
 
 
-def arm_of(text: str) -> ArmModel:
+def arm_of(text):
     return parse_arm(text.encode(), "a.yaml")
 
 

@@ -14,12 +14,12 @@ from fixtures.rigid import Rigid
 from fixtures.setup_checks import setup_checks
 from operator_app.config.arm_file import load_arm
 from operator_app.config.errors import ConfigError
-from operator_app.config.fixture_file import MODELS, FixtureSpec, load_fixture, parse_fixture
+from operator_app.config.fixture_file import MODELS, load_fixture, parse_fixture
 from tests.contracts.planted import FIXTURES
 from tests.oracles.mistakes import named, one_mistake, problems_of
 
 
-def parse(text: str) -> FixtureSpec:
+def parse(text):
     return parse_fixture(text.encode(), "f.yaml")
 
 

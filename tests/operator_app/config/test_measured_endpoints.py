@@ -27,7 +27,6 @@ from operator_app.config.measured_endpoints import (
     rotation_vectors,
 )
 from operator_app.config.poses_file import parse_poses
-from solver.chain.kinematics import DhTable
 
 POINT = {"x_m": 1.25, "y_m": -0.5, "z_m": 0.75}
 
@@ -136,7 +135,7 @@ def test_what_names_no_turn_is_none(name):
     assert group_of(name) is None
 
 
-def poses(columns: str, *cells: str) -> bytes:
+def poses(columns, *cells):
     lines = ["placement,pose,theta1_deg," + columns]
     lines += [f"1,{k},{10 * k}.5," + cell for k, cell in enumerate(cells, 1)]
     return "\n".join(lines).encode()
@@ -176,7 +175,7 @@ TRIANGLE = np.array([[0.10, 0.0, 0.05], [-0.05, 0.09, 0.04], [-0.06, -0.07, 0.02
 LABELS = [str(k) for k in range(1, 41)]
 
 
-def seen(rng: np.random.Generator, count: int, sigma_m: float = 0.0):
+def seen(rng, count, sigma_m=0.0):
     """Targets (m, 9) on a hand at random places, and where it is: rotations and points (m, 3)."""
     turn, place = Rotation.random(count, random_state=rng), rng.uniform(-1.0, 1.0, (count, 3))
     points = np.einsum("mij,kj->mki", turn.as_matrix(), TRIANGLE) + place[:, None, :]
@@ -228,7 +227,7 @@ def test_a_target_that_moved_and_targets_in_line_are_refused(change, words):
         poses_of_targets(points, LABELS)
 
 
-def csv(q: np.ndarray, points: np.ndarray, columns: tuple[str, ...] = TARGETS) -> str:
+def csv(q, points, columns=TARGETS):
     head = ["placement", "pose", *(f"theta{j + 1}_deg" for j in range(q.shape[1])), *columns]
     rows = [
         [1, k + 1, *np.rad2deg(a).tolist(), *p[: len(columns)].tolist()]
@@ -254,13 +253,11 @@ def test_columns_that_are_not_three_targets_are_named(columns, words):
 SIGMA_M = 5e-5
 
 
-def rotations(axis: int, angle: np.ndarray) -> np.ndarray:
+def rotations(axis, angle):
     return Rotation.from_rotvec(np.eye(3)[axis] * angle[:, None]).as_matrix()
 
 
-def targets_of(
-    t: DhTable, offsets: np.ndarray, base: np.ndarray, points: np.ndarray, q: np.ndarray
-):
+def targets_of(t, offsets, base, points, q):
     """Targets (m, 3, 3) by plain matrices: base turn and place, an arm of the table, points on the hand."""
     R = np.tile(Rotation.from_rotvec(base[:3]).as_matrix(), (len(q), 1, 1))
     p = np.tile(base[3:], (len(q), 1))
@@ -286,7 +283,7 @@ def measured():
 def nine_equations(arm, q, points, true, base):
     """Offsets 2 to 6 and their standard deviations, each target with its own place on the hand."""
 
-    def misclosure(x: np.ndarray) -> np.ndarray:
+    def misclosure(x):
         offsets = np.array([true[0], *x[:5], true[6]])
         found = targets_of(arm.table, offsets, x[5:11], x[11:].reshape(3, 3), q)
         return (found.reshape(40, 9) - points).ravel() / SIGMA_M

@@ -20,7 +20,6 @@ from operator_app.config.parameter_records import (
     TwoFigures,
     WhichArm,
 )
-from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import (
     format_parameters,
     load_parameters,
@@ -143,7 +142,7 @@ WORD = st.text(min_size=1, max_size=20, alphabet=st.characters(exclude_categorie
 
 
 @st.composite
-def documents(draw: st.DrawFn) -> ParametersDocument:
+def documents(draw):
     """Any figures and words in a document of seven joints."""
     some = document()
     rows = tuple(

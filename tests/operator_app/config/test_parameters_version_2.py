@@ -19,7 +19,6 @@ from operator_app.config.parameter_records import (
     budget_of,
     correlations_of,
 )
-from operator_app.config.parameters import ParametersDocument
 from operator_app.config.parameters_file import format_parameters, parse_parameters
 from operator_app.config.schema import schema_name
 from tests.oracles.mistakes import one_mistake, problems_of
@@ -78,7 +77,7 @@ def test_a_key_of_a_newer_program_is_told_from_a_misspelt_one():
     assert misspelt.remedy == "did you mean forced?"
 
 
-def with_a_remedy() -> ParametersDocument:
+def with_a_remedy():
     rows = ((-260.0, 0.1, 0.01), (-230.5, 1.0 / 3.0, 0.01), (-200.0, -0.2, 0.02))
     table = tuple(Correction(reading_deg=r, add_deg=a, sigma_deg=s) for r, a, s in rows)
     remedy = RvdtRemedy(joint=6, theta_off_deg=116.3, gain=0.98, table=table)
@@ -116,7 +115,7 @@ def test_one_mistake_in_a_remedy_gives_one_complaint(old, new, key, approve):
     approve(str(problem))
 
 
-def with_correlations() -> ParametersDocument:
+def with_correlations():
     names = [entry.entry for entry in document().calibrated]
     rng = np.random.default_rng(3)
     spread = rng.normal(size=(len(names), len(names)))

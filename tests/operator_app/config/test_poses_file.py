@@ -12,7 +12,6 @@ from hypothesis.extra.numpy import arrays
 from operator_app.config.csv_table import MOST_PROBLEMS
 from operator_app.config.errors import ConfigError
 from operator_app.config.poses_file import (
-    LoadedPoses,
     format_poses,
     load_poses,
     parse_poses,
@@ -26,19 +25,17 @@ HEADER = "placement,pose,theta1_deg,theta2_deg,theta3_deg"
 ROWS = ("1,1,10.5,-20,30", "1,2,11,-21,31.25", "2,1,12,-22,1e1")
 
 
-def text(header: str = HEADER, rows: tuple[str, ...] = ROWS) -> bytes:
+def text(header=HEADER, rows=ROWS):
     return ("\n".join((header, *rows)) + "\n").encode()
 
 
-def problems(
-    data: bytes, joint_count: int | None = 3
-) -> list[tuple[int | None, int | None, str, str]]:
+def problems(data, joint_count=3):
     with pytest.raises(ConfigError) as caught:
         parse_poses(data, "p.csv", joint_count=joint_count)
     return [(p.line, p.column, p.key, f"{p.text}; {p.remedy}") for p in caught.value.problems]
 
 
-def only(data: bytes, joint_count: int | None = 3) -> tuple[int | None, int | None, str, str]:
+def only(data, joint_count=3):
     found = problems(data, joint_count)
     assert len(found) == 1, found
     return found[0]
@@ -211,11 +208,11 @@ NOTE = st.text(
 
 
 @st.composite
-def pose_sets(draw: st.DrawFn) -> PoseSet:
+def pose_sets(draw):
     """Any pose set a file can hold: angles are doubles in degrees."""
     m, n = draw(st.integers(1, 5)), draw(st.integers(1, 8))
 
-    def table(columns: int, low: float, high: float) -> np.ndarray:
+    def table(columns, low, high):
         return draw(arrays(np.float64, (m, columns), elements=st.floats(low, high)))
 
     end = draw(st.sampled_from([0, 3, 6]))
@@ -288,7 +285,7 @@ def test_files_with_bare_words_are_read_as_they_stand():
     assert poses.notes == ("\x1bnote", "\\u{41}", "\\u{110000}")
 
 
-def read_or_refuse(data: bytes) -> LoadedPoses | ConfigError:
+def read_or_refuse(data):
     try:
         return parse_poses(data, "p.csv")
     except ConfigError as error:

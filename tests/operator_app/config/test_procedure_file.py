@@ -2,7 +2,6 @@
 
 import math
 from importlib.resources import files
-from pathlib import Path
 
 import pytest
 
@@ -33,11 +32,11 @@ export: {upload: true}
 """
 
 
-def parse(text: str, folder: Path | None = None):  # type: ignore[no-untyped-def]
+def parse(text, folder=None):  # type: ignore[no-untyped-def]
     return parse_procedure(Resource(file="p.yaml", folder=folder, data=text.encode()))
 
 
-def unexplored(text: str, instead: str = "") -> str:
+def unexplored(text, instead=""):
     start, end = text.index("  exploration"), text.index("  speed_deg_per_s")
     return text[:start] + instead + text[end:]
 

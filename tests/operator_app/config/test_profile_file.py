@@ -42,7 +42,7 @@ sdo_timeout_s: 2.5
 """
 
 
-def parse(text: str, joints: int | None = 3) -> BusProfile:
+def parse(text, joints=3):
     return parse_profile(text.encode(), "p.yaml", joints=joints)
 
 

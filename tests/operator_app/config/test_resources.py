@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from operator_app.config.errors import ConfigError
-from operator_app.config.resources import YAML_LIMIT_BYTES, Kind, builtin_names, resolve
+from operator_app.config.resources import YAML_LIMIT_BYTES, builtin_names, resolve
 
 
-def refusal(kind: Kind, reference: str | Path, folder: Path | None = None) -> str:
+def refusal(kind, reference, folder=None):
     with pytest.raises(ConfigError) as caught:
         resolve(kind, reference, folder=folder)
     assert len(caught.value.problems) == 1

@@ -1,7 +1,6 @@
 """Strict YAML: what is read, what is refused, and that nothing a file can hold gets past as a traceback."""
 
 import math
-from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
@@ -9,11 +8,11 @@ from hypothesis import strategies as st
 
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
-from operator_app.config.strict_yaml import YamlDocument, load_strict
+from operator_app.config.strict_yaml import load_strict
 from tests.oracles.identity import same
 
 
-def value_of(text: str) -> Any:
+def value_of(text):
     document = load_strict(f"key: {text}\n".encode(), "a.yaml")
     assert document.problems == ()
     return document.data["key"]
@@ -141,7 +140,7 @@ YAML_LIKE = st.text(
 )
 
 
-def read_or_refuse(data: bytes) -> YamlDocument | ConfigError:
+def read_or_refuse(data):
     try:
         return load_strict(data, "a.yaml")
     except ConfigError as error:

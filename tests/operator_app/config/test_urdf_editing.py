@@ -14,8 +14,7 @@ from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import with_calibration
-from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
-from solver.chain.arm_model import ArmModel
+from operator_app.config.urdf_reading import arm_file_of, parse_urdf
 from solver.chain.kinematics import DhTable
 from tests.oracles.urdfs import joint, places, robot, words
 
@@ -61,12 +60,12 @@ URDF = """<?xml version='1.0'?>\r
 POSES = 1000
 
 
-def arm_of(data: bytes, tip: str = "", base: str = "") -> tuple[UrdfChain, ArmModel]:
+def arm_of(data, tip="", base=""):
     chain = parse_urdf(data, "six.urdf", base=base, tip=tip)
     return chain, parse_arm(dump_strict(dict(arm_file_of(chain, name="six"))), "six")
 
 
-def off_by(table: DhTable, entries: dict[str, float]) -> DhTable:
+def off_by(table, entries):
     columns = {name: np.array(getattr(table, name)) for name in table.__dataclass_fields__}
     for name, change in entries.items():
         column, _, row = name.rpartition("_")
@@ -81,7 +80,7 @@ EVERY = {
 } | {"beta_2": 1e-3, "beta_3": -2e-3, "s_1": 2e-3, "s_4": -1e-3, "s_5": 1e-3, "s_6": 3e-3}
 
 
-def off(data: bytes, chain: UrdfChain, table: DhTable) -> float:
+def off(data, chain, table):
     """Largest distance (m, or of entries of a rotation) of the tip by pinocchio from ours, by a table."""
     q = np.random.default_rng(1).uniform(-3.0, 3.0, (POSES, 6))
     found = places(data, q, chain.tip, base=chain.base, joints=[j.name for j in chain.joints])
@@ -96,7 +95,7 @@ def written(table, *, text=URDF, file="six.urdf", arm=ARM, comment=()):
     return with_calibration(text.encode(), file, arm, table, comment).decode()
 
 
-def without_origins(text: str, joints: set[str]) -> str:
+def without_origins(text, joints):
     """The text without the origins of these joints and without the comment of ours."""
     text = re.sub(r"<!--\n  calibrated.*?-->\n", "", text, flags=re.DOTALL)
     for name in joints:
@@ -212,7 +211,7 @@ kinematics:
                                     (0, 0, 0, 1.570796327, 0, -0.0), strict=True)))  # fmt: skip
 
 
-def urs_urdf(text: str) -> bytes:
+def urs_urdf(text):
     """UR's file as a URDF, by a reader of its own."""
     links, joints, parent = yaml.safe_load(text)["kinematics"], [], "base"
     for name in ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3"):

@@ -8,7 +8,7 @@ from operator_app.config.arm_file import parse_arm
 from operator_app.config.atomic import dump_strict
 from operator_app.config.errors import ConfigError
 from operator_app.config.urdf_editing import format_urdf
-from operator_app.config.urdf_reading import UrdfChain, arm_file_of, parse_urdf
+from operator_app.config.urdf_reading import arm_file_of, parse_urdf
 from operator_app.config.urdf_rows import meant_deg, origin_words, rotation_of_rpy
 from tests.oracles.urdfs import joint, places, robot
 
@@ -19,7 +19,7 @@ AXES = ("0 0 1", "0 1 0", "0 1 0", "0 1 0", "0 0 1", "0 1 0")
 """A six-axis arm of the common kind: axes 2, 3 and 4 are parallel."""
 
 
-def six(changes: dict[int, tuple[str, str]] | None = None) -> list[str]:
+def six(changes=None):
     """Joints j1..j6 of links l0..l6, some of them with other origins, and a flange."""
     origins = dict(enumerate(SIX, 1)) | (changes or {})
     found = [
@@ -28,7 +28,7 @@ def six(changes: dict[int, tuple[str, str]] | None = None) -> list[str]:
     return [*found, joint("end", "l6", "flange", "0 0.0823 0", f"0 0 {HALF}", kind="fixed")]
 
 
-def worst_m(data: bytes, chain: UrdfChain, table=None) -> float:
+def worst_m(data, chain, table=None):
     """How far our tip, read through an arm file, is from pinocchio's at 50 poses (m, or entries of a rotation)."""
     q = np.random.default_rng(0).uniform(-3.0, 3.0, (50, len(chain.joints)))
     T = T_base_flange(table or chain.table, q)

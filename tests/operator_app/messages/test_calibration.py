@@ -77,12 +77,12 @@ OWN = {
 """What an example needs of its own."""
 
 
-def example(kind: FindingKind) -> Finding:
+def example(kind):
     sensor = "RVDT" if kind.name.startswith("RVDT") else "ENCODER"
     return replace(EXAMPLE, **{"kind": kind, "sensor": sensor, **OWN.get(kind, {})})
 
 
-def variants(kind: FindingKind) -> dict[str, Finding]:
+def variants(kind):
     """The example as it is, less likely, and of one pose, as far as the message tells them apart."""
     found, text = example(kind), kind.text
     other = {"": found}

@@ -15,11 +15,11 @@ HINGE: Any = {"arm": "sarcos_dextrous", "fixture": "hinge"}
 Q = np.zeros((12, 7))
 
 
-def calibrate(**given: Any) -> object:
+def calibrate(**given):
     return sarcal.calibrate(**{**HINGE, "poses": EXACT, **given})
 
 
-def with_nan(value: float) -> np.ndarray:
+def with_nan(value):
     q = Q.copy()
     q[3, 2] = value
     return q
@@ -91,7 +91,7 @@ def test_the_hand_is_asked_for_with_readings_and_a_frame_that_there_is(result):
 
 
 def test_one_number_counts_for_all_poses(tmp_path):
-    def file(poses: sarcal.Poses) -> bytes:
+    def file(poses):
         return poses.to_csv(tmp_path / "poses.csv").read_bytes()
 
     short = sarcal.poses_of(q_rad=Q, samples=32, sd_rad=0.1, placement=2)
@@ -148,7 +148,7 @@ def test_into_a_file_that_is_none_or_the_target_itself(result, tmp_path):
     assert own.read_bytes() == before
 
 
-def blas_threads() -> set[int]:
+def blas_threads():
     return {found["num_threads"] for found in threadpool_info() if found["user_api"] == "blas"}
 
 
@@ -157,7 +157,7 @@ def test_one_thread_inside_and_the_callers_setting_afterwards(fails):
     inside = []
 
     @one_blas_thread
-    def computed() -> None:
+    def computed():
         inside.append(blas_threads())
         if fails:
             raise ValueError

@@ -17,10 +17,7 @@ from solver.diagnostics import limits
 from solver.diagnostics.diagnosis import PRIORS, Diagnosis, Explanation
 from solver.diagnostics.fault_candidate import Candidate, Cause
 from solver.diagnostics.hypothesis_tests import HypothesisTest
-from solver.diagnostics.limits import (
-    REFUSING_SHIFT_SIGMAS,
-    REPEAT_REFUSAL_PROBABILITY,
-)
+from solver.diagnostics.limits import REFUSING_SHIFT_SIGMAS, REPEAT_REFUSAL_PROBABILITY
 from solver.diagnostics.model_selection import Evidence
 from solver.estimators.estimate import Estimate
 

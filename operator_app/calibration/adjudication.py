@@ -29,12 +29,7 @@ from operator_app.calibration.alternatives import (
 )
 from operator_app.calibration.closed_loops import placement_checks
 from operator_app.calibration.experiment import Experiment
-from operator_app.calibration.findings import (
-    exceeded,
-    left_out_poses,
-    motion_causes,
-    range_finding,
-)
+from operator_app.calibration.findings import exceeded, left_out_poses, motion_causes, range_finding
 from operator_app.calibration.multistart import has_diverged, local_minimum_causes
 from operator_app.calibration.repeat_measurement import Repeat, Reread
 from operator_app.calibration.rvdt import measured_deviations, rvdt_causes

@@ -43,11 +43,7 @@ from operator_app.calibration.multistart import (
     gross_misfit,
 )
 from operator_app.calibration.notices import with_notices
-from operator_app.calibration.placements import (
-    compared,
-    distances,
-    indistinguishable_placements,
-)
+from operator_app.calibration.placements import compared, distances, indistinguishable_placements
 from operator_app.calibration.repeat_measurement import Reread, repeats_of
 from operator_app.calibration.result import Solution
 from operator_app.calibration.rvdt import check_rvdts
@@ -75,11 +71,7 @@ from solver.diagnostics.range_checks import RangeFinding, range_findings
 from solver.diagnostics.stated_sizes import learned_scales, shares_of_poses
 from solver.errors import PosesDoNotFitError, UnidentifiableError
 from solver.estimators.error_model import ErrorModel
-from solver.estimators.estimate import (
-    Estimate,
-    closure_at_readings,
-    require_enough_poses,
-)
+from solver.estimators.estimate import Estimate, closure_at_readings, require_enough_poses
 from solver.estimators.least_squares import Progress
 from solver.estimators.paper import estimate_paper
 from solver.estimators.variance_components import Calibrated, VarianceComponents

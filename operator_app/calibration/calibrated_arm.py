@@ -13,12 +13,7 @@ import numpy as np
 
 from operator_app.calibration.multistart import evenly
 from operator_app.calibration.result import Solution
-from operator_app.calibration.tool_accuracy import (
-    HandAccuracy,
-    HeldOffset,
-    spread_along,
-    spread_of,
-)
+from operator_app.calibration.tool_accuracy import HandAccuracy, HeldOffset, spread_along, spread_of
 from solver.arrays import FloatArray
 from solver.chain.arm_model import ArmModel
 from solver.chain.kinematics import DhTable, forward

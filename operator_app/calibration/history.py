@@ -19,12 +19,7 @@ from operator_app.calibration.comparison import Side, nearest_values, sides_of
 from operator_app.config.parameters import ParametersDocument
 from solver.arrays import FloatArray
 from solver.chain.parameters import DhEntry, DhKind, wrap_angle
-from solver.diagnostics.control_chart import (
-    BASELINE,
-    ControlChart,
-    control_chart,
-    smallest_shift,
-)
+from solver.diagnostics.control_chart import BASELINE, ControlChart, control_chart, smallest_shift
 
 ONE_DAY, ONCE_A_YEAR = timedelta(days=1), timedelta(days=365)
 """Shortest interval between calibrations, and the default one."""

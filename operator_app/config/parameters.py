@@ -40,10 +40,7 @@ from operator_app.config.parameter_records import (
     complaints_of_budget,
     complaints_of_correlations,
 )
-from operator_app.config.quantities import (
-    ExactText,
-    refuse,
-)
+from operator_app.config.quantities import ExactText, refuse
 from operator_app.config.schema import StrictRecord, check_numbered, report
 from solver.arrays import FloatArray, frozen
 from solver.chain.kinematics import DhTable

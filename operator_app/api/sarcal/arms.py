@@ -30,9 +30,7 @@ from hardware.arm import (
     UploadReceipt,
     Watch,
 )
-from hardware.arm import (
-    ArmInterface as Arm,
-)
+from hardware.arm import ArmInterface as Arm
 from hardware.arm_description import ArmDescription, JointDescription
 from hardware.arm_plugins import GROUP, ArmOffer, ArmOrder
 from hardware.errors import (

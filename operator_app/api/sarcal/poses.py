@@ -10,14 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from operator_app.config.poses_file import (
-    FileWarning,
-    format_poses,
-    parse_poses,
-)
-from operator_app.config.poses_file import (
-    load_poses as load_poses_file,
-)
+from operator_app.config.poses_file import FileWarning, format_poses, parse_poses
+from operator_app.config.poses_file import load_poses as load_poses_file
 from solver.chain.poses import PoseSet
 
 from .calls import numbers, shape_wanted, shown, whole

@@ -7,11 +7,7 @@ import pytest
 
 from operator_app.calibration.experiment import Experiment
 from operator_app.calibration.prediction import FIXTURE, MadeFrom
-from operator_app.calibration.verification import (
-    fixed_calibration,
-    predict,
-    verify_poses,
-)
+from operator_app.calibration.verification import fixed_calibration, predict, verify_poses
 from tests.oracles.as_shipped import ARM, HINGE, SEED, poses_of
 from tests.oracles.shop_floor import Specimen, closed_walk, session, taken
 

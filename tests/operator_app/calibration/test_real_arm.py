@@ -11,9 +11,7 @@ import pytest
 from operator_app.calibration.acceptance import Verdict
 from operator_app.calibration.calibrate import calibrate
 from operator_app.calibration.prediction import MadeFrom
-from operator_app.calibration.verification import (
-    verify_poses,
-)
+from operator_app.calibration.verification import verify_poses
 from operator_app.cli import main
 from solver.errors import UnidentifiableError
 from tests.oracles.as_shipped import BALL, PANDA, panda_poses

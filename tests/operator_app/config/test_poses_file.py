@@ -11,12 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from operator_app.config.csv_table import MOST_PROBLEMS
 from operator_app.config.errors import ConfigError
-from operator_app.config.poses_file import (
-    format_poses,
-    load_poses,
-    parse_poses,
-    save_poses,
-)
+from operator_app.config.poses_file import format_poses, load_poses, parse_poses, save_poses
 from operator_app.safe_output import harmless
 from solver.chain.poses import PoseSet
 from tests.oracles.identity import same

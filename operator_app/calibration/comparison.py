@@ -324,19 +324,12 @@ def _changed_constants(a: ParametersDocument, b: ParametersDocument) -> list[Fin
     identified = {e.entry for e in (*a.calibrated, *b.calibrated)}
     one, other = a.table.stacked(), b.table.stacked()
     found = []
-    for kind in DhKind:
-        for row in range(len(a.dh)):
-            entry = DhEntry(kind, row)
-            first, second = float(one[kind, row]), float(other[kind, row])
-            change = float(wrap_angle(second - first)) if kind.is_angle else second - first
-            if entry.name in identified or abs(change) <= SAME_NOMINAL:
-                continue
-            found.append(
-                Finding(
-                    kind=FindingKind.COMPARED_CONSTANT,
-                    names=(entry.name,),
-                    unit="rad" if kind.is_angle else "m",
-                    figures={"a": first, "b": second},
-                )
-            )
+    for entry in (DhEntry(kind, row) for kind in DhKind for row in range(len(a.dh))):
+        angle = entry.kind.is_angle
+        first, second = (float(table[entry.kind, entry.row]) for table in (one, other))
+        change = float(wrap_angle(second - first)) if angle else second - first
+        if entry.name not in identified and abs(change) > SAME_NOMINAL:
+            figures, unit = {"a": first, "b": second}, "rad" if angle else "m"
+            kind = FindingKind.COMPARED_CONSTANT
+            found.append(Finding(kind=kind, names=(entry.name,), unit=unit, figures=figures))
     return found

@@ -161,17 +161,15 @@ def _part(group: Sequence[PastCalibration], side: Side) -> EntryHistory:
     entries = [DhEntry.parse(name) for name in names]
     stacked = first.table.stacked()
     base = np.array([stacked[e.kind, e.row] for e in entries])
+    angles = np.array([e.kind.is_angle for e in entries], dtype=np.bool_)
     values, sigma, within = (np.zeros((len(group), len(names))) for _ in range(3))
     for k, past in enumerate(group):
         found = nearest_values(first, past.document)
+        change = np.array([found[name] for name in names]) - base
+        values[k] = base + np.where(angles, wrap_angle(change), change)
         stated = {e.entry: e.sigma for e in past.document.calibrated}
-        for j, entry in enumerate(entries):
-            change = found[entry.name] - base[j]
-            change = float(wrap_angle(change)) if entry.kind.is_angle else change
-            values[k, j] = base[j] + change
-            per = math.radians(1.0) if entry.kind.is_angle else 1.0
-            sigma[k, j] = per * stated[entry.name]
-            within[k, j] = past.within.get(entry.name, sigma[k, j])
+        sigma[k] = [stated[name] for name in names] * np.where(angles, math.radians(1.0), 1.0)
+        within[k] = [past.within.get(name, s) for name, s in zip(names, sigma[k], strict=True)]
     chart = control_chart(names, values, within)
     smallest = np.full(len(names), np.nan)
     if len(group) > BASELINE and names:

@@ -164,15 +164,11 @@ def changed(words: Mapping[str, str]) -> UserSettings:
         raise
 
 
-def format_settings(settings: UserSettings) -> bytes:
-    """Format settings as a file."""
-    return dump_strict({"schema": SETTINGS_SCHEMA, **settings.stated})
-
-
 def save_settings(settings: UserSettings) -> Path:
     """Write the user's file; return its path."""
     path = settings_path()
     path.parent.mkdir(parents=True, exist_ok=True)
     # The file may be a link to settings kept elsewhere.
-    write_atomically(path, format_settings(settings), through_link=True)
+    data = dump_strict({"schema": SETTINGS_SCHEMA, **settings.stated})
+    write_atomically(path, data, through_link=True)
     return path

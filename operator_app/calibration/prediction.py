@@ -73,25 +73,19 @@ class MadeFrom:
     poses: PoseSet
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PredictedPoses:
-    """Whitened residuals of new poses, in their order, and the columns along which a shift would show.
-
-    `left` uses at least the stated errors; `chi2` uses the sizes of errors estimated in the calibration.
-    """
-
-    left: WhitenedResiduals
-    subjects: Mapping[str, FloatArray]
-    chi2: Chi2Test
-
-
 def predict_new_poses(
     new: Experiment, made: MadeFrom, start: Mapping[str, float]
-) -> PredictedPoses | None:
-    """Predict new poses from the poses of the calibration; None if no model fits both.
+) -> tuple[WhitenedResiduals, Chi2Test, Mapping[str, FloatArray]] | None:
+    """Predict new poses from the poses of the calibration.
 
     `start`: values (rad, m) from which to start for parameters that the calibration lacks, such as another socket's
     place.
+
+    Returns
+    -------
+    Whitened residuals of the new poses, in their order, with at least the stated errors; their test with the sizes of
+    errors estimated in the calibration; and the columns along which a shift would show, by its subject. None if no
+    model fits both.
     """
     solution, old = made.solution, _used(made)
     both = replace(new, poses=concatenated_poses(old, new.poses))
@@ -133,11 +127,8 @@ def predict_new_poses(
     if ground:
         subjects[FIXTURE] = system.A[..., ground]
     dof = max(left.dof - unknown, 1)
-    return PredictedPoses(
-        left=replace(left, dof=dof),
-        subjects=subjects,
-        chi2=chi2_test(predicted_residuals(sharp, later, given).chi2, dof),
-    )
+    chi2 = chi2_test(predicted_residuals(sharp, later, given).chi2, dof)
+    return replace(left, dof=dof), chi2, subjects
 
 
 def _errors(

@@ -224,12 +224,12 @@ def _with_prediction(
     predicted = predict_new_poses(new, made, start)
     if predicted is None:
         return result
-    named = find_outliers(predicted.left)
+    left, sharp, subjects = predicted
+    stated, named = chi2_test(left.chi2, left.dof), find_outliers(left)
     # A shift counts only if it remains without the outliers.
-    shift = shifted(named.rest, predicted.subjects)
-    left = predicted.left
+    shift = shifted(named.rest, subjects)
     if shift is not None:
-        left = left.with_columns(predicted.subjects[shift.subject])
+        left = left.with_columns(subjects[shift.subject])
         named = find_outliers(left)
     chi2, dof = leave_one_out_chi2(left)
     return replace(
@@ -237,16 +237,16 @@ def _with_prediction(
         verification=replace(
             result.verification,
             chi2=replace(
-                predicted.chi2,
-                low=predicted.chi2.low / LEARNED_VARIANCE_FACTOR,
-                high=predicted.chi2.high * LEARNED_VARIANCE_FACTOR,
+                sharp,
+                low=sharp.low / LEARNED_VARIANCE_FACTOR,
+                high=sharp.high * LEARNED_VARIANCE_FACTOR,
             ),
             pose_chi2=chi2,
             pose_probability=np.asarray(chdtrc(np.maximum(dof, 1), chi2)),
         ),
         odd_poses=tuple(pose.pose for pose in named.odd),
         shift=shift,
-        stated=chi2_test(predicted.left.chi2, predicted.left.dof),
+        stated=stated,
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -98,33 +97,26 @@ def placed_by_poses(
     measured = poses.endpoint[:, :3]
     theta_off, *others = with_entries(arm.table, values).stacked()
     frames = forward(poses.q_rad + theta_off, *others)
-    placed = _fitted(frames.p_end, frames.R_end, measured, instrument)
+    R_base, base, tip = _fitted(frames.p_end, frames.R_end, measured, instrument)
     turn = np.array(instrument.tip_turn_rad)
     if full and not instrument.tip_known:
         R_seen = rotation_matrix(poses.endpoint[:, 3:])
-        mean = np.einsum("mji,kj,mkl->il", frames.R_end, placed.R_base, R_seen)
+        mean = np.einsum("mji,kj,mkl->il", frames.R_end, R_base, R_seen)
         turn = rotation_vector(_nearest_rotation(mean))
     return replace(
         instrument,
         full_pose=full and instrument.full_pose,
-        base_m=_triple(placed.base),
-        base_turn_rad=_triple(rotation_vector(placed.R_base)),
-        tip_m=_triple(placed.tip),
+        base_m=_triple(base),
+        base_turn_rad=_triple(rotation_vector(R_base)),
+        tip_m=_triple(tip),
         tip_turn_rad=_triple(turn),
     )
 
 
-class _Places(NamedTuple):
-    """Base and target, and the remaining error of the points (sum of squares, m^2)."""
-
-    left: float
-    R_base: FloatArray
-    base: FloatArray
-    tip: FloatArray
-
-
-def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured) -> _Places:
-    """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton.
+def _fitted(
+    p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Measured
+) -> tuple[FloatArray, ...]:
+    """Fit ``base + R_base (p + R tip)`` to the measured points (m, 3), by Gauss-Newton; return R_base, base, tip.
 
     For a given rotation of the base the rest is linear; since that rotation is unknown, all 24 rotations of a cube are
     starts. The target has a weak prior about its stated place.
@@ -161,8 +153,8 @@ def _fitted(p: FloatArray, R: FloatArray, measured: FloatArray, instrument: Meas
             if step > 0 and np.abs(d).max() < NO_STEP:
                 break
         left = measured - base - (p + R @ tip) @ R_base.T
-        found.append(_Places(float((left**2).sum()), R_base, base, tip))
-    return min(found, key=lambda places: places.left)
+        found.append((float((left**2).sum()), (R_base, base, tip)))
+    return min(found, key=lambda places: places[0])[1]
 
 
 def _nearest_rotation(matrix: FloatArray) -> FloatArray:
